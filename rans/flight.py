@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -13,7 +15,7 @@ import numpy as np
 
 from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, counted
-from rans.model.accuracy import chosen
+from rans.model.accuracy import chosen, fastest
 from rans.model.body import Body
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.random import Draws
@@ -245,7 +247,8 @@ def fly(
 
     Episodes run for the full time even after a failure, so that no flight is missing in statistics. The states of
     an episode are NaN after a state that is not finite, and the controller then receives its start. The state of an
-    episode is constant after a success. Warns if the craft is too fast for its control period.
+    episode is constant after a success. Warns if the craft is too fast for its control period, or spins too fast
+    for its substeps before it fails.
 
     Args:
         craft: spacecraft, by name, TOML file or object.
@@ -332,7 +335,7 @@ def fly(
         goals.append(now.goal)
         commands.append(command)
     stand_still = all(goal is starts.goal for goal in goals)
-    return Flight(
+    flight = Flight(
         craft,
         task,
         timing,
@@ -345,6 +348,36 @@ def fly(
         won,
         lengths,
         np.stack(guarded) if guarded else None,
+    )
+    if move is None and (said := outran(flight, world.timing)):
+        warnings.warn(said, stacklevel=2)
+    return flight
+
+
+def outran(flight: Flight, timing: Timing) -> str:
+    """Sentence that flights reached a spin at which their motion is inaccurate before they failed; else "".
+
+    The number of substeps follows from what thrusters and wheels can do. Faults, disturbances and a poor controller
+    may spin a craft up further. The bound is that of `rans.model.accuracy.fastest`.
+
+    Args:
+        flight: flights.
+        timing: timing of the flights with its number of substeps.
+    """
+    spin = np.linalg.norm(np.array(flight.states.spin()), axis=0)
+    with np.errstate(invalid="ignore"):
+        failed = np.broadcast_to(flight.task.failed(flight.states, flight.goals), spin.shape)
+    going = ~np.logical_or.accumulate(failed, axis=0) & np.isfinite(spin)
+    reached = float(np.max(spin, where=going, initial=0.0))
+    bound = fastest(flight.craft, timing)
+    if reached <= bound:
+        return ""
+    steps = timing.substeps or 1
+    return (
+        f"{flight.controller} spins {flight.craft.name} at up to {reached:.3g} rad/s, but its motion is accurate "
+        f"up to {bound:.3g} rad/s with {counted(steps, 'substep')} of a control period of "
+        f"{timing.control_period:g} s; set timing.substeps to {math.ceil(steps * reached / bound)} or more. The "
+        "usual cause is a fault or a disturbance torque that the controller does not balance."
     )
 
 

@@ -34,10 +34,11 @@ def test_a_steady_push_is_the_parabola() -> None:
 BALL = Body(5.0, (0.2, 0.0, 0.0, 0.2, 0.0, 0.2))
 
 
+@pytest.mark.parametrize("swell", [None, (1.2, 2.0)], ids=["", "lighter"])
 @pytest.mark.parametrize("grown", [1.0, 2.5], ids=["steady", "growing"])
 @pytest.mark.parametrize("body", [Body.of(nasty_spatial()), BALL], ids=["uneven", "ball"])
 def test_a_push_and_a_torque_stay_put_in_the_world_whatever_the_attitude(
-    body: Body, grown: float
+    body: Body, grown: float, swell: tuple[float, float] | None
 ) -> None:
     """In space, beside a thrust that turns with the craft and grows, against SciPy's integrator.
 
@@ -51,17 +52,19 @@ def test_a_push_and_a_torque_stay_put_in_the_world_whatever_the_attitude(
     torque = np.array([0.02, 0.05, -0.03])
     push = np.array([-0.4, 0.6, 0.1])
     steady = np.array([-0.06, 0.01, 0.04])
+    low, high = swell or (1.0, 1.0)
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
         w = y[6:9]
         matrix = y[9:].reshape(3, 3)
         share = 1.0 + (grown - 1.0) * t / 0.2
+        factor = low + (high - low) * t / 0.2
         turning = np.linalg.solve(
-            tensor, share * torque + matrix.T @ steady - np.cross(w, tensor @ w)
+            tensor, share * torque + factor * matrix.T @ steady - np.cross(w, tensor @ w)
         )
         turned = matrix @ np.cross(w, np.eye(3)).T
         return np.concatenate(
-            [y[3:6], (matrix @ thrust * share + push) / mass, turning, turned.ravel()]
+            [y[3:6], (matrix @ thrust * share + factor * push) / mass, turning, turned.ravel()]
         )
 
     first = np.concatenate([np.zeros(6), [0.3, -0.2, 0.4], start.as_matrix().ravel()])
@@ -76,6 +79,7 @@ def test_a_push_and_a_torque_stay_put_in_the_world_whatever_the_attitude(
         16,
         disturbance=Wrench(Vec3(*push), Vec3(*steady)),
         last=None if grown == 1.0 else Wrench(Vec3(*grown * thrust), Vec3(*grown * torque)),
+        growth=swell,
     )
     assert (*leaves(after.p), *leaves(after.v), *leaves(after.w)) == pytest.approx(
         end[:9], abs=1e-10

@@ -12,15 +12,18 @@ import pytest
 from rans.api import load_agent
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import returns
-from rans.flight import fly
+from rans.flight import fly, outran
+from rans.model.accuracy import fastest
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.switching import Switching
-from rans.scenario import batch, scenario, scenarios
+from rans.randomization.conditions import Conditions, FaultConditions
+from rans.scenario import batch, draws, scenario, scenarios
 from rans.tasks import GoToPose, Transition, observation_width
+from tests.support.evaluation_flights import flight_of
 
 
 @dataclass
@@ -263,3 +266,31 @@ def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence:
 def test_what_is_no_batch_of_starts_is_told(starts: Any, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         fly(PLANAR, "go-to-pose", Answers(None), starts, Timing(episode_steps=2))
+
+
+def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps() -> None:
+    """Within a period of 0.5 s 0.1 rad are turned, or 50."""
+    flight = flight_of([[1.0], [1.0]], 0.0, spin=-0.2)
+    timing = Timing(0.5, substeps=1)
+    assert outran(flight, timing) == ""
+    said = outran(flight_of([[1.0], [1.0]], 0.0, spin=-100.0), timing)
+    assert "by hand spins floating-platform at up to 100 rad/s" in said
+    bound = fastest(flight.craft, timing)
+    for times, advised in ((1.2, 2), (2.0, 2), (2.1, 3)):
+        said = outran(flight_of([[1.0], [1.0]], 0.0, spin=-(times - 1e-9) * bound), timing)
+        assert f"timing.substeps to {advised} or more" in said
+
+
+def test_a_stuck_thruster_that_outruns_the_substeps_is_reported() -> None:
+    """1 N at 0.31 m on 0.2045 kg m^2 is 1.5 rad/s^2: 38 rad/s in 25 s; the task fails at 4."""
+    craft = load_spacecraft("free-flyer")
+    stuck = Conditions(faults=FaultConditions(1.0, ("stuck-open",)))
+    own = draws(3, 1)
+
+    def flown(task: GoToPose) -> None:
+        starts = scenarios(task, craft, 3, 1)
+        fly(craft, task, Recorded(16), starts, Timing(), conditions=stuck, draws=own)
+
+    flown(GoToPose())
+    with pytest.warns(UserWarning, match=r"recorded spins free-flyer at up to .* rad/s"):
+        flown(GoToPose(fail_spin=1e3, fail_distance=1e3))

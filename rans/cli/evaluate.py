@@ -179,7 +179,6 @@ class Evaluate:
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """Flights by engine."""
         from rans.evaluation.fly.episodes import EngineName, fly_episodes
-        from rans.evaluation.measure.metrics import outran
 
         engines: tuple[EngineName, ...] = (
             ("fast", "drake") if self.engine == "both" else (self.engine,)
@@ -197,8 +196,6 @@ class Evaluate:
                         "times; the previous plan was continued.",
                         soft_wrap=True,
                     )
-                if engine == "fast" and (said := outran(flights[engine])):
-                    bars.console.print(f"rans: warning: {said}", soft_wrap=True)
         return flights
 
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:

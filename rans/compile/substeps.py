@@ -80,16 +80,19 @@ class Substeps:
         drift: Drift = FREE,
         last: Wrench | None = None,
         momentum: tuple[Vec3, Vec3] | None = None,
+        growth: tuple[Field, Field] | None = None,
     ) -> AnyState:
         """The same as `rans.model.dynamics.advance`, on symbols."""
         # Where loads change from substep to substep, one function makes all of them.
-        together = 1 if last is None and momentum is None else substeps
+        constant = last is None and momentum is None and growth is None
+        together = 1 if constant else substeps
         repeats = substeps // together
         state = replace(state, notes=(), stores=())
         loads = (
             replace(applied, exhaust=None),
             None if last is None else replace(last, exhaust=None),
             momentum,
+            growth,
             duration / repeats,
         )
         constants = (Body(body.mass, body.inertia), disturbance)
@@ -101,6 +104,7 @@ class Substeps:
             nodes,
             last is None,
             momentum is None,
+            growth is None,
             disturbance is None,
             tuple(None if isinstance(x, Symbol) else x for x in leaves(constants)),
         )
@@ -108,7 +112,7 @@ class Substeps:
             before = inputs("state", len(leaves(state)))
             read = inputs("load", len(leaves(loads)) + len(varying))
             entries = iter(read)
-            first, end, wheels, step = unflatten(loads, entries)
+            first, end, wheels, swell, step = unflatten(loads, entries)
             fixed, push = unflatten(
                 constants,
                 [next(entries) if isinstance(x, Symbol) else x for x in leaves(constants)],
@@ -124,6 +128,7 @@ class Substeps:
                 drift,
                 end,
                 wheels,
+                swell,
             )
             self._kinds[key] = Substep(
                 f"substep{len(self._kinds)}", tuple(before), tuple(read), _symbols(leaves(after))

@@ -5,12 +5,66 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
 from rans.model.body import Body
-from rans.model.dynamics import Wrench
+from rans.model.dynamics import Rule, Wrench
 from rans.model.fields import Field, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import CommandRange, Store
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Full mass over mass in a part of a control period, in which propellant may leave.
+
+    A craft moves under a load as the full craft does under the load times this growth. Such a product is replaced
+    by the linear function of time with the same integral and the same first moment, so that changes of velocity
+    and displacements of a craft that does not turn are exact.
+    """
+
+    constant: tuple[Field, Field]
+    """Start and end of the linear function for a load of 1."""
+    rising: tuple[Field, Field]
+    """Start and end of the linear function for a load that goes from 0 to 1."""
+
+    @classmethod
+    def of(cls, values: Sequence[Field], rule: Rule) -> Growth:
+        """Growth from its values at the nodes of a quadrature rule over the part (`rans.model.dynamics.RULES`)."""
+        mean, first, second = (
+            reduce(
+                add,
+                (x * (weight * node**k) for x, (node, weight) in zip(values, rule, strict=True)),
+            )
+            for k in range(3)
+        )
+        # The line from a to b has the integral (a + b) / 2 and the first moment (a + 2 b) / 6.
+        return cls(
+            (4.0 * mean - 6.0 * first, 6.0 * first - 2.0 * mean),
+            (4.0 * first - 6.0 * second, 6.0 * second - 2.0 * first),
+        )
+
+    @classmethod
+    def steady(cls, value: Field) -> Growth:
+        """Growth of a part in which the mass is constant."""
+        return cls((value, value), (value * 0.0, value))
+
+    def line(self, first: Any, last: Any = None) -> tuple[Any, Any]:
+        """Start and end of a load times the growth.
+
+        Args:
+            first: load at the start: a number, vector or wrench.
+            last: load at the end, linear in time from ``first``; None: constant.
+        """
+        ends = []
+        for constant, rising in zip(self.constant, self.rising, strict=True):
+            if last is None:
+                ends.append(map_leaves(lambda x, k=constant: x * k, first))
+            else:
+                grow = lambda x, y, k=constant, up=rising: x * k + (y - x) * up  # noqa: E731
+                ends.append(map_leaves(grow, first, last))
+        return ends[0], ends[1]
 
 
 @dataclass(frozen=True)
@@ -28,17 +82,15 @@ class Push:
     """Wrench at the end, scaled likewise; None: constant."""
     longest: float
     """Upper bound on the duration, s."""
-    growth: tuple[Field, Field] | None = None
-    """Full mass over mass at the start and at the end; None: the mass is constant."""
+    growth: Growth | None = None
+    """Full mass over mass; None: the craft has no propellant."""
     momentum: tuple[Any, Any] | None = None
     """Angular momentum of wheels inside the craft in B, N m s, at the start, and its change until the end; vectors
     in space, scalars about z in the plane. None: no wheels."""
 
     def with_torque(self, torque: Any) -> Push:
         """The part with an additional constant torque in B, N m."""
-        begins = ends = torque
-        if self.growth is not None:
-            begins, ends = (times(torque, growth) for growth in self.growth)
+        begins, ends = (torque, torque) if self.growth is None else self.growth.line(torque)
         last = self.last
         return replace(
             self,
@@ -48,9 +100,7 @@ class Push:
 
     def with_force(self, force: Any) -> Push:
         """The part with an additional constant force through the centre of mass in B, N."""
-        begins = ends = force
-        if self.growth is not None:
-            begins, ends = (times(force, growth) for growth in self.growth)
+        begins, ends = (force, force) if self.growth is None else self.growth.line(force)
         last = self.last
         return replace(
             self,
@@ -115,8 +165,3 @@ class Effector(ABC):
 def times(amount: Any, factor: Field) -> Any:
     """Product of a vector or scalar with a scalar factor."""
     return amount.scale(factor) if isinstance(amount, Vec2 | Vec3) else amount * factor
-
-
-def grown(wrench: Wrench, factor: Field) -> Wrench:
-    """Product of a wrench with a scalar factor."""
-    return map_leaves(lambda x: x * factor, wrench)

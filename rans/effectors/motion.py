@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rans.effectors.effector import Action, Begun, Effector, Push, grown
+from rans.effectors.effector import Action, Begun, Effector, Push
 from rans.effectors.propellant import PropellantTank
 from rans.effectors.wheels import ReactionWheels
 from rans.model.accuracy import chosen
@@ -92,12 +92,22 @@ def states_at_checks(
             steps = max(1, math.ceil(longest / period * substeps - 1e-9))
             # A step of half the length needs one node less at the angles that `NODES` is for.
             fewer = nodes - (2.0 * longest * substeps <= period * steps)
-            pull = disturbance
-            if push.growth is not None and pull is not None:
-                pull = grown(pull, 0.5 * (push.growth[0] + push.growth[1]))
             momentum = push.momentum if craft.dimension == 3 else None
+            growth = None
+            if push.growth is not None and disturbance is not None:
+                growth = push.growth.constant
             state = integrate(
-                state, push.first, body, duration, steps, fewer, pull, drift, push.last, momentum
+                state,
+                push.first,
+                body,
+                duration,
+                steps,
+                fewer,
+                disturbance,
+                drift,
+                push.last,
+                momentum,
+                growth,
             )
         state = state.normalised()
         if craft.stores:
@@ -115,7 +125,9 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
     """
     results: list[Effector] = [Thrusters(craft)]
     if craft.propellant is not None:
-        results.append(PropellantTank(craft.propellant, craft.stores[0]))
+        flow = sum(thruster.force for thruster in craft.thrusters) / craft.propellant.exhaust_speed
+        fastest = flow / (craft.mass * craft.lightest)
+        results.append(PropellantTank(craft.propellant, craft.stores[0], fastest))
     if craft.wheels:
         first = len(craft.thrusters)
         ranges = craft.commands[first : first + len(craft.wheels)]

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import operator
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from rans.effectors.effector import Action, Begun, Effector, Push, grown
+from rans.effectors.effector import Action, Begun, Effector, Growth, Push
 from rans.model.body import Body
-from rans.model.dynamics import Piece
-from rans.model.fields import Field, at_least, map_leaves
+from rans.model.dynamics import RULES, Piece, Wrench
+from rans.model.fields import Field, at_least, map_leaves, sqrt
 from rans.model.spacecraft import CommandRange, Propellant, Store
+
+_MOST_BURNED = 0.02
+"""Largest share of its mass that a craft may burn in one part of a period: 25 s are then within 1e-5 m and 1e-5 rad
+for craft that turn by up to 1.5 rad in a period (`tests.effectors.test_pairs`). All craft that come with RANS
+burn less in a whole period."""
+_MOST_PARTS = 16
+"""Largest number of parts, which bounds the length of generated programs."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +25,8 @@ class Tank:
     """Propellant tank of a craft with a given mass.
 
     Mass and inertia decrease in the same proportion. A craft with a share s of its full mass therefore moves
-    under a wrench as the full craft does under 1 / s times that wrench, and motion is computed in this way: the
-    body is constant and wrenches are scaled. A disturbance acts on the mean mass of a piece of a period.
+    under a load as the full craft does under 1 / s times that load, and motion is computed in this way: the
+    body is constant, and thrust, disturbances, motor torques and momenta of wheels are scaled.
     """
 
     propellant: Propellant
@@ -35,55 +42,70 @@ class Tank:
         """Full mass over the mass with ``left`` kilograms of propellant."""
         return self.full_mass / (self.full_mass - (self.propellant.mass - left))
 
-    def growth_over(self, left: Field, after: Field) -> tuple[Field, Field]:
-        """Growth at both ends of a part of a period, as a linear function of time with the right mean.
-
-        Args:
-            left: propellant at the start of the part, kg.
-            after: propellant at its end, kg.
-        """
-        begins = self.growth(left)
-        ends = self.growth(after)
-        gone = (left - after) * (0.5 * (begins + ends)) * (1.0 / self.full_mass)
-        factor = 1.0 - gone * gone * (1.0 / 6.0)
-        return begins * factor, ends * factor
-
-    def burned(self, piece: Piece, left: Field) -> Iterator[tuple[Piece, Field]]:
+    def burned(self, piece: Piece, left: Field) -> Iterator[tuple[Push, Field]]:
         """Divide a piece into parts with thrust and with an empty tank, each with the propellant left after it.
 
-        Wrenches are scaled to the full craft. The acceleration is approximated as linear in time and reduced by
-        (dm / m)^2 / 6, with the mass dm that the piece consumes, so that its mean is correct. The error of the
-        velocity change is of order (dm / m)^4, that of the displacement (dm / m)^3. The instant at which the
-        tank is empty is exact for constant thrust.
+        Wrenches are scaled to the full craft (`Growth`). With the mass dm that the piece consumes of the mass m,
+        the error of the velocity change is of order (dm / m)^6 for thrust that does not turn, and of order
+        (dm / m)^2 times the square of the angle turned for thrust that does.
 
         Args:
             piece: piece of the thrusters, with their exhaust.
             left: propellant at the start of the piece, kg.
         """
         duration, first, last, longest = piece
-        per_newton = 1.0 / self.propellant.exhaust_speed
         end = first if last is None else last
-        exhaust: tuple[Field, Field] = first.exhaust, end.exhaust
-        flow = exhaust[0] if last is None else 0.5 * (exhaust[0] + exhaust[1])
-        needed = flow * duration * per_newton
-        share = 1.0 - at_least(1.0 - left / at_least(needed, 1e-30), 0.0)
-        used = needed * share
+        flow: Field = first.exhaust
+        mean = flow if last is None else 0.5 * (flow + end.exhaust)
+
+        # Until the tank is empty: a share of the propellant that the piece needs, and of its time.
+        needed = mean * duration * (1.0 / self.propellant.exhaust_speed)
+        enough = 1.0 - at_least(1.0 - left / at_least(needed, 1e-30), 0.0)
+        used = needed * enough
+        share = enough
         if last is not None:
+            # The root of flow s + (end - flow) s^2 / 2 = mean * enough, in the form without cancellation.
+            squared = flow * flow + 4.0 * enough * mean * (mean - flow)
+            root = sqrt(at_least(squared, 1e-30))
+            share = 1.0 - at_least(1.0 - 2.0 * enough * mean / at_least(flow + root, 1e-30), 0.0)
             end = map_leaves(lambda a, b: a + (b - a) * share, first, last)
-            used = 0.5 * (exhaust[0] + end.exhaust) * (duration * share) * per_newton
         after = at_least(left - used, 0.0)
-        begins, ends = self.growth_over(left, after)
-        starts = grown(first, begins)
-        stops = grown(end, ends)
+
+        # Mass falls linearly under constant thrust, else quadratically.
+        rule = RULES[3]
+        masses = (left - used * node for node, _ in rule)
         if last is not None:
-            # If the thrust changes too, the mean of a product of two linear functions needs this term.
-            change = (ends - begins) * (1.0 / 6.0)
-            bent = map_leaves(lambda a, b: (b - a) * change, first, end)
-            starts = map_leaves(operator.sub, starts, bent)
-            stops = map_leaves(operator.sub, stops, bent)
-        yield (duration * share, starts, stops, longest), after
-        nothing = map_leaves(lambda x: x * 0.0, first)
-        yield (duration * (1.0 - share), nothing, None, longest), after
+            pace = duration * share * (1.0 / self.propellant.exhaust_speed)
+            bend = 0.5 * (end.exhaust - flow)
+            masses = (left - pace * (flow * node + bend * (node * node)) for node, _ in rule)
+        growth = Growth.of([self.growth(mass) for mass in masses], rule)
+        starts, stops = growth.line(first, None if last is None else end)
+        yield (
+            Push(
+                duration * share, _without_exhaust(starts), _without_exhaust(stops), longest, growth
+            ),
+            after,
+        )
+        nothing = _without_exhaust(map_leaves(lambda x: x * 0.0, first))
+        empty = Growth.steady(self.growth(after))
+        yield Push(duration * (1.0 - share), nothing, None, longest, empty), after
+
+
+def _without_exhaust(wrench: Wrench) -> Wrench:
+    return replace(wrench, exhaust=None)
+
+
+def divided(piece: Piece, count: int) -> Iterator[Piece]:
+    """Equal parts of a piece, in order."""
+    duration, first, last, longest = piece
+    for k in range(count):
+        ends = (first, last)
+        if last is not None:
+            ends = tuple(
+                map_leaves(lambda a, b, x=x: a + (b - a) * x, first, last)
+                for x in (k / count, (k + 1) / count)
+            )
+        yield duration * (1.0 / count), *ends, longest / count
 
 
 @dataclass(frozen=True)
@@ -92,6 +114,8 @@ class PropellantTank(Effector):
 
     propellant: Propellant
     store: Store
+    fastest: float
+    """Largest loss of mass of the nearly empty craft with all thrusters open, a share of its mass per second."""
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
@@ -105,25 +129,25 @@ class PropellantTank(Effector):
 
     def begin(self, begun: Begun) -> Action:
         """Action over a control period: consume propellant and scale wrenches."""
-        return _Burning(Tank.of(self.propellant, begun.body), begun.stores[0])
+        return _Burning(Tank.of(self.propellant, begun.body), begun.stores[0], self.fastest)
 
 
 class _Burning(Action):
-    def __init__(self, tank: Tank, left: Field) -> None:
+    def __init__(self, tank: Tank, left: Field, fastest: float) -> None:
         self._tank = tank
         self._left = left
+        self._fastest = fastest
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
         """Parts of the period with wrenches scaled to the full craft (`Tank.burned`)."""
         tank = self._tank
         for push in pushes:
-            left = self._left
+            parts = math.ceil(push.longest * self._fastest / _MOST_BURNED - 1e-9)
             piece = (push.duration, push.first, push.last, push.longest)
-            for (duration, first, last, longest), after in tank.burned(piece, left):
-                growth = tank.growth_over(left, after)
-                self._left = left = after
-                last = last if last is None else replace(last, exhaust=None)
-                yield Push(duration, replace(first, exhaust=None), last, longest, growth)
+            for part in divided(piece, min(max(parts, 1), _MOST_PARTS)):
+                for burning, after in tank.burned(part, self._left):
+                    self._left = after
+                    yield burning
 
     def stores(self, time: Field) -> tuple[Field, ...]:
         """Propellant left, kg."""

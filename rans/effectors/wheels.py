@@ -53,19 +53,17 @@ class _Spinning(Action):
         wheels = self._wheels
         for push in pushes:
             turn = along_axes(wheels, self._motors)
-            momentum = (
-                along_axes(wheels, self.stores(self._elapsed)),
-                times(turn, push.duration),
-            )
+            before = along_axes(wheels, self.stores(self._elapsed))
+            after = before + times(turn, push.duration)
             begins = ends = turn
             if push.growth is not None:
-                begins, ends = (times(turn, one) for one in push.growth)
-                momentum = _grown(*momentum, *push.growth)
+                begins, ends = push.growth.line(turn)
+                before, after = push.growth.line(before, after)
             first = replace(push.first, torque=push.first.torque - begins)
             last = push.last
             last = last if last is None else replace(last, torque=last.torque - ends)
             self._elapsed = self._elapsed + push.duration
-            yield replace(push, first=first, last=last, momentum=momentum)
+            yield replace(push, first=first, last=last, momentum=(before, after - before))
 
     def stores(self, time: Field) -> tuple[Field, ...]:
         """Momenta of the wheels at a time since the start of the period (s), N m s."""
@@ -95,17 +93,6 @@ def motor_torques(
         wanted = where(wanted < most, wanted, most)
         torques.append(where(wanted > least, wanted, least))
     return tuple(torques)
-
-
-def _grown(start: Any, change: Any, begins: Field, ends: Field) -> tuple[Any, Any]:
-    """Momentum at the start of a part and its change, times a growth that goes from ``begins`` to ``ends``.
-
-    The product of two linear functions is quadratic; the line has its mean and its first moment.
-    """
-    bend = times(change, (ends - begins) * (1.0 / 6.0))
-    first = times(start, begins) - bend
-    last = times(start + change, ends) - bend
-    return first, last - first
 
 
 def along_axes(wheels: ReactionWheels, amounts: Sequence[Field]) -> Any:

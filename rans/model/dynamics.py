@@ -205,6 +205,7 @@ def advance(
     drift: Drift = FREE,
     last: Wrench | None = None,
     momentum: tuple[Vec3, Vec3] | None = None,
+    growth: tuple[Field, Field] | None = None,
 ) -> AnyState:
     """State after a wrench, constant or linear in time in B, has acted on the body for a duration.
 
@@ -220,23 +221,30 @@ def advance(
         last: wrench in B at the end, linear in time from ``applied``; None: constant.
         momentum: angular momentum of the wheels inside the body in B, N m s, at the start and its change over the
             duration; None: no wheels. It does not affect planar motion.
+        growth: factor on the disturbance at the start and at the end, linear in time, of a craft that burns
+            propellant; None: 1.
     """
     h = duration / substeps
-    growth = None
+    change = None
     if last is not None:
-        growth = map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
+        change = map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
     if momentum is not None:
         momentum = (momentum[0], momentum[1].scale(1.0 / substeps))
+    swell = None
+    if growth is not None:
+        swell = (growth[0], (growth[1] - growth[0]) * (1.0 / substeps))
     for _ in range(substeps):
-        load = _Load(applied, growth, disturbance, body, drift, momentum)
+        load = _Load(applied, change, disturbance, body, drift, momentum, swell)
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)
         else:
             state = _advance_spatial(state, load, h)
-        if growth is not None:
-            applied = map_leaves(operator.add, applied, growth)
+        if change is not None:
+            applied = map_leaves(operator.add, applied, change)
         if momentum is not None:
             momentum = (momentum[0] + momentum[1], momentum[1])
+        if swell is not None:
+            swell = (swell[0] + swell[1], swell[1])
     return state
 
 
@@ -245,39 +253,46 @@ class _Load:
     """Wrenches on a body over one substep, and the drift."""
 
     thrust: Wrench
-    growth: Wrench | None
+    change: Wrench | None
     """Change of the thrust until the end of the substep, linear in time."""
     disturbance: Wrench | None
     body: Body
     drift: Drift
     momentum: tuple[Vec3, Vec3] | None = None
     """Angular momentum of the reaction wheels in B and its change until the end, N m s."""
+    swell: tuple[Field, Field] | None = None
+    """Factor on the disturbance and its change until the end; None: 1."""
 
     def pushes(self) -> Callable[[float], Any]:
         """Acceleration by the thrust in B, m/s^2, as a function of the elapsed share of the substep."""
         first: Any = self.thrust.force.scale(1.0 / self.body.mass)
-        if self.growth is None:
+        if self.change is None:
             return lambda _: first
-        more = self.growth.force.scale(1.0 / self.body.mass)
+        more = self.change.force.scale(1.0 / self.body.mass)
         return lambda share: first + more.scale(share)
 
-    def steady(self) -> Any:
-        """Acceleration by the disturbance in W, m/s^2; None without one."""
-        return (
-            None if self.disturbance is None else self.disturbance.force.scale(1.0 / self.body.mass)
-        )
+    def pulls(self) -> tuple[Any, ...]:
+        """Acceleration by the disturbance in W by powers of the elapsed share, m/s^2; empty without one."""
+        if self.disturbance is None:
+            return ()
+        steady = self.disturbance.force.scale(1.0 / self.body.mass)
+        return (steady,) if self.swell is None else tuple(steady.scale(x) for x in self.swell)
 
 
 def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
     """State after a substep h (s) in the plane: the heading is a polynomial in time, translation a quadrature."""
-    torque = (
-        load.thrust.torque
-        if load.disturbance is None
-        else load.thrust.torque + load.disturbance.torque
-    )
+    # Torque at the start, and its change until the end.
+    torque = load.thrust.torque
+    rise = None if load.change is None else load.change.torque
+    if load.disturbance is not None:
+        pull = load.disturbance.torque
+        if load.swell is not None:
+            pull, more_pull = (pull * x for x in load.swell)
+            rise = more_pull if rise is None else rise + more_pull
+        torque = torque + pull
     spin_up = torque * (1.0 / load.body.inertia[0])
+    more = None if rise is None else rise * (1.0 / load.body.inertia[0])
     push = load.pushes()
-    more = None if load.growth is None else load.growth.torque * (1.0 / load.body.inertia[0])
 
     def angle(t: Field, share: float) -> Field:
         mean = spin_up if more is None else spin_up + more * (share / 3.0)
@@ -291,10 +306,10 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 
     # A thrust that is constant in B is rotated once, after its directions are summed.
     rule = RULES[nodes]
-    grows = load.growth is not None
+    grows = load.change is not None
     pushes = (times(turn(node), push(node)) if grows else turn(node) for node, _ in rule)
     in_world = (lambda u, s: u.scale(s)) if grows else (lambda u, s: times(u, push(0.0)).scale(s))
-    p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
+    p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.pulls())
     faster = spin_up if more is None else spin_up + 0.5 * more
     return PlanarState(p, Heading(angle(h, 1.0)), v, state.w + h * faster)
 
@@ -306,10 +321,9 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     """
     inertia = load.body.inertia
     pull = load.disturbance
-    growth = load.growth
-    torque = [load.thrust.torque, *([] if growth is None else [growth.torque])]
+    torque = [load.thrust.torque, *([] if load.change is None else [load.change.torque])]
     steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
-    rate = spin_series(state.w, torque, inertia, h, steady, load.momentum)
+    rate = spin_series(state.w, torque, inertia, h, steady, load.momentum, load.swell)
     rotation = Rotation(rate, h)
     push = load.pushes()
     rule = RULES[_SPATIAL_NODES]
@@ -319,11 +333,13 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     def in_world(u: Vec3, share: Field) -> Vec3:
         return state.attitude.rotate(u.scale(share))
 
-    p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
+    p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.pulls())
     turn = rotation.whole
     w = at(rate, 1.0)
     if steady is not None and even(inertia) and load.momentum is None:
-        once, twice = (x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, steady))
+        once, twice = (
+            x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, steady, load.swell)
+        )
         turn = (state.w + twice).scale(h) + rotation.brackets
         w = state.w + once
     return SpatialState(p, state.attitude.times(exponential(turn)), v, w)
@@ -337,7 +353,7 @@ def moved(
     rule: Rule,
     pushes: Iterator[Any],
     in_world: Callable[[Any, Field], Any],
-    steady: Any = None,
+    pulls: Sequence[Any] = (),
 ) -> tuple[Any, Any]:
     """Position and velocity in W after a substep h.
 
@@ -354,13 +370,14 @@ def moved(
         rule: nodes and weights of the quadrature.
         pushes: acceleration at each node, in any representation that can be summed.
         in_world: converts such a sum, times a scalar, to a vector in W.
-        steady: second acceleration, constant in W, m/s^2.
+        pulls: second acceleration in W by powers of the elapsed share, m/s^2: none, constant or linear.
     """
     if not drift.in_straight_lines:
         p, v = drift.carry(p, v, h)
         for (node, weight), push in zip(rule, pushes, strict=True):
             kick = in_world(push, weight * h)
-            kick = kick if steady is None else kick + steady.scale(weight * h)
+            for power, pull in enumerate(pulls):
+                kick = kick + pull.scale(weight * node**power * h)
             q, u = drift.carry(kick.scale(0.0), kick, (1 - node) * h)
             p = p + q
             v = v + u
@@ -372,8 +389,8 @@ def moved(
         way = way + push.scale(weight * (1 - node))
     gained = in_world(speed, h)
     gone = in_world(way, h * h)
-    if steady is not None:
-        gained = gained + steady.scale(h)
-        gone = gone + steady.scale(0.5 * h * h)
+    for power, pull in enumerate(pulls, 1):
+        gained = gained + pull.scale(h * (1.0 / power))
+        gone = gone + pull.scale(h * h * (1.0 / (power * (power + 1))))
     p, v = drift.carry(p, v, h)
     return p + gone, v + gained

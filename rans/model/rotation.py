@@ -45,6 +45,7 @@ def spin_series(
     h: Field,
     steady: Vec3 | None,
     stored: Sequence[Vec3] | None = None,
+    swell: tuple[Field, Field] | None = None,
 ) -> Series:
     """Taylor series of the angular velocity in the elapsed share of a step.
 
@@ -60,6 +61,7 @@ def spin_series(
         h: length of the step, s.
         steady: second torque, constant in W, expressed in B at the start, N m.
         stored: angular momentum of the wheels in B by powers of the elapsed share, N m s; None: no wheels.
+        swell: factor on the second torque by powers of the elapsed share; None: 1.
     """
     xx, xy, xz, yy, yz, zz = inertia
     excess = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0)
@@ -73,7 +75,7 @@ def spin_series(
     for k in range(order):
         torques: list[Any] = list(torque[k : k + 1])
         if turning:
-            torques.append(turning[k])
+            torques += _swollen(turning[: k + 1], swell)
             turning.append(last_product(turning, rate).scale(h / (k + 1)))
         if not calm:
             own = [] if is_even else [_symmetric_times(excess, rate[k])]
@@ -82,6 +84,13 @@ def spin_series(
             torques.append(last_product(momentum, rate))
         rate.append(_symmetric_times(inverse, reduce(add, torques)).scale(h / (k + 1)))
     return rate
+
+
+def _swollen(turning: Series, swell: tuple[Field, Field] | None) -> Series:
+    """Terms of the last coefficient of a series times a factor that is linear in the elapsed share."""
+    if swell is None:
+        return turning[-1:]
+    return [x.scale(factor) for x, factor in zip(reversed(turning), swell, strict=False)]
 
 
 def even(inertia: Sequence[Field]) -> bool:
@@ -182,7 +191,10 @@ def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
 
 
 def pulled(
-    torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]], steady: Vec3
+    torque: Sequence[Any],
+    turns: Sequence[tuple[Vec3, float, float]],
+    steady: Vec3,
+    swell: tuple[Field, Field] | None = None,
 ) -> tuple[Vec3, Vec3]:
     """First and second integral over a step of a torque in B plus a torque that is constant in W.
 
@@ -193,8 +205,14 @@ def pulled(
         torque: torque in B by powers of the elapsed share, N m.
         turns: rotation vectors at the nodes of a quadrature rule, the nodes and their weights.
         steady: torque that is constant in W, expressed in B at the start, N m.
+        swell: factor on it by powers of the elapsed share; None: 1.
     """
     seen = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
+    if swell is not None:
+        seen = [
+            one.scale(swell[0] + swell[1] * node)
+            for one, (_, node, _) in zip(seen, turns, strict=True)
+        ]
     powers = range(1, len(torque) + 1)
     return (
         _sum(torque, [1.0 / k for k in powers]) + _sum(seen, [weight for *_, weight in turns]),

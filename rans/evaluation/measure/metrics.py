@@ -15,7 +15,6 @@ import numpy as np
 
 from rans import verdict
 from rans.flight import Flight
-from rans.model.accuracy import fastest
 from rans.model.dynamics import thrust
 from rans.tasks import Task
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
@@ -350,19 +349,3 @@ def _guarding(flight: Flight) -> Iterator[Sample]:
     yield Sample("guard", "interventions", "control periods with another command", "%", share)
     ever: Any = flight.guarded.any(axis=0)
     yield Sample("guard", "guarded", "flights with an intervention", "%", ever)
-
-
-def outran(flight: Flight) -> str:
-    """Sentence that the motion of a flight is inaccurate because of a high spin; "" if it is accurate.
-
-    The bound of the spin for the substeps is that of `rans.model.accuracy.fastest`.
-    """
-    spin = float(np.nanmax(np.linalg.norm(np.array(flight.states.spin()), axis=0)))
-    bound = fastest(flight.craft, flight.timing)
-    if spin <= bound:
-        return ""
-    return (
-        f"{flight.controller} spins {flight.craft.name} at up to {spin:.3g} rad/s, but its motion is "
-        f"accurate up to {bound:.3g} rad/s; set timing.substeps {math.ceil(spin / bound)} times as high, "
-        "or keep the agent from tumbling."
-    )

@@ -17,14 +17,12 @@ from rans.evaluation.measure.metrics import (
     final_errors,
     impulses,
     on_times,
-    outran,
     settling_times,
     staying_times,
     worst_errors,
 )
 from rans.files import plain
 from rans.flight import Flight, fly
-from rans.model.accuracy import fastest
 from rans.model.fields import Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -319,14 +317,6 @@ def test_spatial_flight() -> None:
     assert measured["PT5"].value == 0.0
 
 
-def test_a_flight_that_outruns_its_accuracy_is_told() -> None:
-    """Within a period of 0.5 s 0.1 rad are turned, or 50."""
-    assert outran(flight_of([[1.0], [1.0]], 0.0, spin=-0.2)) == ""
-    said = outran(flight_of([[1.0], [1.0]], 0.0, spin=-100.0))
-    assert "by hand spins floating-platform at up to 100 rad/s" in said
-    assert "timing.substeps" in said
-
-
 def test_the_worst_of_a_state_that_was_lost_is_infinite() -> None:
     """Of 10 steps the last two count: up to 4 of 5 cm, and 2.5 of 5 degrees; the second is lost at last."""
     distance = np.full((11, 2), 9.0)
@@ -337,11 +327,3 @@ def test_the_worst_of_a_state_that_was_lost_is_infinite() -> None:
     assert worst["attitude"].tolist() == pytest.approx([math.radians(2.5)] * 2)
     shares, _ = worst_errors(flight_of(distance, 4.5))
     assert shares.tolist() == pytest.approx([0.9, math.inf])
-
-
-@pytest.mark.parametrize(("times", "advised"), [(1.2, 2), (2.0, 2), (2.1, 3)])
-def test_who_spins_too_fast_is_advised_enough_substeps(times: float, advised: int) -> None:
-    flight = flight_of([[1.0], [1.0]], 0.0)
-    bound = fastest(flight.craft, flight.timing)
-    said = outran(flight_of([[1.0], [1.0]], 0.0, spin=-(times - 1e-9) * bound))
-    assert f"timing.substeps {advised} times as high" in said

@@ -1,0 +1,60 @@
+"""Every pair of effects together, against SciPy: each may be right alone and wrong beside another."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import pytest
+
+from tests.support.pairs import EFFECTS, PAIRS, compare
+
+BOUND = 1e-5
+"""m and rad within 25 s, the accuracy that docs/validation.md states for one effect alone."""
+ROUNDING = 1e-12
+"""kg and N m s: propellant and momenta of wheels follow from the commands without truncation."""
+
+
+def agrees(effects: tuple[str, ...], dimension: Literal[2, 3], period: float, seed: int) -> None:
+    apart = compare(effects, dimension, period, seed)
+    assert apart.position < BOUND, apart
+    assert apart.attitude < BOUND, apart
+    assert apart.stores < ROUNDING, apart
+
+
+@pytest.mark.parametrize(
+    ("pair", "dimension", "period"),
+    [
+        (("tank", "push"), 2, 0.5),
+        (("tank", "swing"), 3, 0.5),
+        (("tank", "ramps"), 2, 0.5),
+        (("wheels", "tank"), 3, 0.5),
+        (("wheels", "faults"), 3, 0.2),
+        (("orbit", "kicks"), 2, 0.2),
+        (("throttle", "latency"), 2, 0.2),
+    ],
+)
+def test_a_pair_of_effects_agrees_with_scipy(
+    pair: tuple[str, str], dimension: Literal[2, 3], period: float
+) -> None:
+    agrees(pair, dimension, period, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", [0.2, 0.5])
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("pair", PAIRS, ids=" and ".join)
+def test_every_pair_of_effects_agrees_with_scipy(
+    pair: tuple[str, str], dimension: Literal[2, 3], period: float
+) -> None:
+    agrees(pair, dimension, period, seed=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", [0.2, 0.5])
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("seed", range(3))
+def test_all_effects_together_agree_with_scipy(
+    seed: int, dimension: Literal[2, 3], period: float
+) -> None:
+    alone = ("pulsed", "throttle", "gravity")
+    agrees(tuple(one for one in EFFECTS if one not in alone), dimension, period, seed)

@@ -1,0 +1,366 @@
+"""Whole flights by equations of this file's own, for every effect together: SciPy's DOP853.
+
+A craft carries rotors, each with a speed of its own relative to the body, and a tank. With the inertia I of craft
+and propellant without the rotors' axial inertia J, the rotors' axes a and their speeds s, the angular momentum in B
+is H = I w + sum J (w . a + s) a, and mechanics asks for
+
+    I w' + sum J (w' . a + s') a + w x H = torque,    J (w' . a + s') = motor torque,
+
+which is solved as one linear system for w' and s'. Propellant leaves with the velocity that it had as a part of the
+craft, so that I' w and m' v appear on neither side; mass and inertia fall in proportion (docs/dynamics.md). The
+plane is the same motion in space, with forces that lie in it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from rans.flight import Flight
+from rans.model.actuators import Pulsed, Throttle
+from rans.model.drift import ClohessyWiltshire, UniformGravity
+from rans.model.fields import leaves, map_leaves
+from rans.randomization.parameters import EpisodeParameters
+
+GRAVITY = 9.80665
+"""m/s^2, of the specific impulse."""
+
+
+@dataclass
+class Health:
+    """Factor and offset of every thruster's share."""
+
+    gain: np.ndarray
+    leak: np.ndarray
+
+
+class Oracle:
+    """One flight of a craft under drawn parameters.
+
+    Args:
+        flight: whose starts and commands are flown again.
+        drawn: parameters of its episodes as arrays (N,); None: everything is nominal.
+        number: of the episode.
+    """
+
+    def __init__(self, flight: Flight, drawn: EpisodeParameters | None, number: int) -> None:
+        self.craft = craft = flight.craft
+        self.period = flight.timing.control_period
+        self.drift = flight.task.drift
+        self.flight = flight
+        self.number = number
+        self.drawn = None if drawn is None else map_leaves(self._one, drawn)
+        count = len(craft.thrusters)
+        self.mass = craft.mass
+        self.inertia = np.array(craft.inertia)
+        if craft.dimension == 2:
+            self.inertia = np.diag(np.diag(self.inertia))
+        self.centre = np.array(craft.centre_of_mass)
+        self.sound = self.failed = Health(np.ones(count), np.zeros(count))
+        self.fails = math.inf
+        self.droop = 1.0 if craft.thrust_sharing == "split" else 0.0
+        if self.drawn is not None:
+            self._randomize(self.drawn)
+        self.axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
+        self.rotors = np.array([wheel.inertia for wheel in craft.wheels])
+        self.tank = 0.0 if craft.propellant is None else craft.propellant.mass
+
+    def _one(self, field: Any) -> Any:
+        return float(field[self.number]) if np.ndim(field) == 1 else field
+
+    def _randomize(self, drawn: EpisodeParameters) -> None:
+        body = drawn.body
+        self.mass = body.mass
+        if self.craft.dimension == 2:
+            self.inertia = np.diag([1.0, 1.0, body.inertia[0]])
+        else:
+            xx, xy, xz, yy, yz, zz = body.inertia
+            self.inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        self.centre = self.centre + np.resize([*body.centre, 0.0], 3)
+        self.sound = self.failed = Health(np.array(body.gain), np.array(body.leak))
+        if drawn.fault is not None:
+            self.failed = Health(np.array(drawn.fault.gain), np.array(drawn.fault.leak))
+            self.fails = drawn.fault.begins
+        if body.droop is not None:
+            self.droop = body.droop
+
+    # Thrust.
+
+    def supplied(self, opened: np.ndarray, health: Health) -> np.ndarray:
+        """Share of its force that every thruster gives: its valve, its health and what its supply can feed."""
+        shares = health.gain * opened + health.leak
+        result = shares.copy()
+        for members in self.craft.supplies:
+            fed = shares[list(members)].sum()
+            result[list(members)] /= 1.0 + self.droop * max(fed - 1.0, 0.0)
+        return result
+
+    def valves(self, commands: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """Instants at which a valve is told to move, and where all of them are told to be from then on."""
+        kind = self.craft.actuators
+        told = [(-math.inf, np.zeros(len(self.craft.thrusters)))]
+        for k, command in enumerate(commands):
+            begins = k * self.period
+            if isinstance(kind, Pulsed):
+                counts = np.floor(command * kind.counts + 0.5)
+                counts[counts < kind.least] = 0.0
+                told += [
+                    (begins + now / kind.counts * self.period, 1.0 * (counts > now))
+                    for now in sorted({0.0, *counts[counts < kind.counts].tolist()})
+                ]
+            elif isinstance(kind, Throttle) and not kind.always_lit:
+                lit = command >= kind.least / 2
+                told.append((begins, np.where(lit, np.maximum(command, kind.least), 0.0)))
+            else:
+                told.append((begins, command))
+        return told
+
+    def dwelling(self, commands: np.ndarray) -> np.ndarray:
+        """On/off commands as valves carry them out that may not move again too soon."""
+        if self.drawn is None or self.drawn.dwell is None:
+            return commands
+        result = commands.copy()
+        for valve in range(commands.shape[1]):
+            is_open = 0.0
+            moved = -math.inf
+            for k, wanted in enumerate(commands[:, valve]):
+                least = self.drawn.dwell.on if is_open else self.drawn.dwell.off
+                if wanted != is_open and k * self.period - moved >= least - 1e-6:
+                    is_open = wanted
+                    moved = k * self.period
+                result[k, valve] = is_open
+        return result
+
+    def thrusts(
+        self, commands: np.ndarray
+    ) -> Iterator[tuple[float, float, np.ndarray, np.ndarray]]:
+        """Pieces (begin, end, shares at its begin, shares at its end) of the whole flight, linear in time."""
+        told = self.valves(self.dwelling(commands))
+        lag = None if self.drawn is None else self.drawn.lag
+        late = 0.0 if lag is None else lag.latency
+        rise = 0.0 if lag is None or lag.rise is None else lag.rise
+        fall = rise if lag is None or lag.fall is None else lag.fall
+        end = len(commands) * self.period
+        edges = {k * self.period for k in range(len(commands) + 1)} | {self.fails}
+        for time, _ in told[1:]:
+            edges |= {time + late, time + late + rise, time + late + fall}
+        edges = sorted(edge for edge in edges if 0.0 <= edge <= end)
+        edges = [0.0, *(b for a, b in itertools.pairwise(edges) if b - a > 1e-12)]
+        settled = late + max(rise, fall)
+        for begin, until in itertools.pairwise(edges):
+            health = self.failed if begin >= self.fails - 1e-13 else self.sound
+            # Inside the piece nothing jumps.
+            a, b = (
+                self._shares(told, begin + x * (until - begin), health, late, rise, fall, settled)
+                for x in (0.25, 0.75)
+            )
+            yield begin, until, 1.5 * a - 0.5 * b, 1.5 * b - 0.5 * a
+
+    def _shares(
+        self,
+        told: Sequence[tuple[float, np.ndarray]],
+        time: float,
+        health: Health,
+        late: float,
+        rise: float,
+        fall: float,
+        settled: float,
+    ) -> np.ndarray:
+        first = max(k for k, (when, _) in enumerate(told) if when + settled <= time)
+        shares = before = self.supplied(told[first][1], health)
+        for when, opened in told[first + 1 :]:
+            gone = time - when - late
+            if gone < 0.0:
+                break
+            after = self.supplied(opened, health)
+            change = after - before
+            ramps = np.where(change > 0.0, rise, fall)
+            done = np.where(ramps > 0.0, np.minimum(gone / np.maximum(ramps, 1e-300), 1.0), 1.0)
+            shares = shares + change * done
+            before = after
+        return shares
+
+    # Motion.
+
+    def disturbance(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Force and torque in W over a control period, N and N m."""
+        force = np.zeros(3)
+        torque = np.zeros(3)
+        if self.drawn is None:
+            return force, torque
+        parts = [(self.drawn.push, 1.0)]
+        if self.drawn.swing is not None:
+            middle = (step + 0.5) * self.period
+            swing = self.drawn.swing
+            parts.append((swing.amplitude, math.sin(swing.rate * middle + swing.phase)))
+        parts += [
+            (kick.impulse, float(kick.step == step) / self.period) for kick in self.drawn.kicks
+        ]
+        for one, size in parts:
+            if one is None:
+                continue
+            numbers = [float(x) for x in leaves(one)]
+            if self.craft.dimension == 2:
+                force += size * np.array([*numbers[:2], 0.0])
+                torque += size * np.array([0.0, 0.0, numbers[2]])
+            else:
+                force += size * np.array(numbers[:3])
+                torque += size * np.array(numbers[3:])
+        return force, torque
+
+    def fly(self) -> np.ndarray:
+        """States at the ends of all periods: (T + 1, columns of `leaves` of a state)."""
+        craft = self.craft
+        thrusters = len(craft.thrusters)
+        commands = self.flight.commands[:, self.number]
+        directions = np.array([t.direction for t in craft.thrusters])
+        forces = directions * np.array([[t.force] for t in craft.thrusters])
+        torques = np.cross(np.array([t.position for t in craft.thrusters]) - self.centre, forces)
+        if craft.dimension == 2:
+            torques[:, :2] = 0.0
+        sizes = np.array([t.force for t in craft.thrusters])
+        y = self._begun()
+        result = [y]
+        motors = np.zeros(len(self.rotors))
+        for begin, end, first, last in self.thrusts(commands[:, :thrusters]):
+            step = math.floor(begin / self.period + 1e-9)
+            if abs(begin - step * self.period) < 1e-9:
+                motors = self._motors(y, commands[step, thrusters:])
+            load = (
+                (first @ forces, first @ torques),
+                ((last - first) @ forces, (last - first) @ torques),
+            )
+            flows = first @ sizes, (last - first) @ sizes
+            y = self._carried(y, end - begin, load, flows, motors, self.disturbance(step))
+            if abs(end - (step + 1) * self.period) < 1e-9:
+                result.append(y)
+        return np.array([self._columns(y) for y in result])
+
+    def _motors(self, y: np.ndarray, command: np.ndarray) -> np.ndarray:
+        """Motor torques that keep every rotor within its largest momentum until the end of the period."""
+        if not len(self.rotors):
+            return np.zeros(0)
+        momenta = self._momenta(y)
+        torque = command * [wheel.max_torque for wheel in self.craft.wheels]
+        limit = np.array([wheel.max_momentum for wheel in self.craft.wheels])
+        after = np.clip(momenta + torque * self.period, -limit, limit)
+        return (after - momenta) / self.period
+
+    def _momenta(self, y: np.ndarray) -> np.ndarray:
+        return self.rotors * (self.axes @ y[10:13] + y[14:])
+
+    def _begun(self) -> np.ndarray:
+        """Position, attitude (w, x, y, z), velocity, spin, propellant and the speeds of rotors at the start."""
+        columns = [float(x[0, self.number]) for x in leaves(self.flight.states)]
+        if self.craft.dimension == 2:
+            x, y, angle, u, v, w, *stores = columns
+            turned = (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
+            motion = [x, y, 0.0, *turned, u, v, 0.0, 0.0, 0.0, w]
+        else:
+            motion, stores = columns[:13], columns[13:]
+        left = stores.pop(0) if self.craft.propellant is not None else 0.0
+        speeds = [
+            h / wheel.inertia - np.dot(wheel.axis, motion[10:13])
+            for h, wheel in zip(stores, self.craft.wheels, strict=True)
+        ]
+        return np.array([*motion, left, *speeds])
+
+    def _columns(self, y: np.ndarray) -> list[float]:
+        """The state as a flight lists it."""
+        stores = [*([y[13]] if self.craft.propellant is not None else []), *self._momenta(y)]
+        if self.craft.dimension == 3:
+            return [*y[:13], *stores]
+        angle = 2 * math.atan2(y[6], y[3])
+        return [y[0], y[1], angle, y[7], y[8], y[12], *stores]
+
+    def _carried(
+        self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
+    ) -> np.ndarray:
+        """The state after a piece; where the tank runs empty, thrust ends."""
+        speed = math.inf
+        if self.craft.propellant is not None:
+            speed = self.craft.propellant.specific_impulse * GRAVITY
+        burning = self.craft.propellant is None or y[13] > 1e-13
+        gone = 0.0
+        if not burning:
+            load = np.zeros((2, 2, 3))
+            flows = (0.0, 0.0)
+        elif math.isfinite(speed):
+            # The instant at which the tank is empty: left = (first t + change t^2 / (2 duration)) / speed.
+            need = flows[0] + 0.5 * flows[1]
+            if need * duration / speed > y[13]:
+                a = 0.5 * flows[1] / duration
+                b = flows[0]
+                c = -y[13] * speed
+                gone = 2 * -c / (b + math.sqrt(b * b - 4 * a * c))
+        until = gone or duration
+        rate = self._rate(load, flows, motors, pull, duration, speed)
+        y = solve_ivp(rate, (0.0, until), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+        y[3:7] /= math.hypot(*y[3:7])
+        if gone and gone < duration:
+            y[13] = 0.0
+            return self._carried(y, duration - gone, load, flows, motors, pull)
+        return y
+
+    def _rate(
+        self, load: Any, flows: Any, motors: Any, pull: Any, duration: float, speed: float
+    ) -> Any:
+        (force, torque), (more_force, more_torque) = load
+        flow, more_flow = flows
+        pull_force, pull_torque = pull
+        count = len(self.rotors)
+        system = np.zeros((3 + count, 3 + count))
+        carried = self.inertia + (self.axes.T * self.rotors) @ self.axes
+        system[:3, :3] = carried
+        system[:3, 3:] = self.axes.T * self.rotors
+        system[3:, :3] = (self.axes.T * self.rotors).T
+        system[3:, 3:] = np.diag(self.rotors)
+        constant = np.linalg.inv(system)
+        drift = self.drift
+        n = drift.mean_motion if isinstance(drift, ClohessyWiltshire) else 0.0
+        gravity = np.zeros(3)
+        if isinstance(drift, UniformGravity):
+            gravity[: len(drift.acceleration)] = drift.acceleration
+
+        def rate(time: float, y: np.ndarray) -> np.ndarray:
+            share = time / duration
+            px, _, pz, a, b, c, d, vx, vy, vz, p, q, r, left = y[:14].tolist()
+            remaining = 1.0 - (self.tank - left) / self.mass if self.tank else 1.0
+            R = np.array(
+                [
+                    [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+                    [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
+                    [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
+                ]
+            )
+            pushed = R @ (force + share * more_force) + pull_force
+            pushed = pushed / (self.mass * remaining) + gravity
+            pushed += (3 * n * n * px + 2 * n * vy, -2 * n * vx, -n * n * pz)
+            w = y[10:13]
+            momentum = remaining * (self.inertia @ w) + self.axes.T @ self._momenta(y)
+            hx, hy, hz = momentum.tolist()
+            turning = torque + share * more_torque + pull_torque @ R
+            turning = turning - (q * hz - r * hy, r * hx - p * hz, p * hy - q * hx)
+            known = np.concatenate([turning, motors])
+            if self.tank:
+                matrix = system.copy()
+                matrix[:3, :3] += (remaining - 1.0) * self.inertia
+                faster = np.linalg.solve(matrix, known)
+            else:
+                faster = constant @ known
+            turned = (
+                -0.5 * (b * p + c * q + d * r),
+                0.5 * (a * p + c * r - d * q),
+                0.5 * (a * q + d * p - b * r),
+                0.5 * (a * r + b * q - c * p),
+            )
+            burn = -(flow + share * more_flow) / speed
+            return np.array([vx, vy, vz, *turned, *pushed, *faster[:3], burn, *faster[3:]])
+
+        return rate

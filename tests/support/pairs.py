@@ -1,0 +1,233 @@
+"""Random craft with any effects, flown by RANS and by an oracle (`tests.support.pair_oracle`)."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from rans.flight import fly
+from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
+from rans.model.body import Body
+from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
+from rans.model.fields import unflatten
+from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
+from rans.model.timing import Timing
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    ThrusterConditions,
+)
+from rans.randomization.parameters import draw
+from rans.scenario import draws, scenarios
+from rans.tasks import GoToPose
+from tests.support.pair_oracle import Oracle
+from validation.study.sampling import Restless, gaps
+
+_SECTIONS: dict[str, Any] = {
+    "body": BodyConditions,
+    "thrusters": ThrusterConditions,
+    "faults": FaultConditions,
+    "disturbances": DisturbanceConditions,
+}
+_CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
+    "body": ("body", {"mass": (0.7, 1.4), "inertia": (0.7, 1.4), "centre": (0.0, 0.03)}),
+    "thrust": ("thrusters", {"thrust": (0.7, 1.3), "pressure": (0.8, 1.0), "droop": (0.0, 0.3)}),
+    "latency": ("thrusters", {"latency": (0.0, 0.1), "command_delay": (0.0, 0.2)}),
+    "ramps": ("thrusters", {"rise": (0.0, 0.1), "fall": (0.0, 0.1)}),
+    "dwell": ("thrusters", {"least_on": (0.0, 0.6), "least_off": (0.0, 0.6)}),
+    "faults": (
+        "faults",
+        {
+            "count": 1.0,
+            "kinds": ("dead", "stuck", "weak"),
+            "share": (0.1, 0.3),
+            "time": (1.0, 9.0),
+        },
+    ),
+    "push": ("disturbances", {"force": (0.1, 0.3), "torque": (0.003, 0.01)}),
+    "swing": (
+        "disturbances",
+        {"slow_force": (0.1, 0.3), "slow_torque": (0.01, 0.03), "slow_period": (2.0, 20.0)},
+    ),
+    "kicks": ("disturbances", {"kicks": 3, "kick": (0.1, 1.0), "kick_spin": (0.01, 0.05)}),
+}
+"""Ranges that a thruster of the craft below can balance, by effect."""
+EFFECTS = ("pulsed", "throttle", "wheels", "tank", "orbit", "gravity", *_CONDITIONS)
+_APART = (
+    {"pulsed", "throttle"},
+    {"orbit", "gravity"},
+    {"dwell", "pulsed"},
+    {"dwell", "throttle"},
+)
+"""Pairs that no craft can have."""
+PAIRS = [pair for pair in itertools.combinations(EFFECTS, 2) if {*pair} not in _APART]
+
+
+class InOrbit(GoToPose):
+    """In the Hill frame of an orbit of 209 s, whose terms are as large as the thrust."""
+
+    @property
+    def drift(self) -> Drift:
+        """See `rans.tasks.base.Task`."""
+        return ClohessyWiltshire(0.03)
+
+
+class FallingInThePlane(GoToPose):
+    """Under gravity."""
+
+    @property
+    def drift(self) -> Drift:
+        """See `rans.tasks.base.Task`."""
+        return UniformGravity((0.01, -0.02))
+
+
+class FallingInSpace(GoToPose):
+    """Under gravity."""
+
+    @property
+    def drift(self) -> Drift:
+        """See `rans.tasks.base.Task`."""
+        return UniformGravity((0.01, -0.02, 0.03))
+
+
+def craft_with(effects: Collection[str], dimension: Literal[2, 3], seed: int) -> Spacecraft:
+    """A random craft that its thrusters can control, with the effectors that are among the effects."""
+    random = np.random.default_rng([seed, dimension, 7])
+    flat = np.array([1.0, 1.0, dimension - 2.0])
+    kinds = {"pulsed": Pulsed(10, 1), "throttle": Throttle(0.1)}
+    actuators = next((kinds[one] for one in effects if one in kinds), OnOff())
+    while True:
+        a, b, c = random.uniform(0.02, 0.2, 3)
+        axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        if dimension == 2:
+            axes = np.eye(3)
+        tensor = axes @ np.diag([b + c, a + c, a + b]) @ axes.T
+        nozzles = tuple(
+            Thruster(
+                _triple(random.uniform(-0.3, 0.3, 3) * flat),
+                _unit(random.normal(size=3) * flat),
+                random.uniform(0.2, 0.8),
+            )
+            for _ in range(8 if dimension == 2 else 14)
+        )
+        wheels: tuple[Wheel, ...] = ()
+        if "wheels" in effects:
+            ways = (
+                random.normal(size=(2, 3)) if dimension == 3 else np.diag([0.0, 0.0, 1.0])[[2, 2]]
+            )
+            wheels = tuple(
+                Wheel(
+                    _unit(way),
+                    random.uniform(0.01, 0.05),
+                    random.uniform(0.05, 0.2),
+                    random.uniform(1e-4, 1e-3),
+                )
+                for way in ways
+            )
+        mass = random.uniform(4.0, 12.0)
+        tank = None
+        if "tank" in effects:
+            # All thrusters together burn a full tank within 8 s, which is far more than any real craft does.
+            burned = random.uniform(0.2, 0.5) * mass
+            force = sum(one.force for one in nozzles)
+            tank = Propellant(burned, force * 8.0 / (burned * 9.80665))
+        with warnings.catch_warnings():  # drawn again where it cannot be controlled
+            warnings.simplefilter("ignore", UserWarning)
+            craft = Spacecraft(
+                "random",
+                dimension,
+                mass,
+                tuple(map(_triple, (tensor + tensor.T) / 2)),
+                nozzles,
+                wheels=wheels,
+                propellant=tank,
+                actuators=actuators,
+            )
+        if controls_every_direction(craft):
+            return craft
+
+
+def _unit(vector: Any) -> tuple[float, float, float]:
+    return _triple(vector / np.linalg.norm(vector))
+
+
+def _triple(vector: Any) -> tuple[float, float, float]:
+    x, y, z = (float(component) for component in vector)
+    return (x, y, z)
+
+
+def conditions_of(effects: Collection[str]) -> Conditions | None:
+    """Conditions with those of the effects that are conditions; None: there are none."""
+    sections: dict[str, dict[str, Any]] = {}
+    for name in (one for one in effects if one in _CONDITIONS):
+        section, values = _CONDITIONS[name]
+        sections.setdefault(section, {}).update(values)
+    if not sections:
+        return None
+    return Conditions(**{name: _SECTIONS[name](**values) for name, values in sections.items()})
+
+
+class Apart(NamedTuple):
+    """Largest differences between RANS and the oracle at any instant of a flight."""
+
+    position: float
+    """m."""
+    attitude: float
+    """rad."""
+    stores: float
+    """kg and N m s."""
+    spin: float
+    """Largest spin of the flight, rad/s: no difference."""
+
+
+def compare(
+    effects: Collection[str],
+    dimension: Literal[2, 3],
+    period: float,
+    seed: int,
+    seconds: float = 25.0,
+) -> Apart:
+    """Fly a random craft under some effects with the substeps that RANS chooses, and again by the oracle."""
+    craft = craft_with(effects, dimension, seed)
+    conditions = conditions_of(effects)
+    task_class = GoToPose
+    if "orbit" in effects:
+        task_class = InOrbit
+    if "gravity" in effects:
+        task_class = FallingInThePlane if dimension == 2 else FallingInSpace
+    task = task_class(fail_distance=1e6, fail_spin=1e6)
+    timing = Timing(period, episode_steps=round(seconds / period))
+    starts = scenarios(task, craft, seed, 1)
+    if craft.stores:
+        # Part of a tank, so that some flights run empty, and wheels that turn.
+        random = np.random.default_rng([seed, 5])
+        stores = tuple(
+            np.array([random.uniform(0.3 * s.high if s.low == 0.0 else 0.5 * s.low, 0.5 * s.high)])
+            for s in craft.stores
+        )
+        starts = replace(starts, start=replace(starts.start, stores=stores))
+    with warnings.catch_warnings():  # that a period of 0.5 s is too long for some of them
+        warnings.filterwarnings("ignore", message=".*can hardly be controlled")
+        pilot = Restless(craft, seed)
+        own = draws(seed, 1)
+        flight = fly(craft, task, pilot, starts, timing, conditions=conditions, draws=own)
+    drawn = None
+    if conditions is not None:
+        body = Body.of(craft)
+        drawn = draw(conditions, craft, body, timing.episode_steps, own.first, own)
+    rows = Oracle(flight, drawn, 0).fly()
+    off = gaps(flight.states, unflatten(flight.states, [column[:, None] for column in rows.T]))
+    spin = np.linalg.norm(np.array(flight.states.spin()), axis=0)
+    return Apart(
+        float(off["position"].max()),
+        float(off["attitude"].max()),
+        float(np.max(off.get("stores", 0.0))),
+        float(spin.max()),
+    )
