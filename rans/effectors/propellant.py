@@ -99,13 +99,13 @@ def divided(piece: Piece, count: int) -> Iterator[Piece]:
     """Equal parts of a piece, in order."""
     duration, first, last, longest = piece
     for k in range(count):
-        ends = (first, last)
+        begins, ends = first, last
         if last is not None:
-            ends = tuple(
+            begins, ends = (
                 map_leaves(lambda a, b, x=x: a + (b - a) * x, first, last)
                 for x in (k / count, (k + 1) / count)
             )
-        yield duration * (1.0 / count), *ends, longest / count
+        yield duration * (1.0 / count), begins, ends, longest / count
 
 
 @dataclass(frozen=True)
