@@ -257,6 +257,23 @@ def test_a_lost_terminal_does_not_end_a_flight(error: BaseException, quick: Path
     assert not bus.commands[-1].any()
 
 
+def test_a_terminal_that_hangs_is_not_waited_for(
+    quick: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after Ctrl-S: commands go on, and the last one shuts."""
+    monkeypatch.setattr("rans.deploy.robot.node._LAST_SENTENCES", 0.05)
+    hangs = threading.Event()
+    bus = Robot()
+    try:
+        report = fly_over(bus, plan(quick), None, 0.1, lambda _: bool(hangs.wait(30.0)))
+    finally:
+        hangs.set()
+    assert report.notes
+    assert report.decisions >= 3
+    assert any(command.any() for command in bus.commands)
+    assert not bus.commands[-1].any()
+
+
 def test_an_agent_that_fails_shuts_the_valves(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for at in range(3):
         monkeypatch.setattr("rans.deploy.robot.pilot.exported_agent", lambda _, at=at: Wide(at))

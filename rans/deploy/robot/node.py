@@ -8,6 +8,7 @@ import json
 import math
 import queue
 import secrets
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -41,6 +42,10 @@ _ANNOUNCED = 0.25
 """s between two messages that say who flies."""
 _PATIENCE = 0.05
 """s after which a flight that waits for messages asks whether it was stopped."""
+_MOST_SENTENCES = 100
+"""Sentences that may wait for a terminal."""
+_LAST_SENTENCES = 2.0
+"""s that the end of a flight waits for a terminal, once the valves are shut."""
 _MOST_STATES = 2000
 """Messages a second of a topic of the robot's state: twice as many as the fastest motion capture sends."""
 _MOST_OTHERS = 50
@@ -121,8 +126,10 @@ def fly_over(
     inbox = Inbox(pilot)
     inbox.open(bus)
     announce = Announcements(bus, pilot)
+    gc.collect()  # now, because messages wait meanwhile
     announce.listen(stopped)
     inbox.empty()
+    speaker = Speaker(say)
     recorder = None
     if bag is not None:
         known = {**pilot.inputs, **pilot.interface.outputs, NOTE_TOPIC: TEXT, END_TOPIC: TEXT}
@@ -149,16 +156,13 @@ def fly_over(
     def tell(note: str) -> None:
         if note and (not report.notes or report.notes[-1] != note):
             report.notes.append(note)
-            # The terminal may be gone; of a closed pipe Rich makes a SystemExit.
-            with contextlib.suppress(Exception, SystemExit):
-                say(note)
+            speaker.say(note)
 
     begins = unique(time.monotonic_ns())
     record(begins, FLIGHT_TOPIC, TEXT, text_message(json.dumps(asdict(plan))))
     shut = pilot.shut(begins)
     troubles: set[str] = set()
     collected = gc.isenabled()
-    gc.collect()
     gc.disable()
     due = time.monotonic_ns()
     end = None if seconds is None else due + round(seconds * 1e9)
@@ -223,6 +227,7 @@ def fly_over(
         if refused:
             report.fault = report.fault or refused
             tell(refused)
+        speaker.close()
     return report
 
 
@@ -245,6 +250,38 @@ def shut_valves(bus: Bus, messages: list[Message]) -> str:
     if not left:
         return ""
     return f"the bus did not take the command that shuts the valves ({why}): the robot's watchdog must do it."
+
+
+class Speaker:
+    """Says sentences in a thread of its own: a flight neither waits for a terminal nor ends by an error of it.
+
+    A terminal hangs when Ctrl-S is pressed, and is gone when its window is closed.
+
+    Args:
+        say: takes each sentence.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._queue: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, daemon=True, name="speaker")
+        self._thread.start()
+
+    def say(self, text: str) -> None:
+        """Say a sentence; it returns at once. Sentences beyond those that may wait are left out."""
+        if self._queue.qsize() < _MOST_SENTENCES:
+            self._queue.put(text)
+
+    def close(self) -> None:
+        """Say what waits; a terminal that hangs is not waited for."""
+        self._queue.put(None)
+        self._thread.join(_LAST_SENTENCES)
+
+    def _run(self) -> None:
+        while (text := self._queue.get()) is not None:
+            # Of a closed pipe Rich makes a SystemExit.
+            with contextlib.suppress(Exception, SystemExit):
+                self._say(text)
 
 
 class Arrival(NamedTuple):

@@ -10,6 +10,7 @@ import json
 from collections import deque
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -363,7 +364,7 @@ class Pilot:
                 False,
             )
         for topic, part in self._parts.items():
-            usual = float(np.median(part.intervals)) if len(part.intervals) == _SPREAD else 0.0
+            usual = median(part.intervals) if len(part.intervals) == _SPREAD else 0.0
             if usual > 1.5 * self.period:
                 return (
                     f"states on {topic} come every {usual:.2f} s, but the agent decides every {self.period:g} s",
