@@ -84,6 +84,10 @@ def main() -> int:
         gc.freeze()
 
 
+_ended_by: list[signal.Signals] = []
+"""Signals that have interrupted the command."""
+
+
 def _interruptible() -> int:
     """Ctrl-C and a cluster's time limit interrupt, unless ignored, as in a script's `rans ... &`."""
     heard = [
@@ -95,7 +99,8 @@ def _interruptible() -> int:
         signal.signal(number, _interrupt)
     sys.unraisablehook, before = _again, sys.unraisablehook
     try:
-        return _run()
+        code = _run()
+        return 128 + _ended_by[0] if code == 130 and _ended_by else code
     finally:  # Python's way out: nothing is left to lose
         sys.unraisablehook = before
         for number in heard:
@@ -108,21 +113,24 @@ def _run() -> int:
     return run()
 
 
-def _interrupt(_: int, frame: FrameType | None) -> None:
+def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, but end the process at once in the middle of an import.
 
     Libraries in C++ turn an exception in their initialisation into an ImportError, or abort. While a lost
     one is seen to (`_again`) another would be lost as well: it waits, as does a second one while the first
     takes a lock of Python's back, which is released by who finds it lost.
     """
+    if number != signal.SIGALRM:  # which repeats another
+        _ended_by.append(signal.Signals(number))
     while frame is not None:
         if frame.f_code.co_name in _HELD_BACK:
             signal.setitimer(signal.ITIMER_REAL, _MOMENT)
             return
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             os.write(2, b"\nrans: interrupted.\n")
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-            signal.raise_signal(signal.SIGINT)
+            by = _ended_by[0] if _ended_by else signal.SIGINT
+            signal.signal(by, signal.SIG_DFL)
+            signal.raise_signal(by)
         frame = frame.f_back
     raise KeyboardInterrupt
 

@@ -18,6 +18,7 @@ import stat
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -64,10 +65,11 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     draft = file.with_name(f".{os.getpid()}.{secrets.token_hex(4)}.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        _clear_drafts(file)
+        clear_drafts(file)
         os.close(_opened(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
         write(draft)
         os.replace(draft, file)
+        _written.append(file.name)
     except (FileExistsError, NotADirectoryError) as error:
         raise ConfigError(
             f"cannot write {file}: {error.filename} is a file, not a folder."
@@ -82,8 +84,23 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
             draft.unlink()
 
 
-def _clear_drafts(file: Path) -> None:
-    """Remove drafts of processes that were killed while they wrote this file."""
+_written: deque[str] = deque(maxlen=1)
+"""Name of the file that this process has written last."""
+
+
+def has_written() -> bool:
+    """Whether this process has written a file, which an interrupt leaves complete."""
+    return bool(_written)
+
+
+def clear_drafts(file: Path, abandoned: float = _ABANDONED) -> None:
+    """Remove drafts of processes that were killed while they wrote a file.
+
+    Args:
+        file: the file.
+        abandoned: age of a draft, s, above which it is removed if its process does not exist; 0 for files that no
+            other machine can be writing.
+    """
     # Drafts of older versions have no random part.
     named = re.compile(rf"\.(\d+)(\.[0-9a-f]{{8}})?\.{re.escape(file.name)}")
     for draft in file.parent.glob(f".*.{glob.escape(file.name)}"):
@@ -95,8 +112,8 @@ def _clear_drafts(file: Path) -> None:
         except FileNotFoundError:  # its process has just finished
             continue
         # The process may run on another machine, where its number has another meaning.
-        abandoned = not _is_alive(int(found[1])) and time.time() - about.st_mtime > _ABANDONED
-        if abandoned and stat.S_ISREG(about.st_mode):
+        is_old = time.time() - about.st_mtime > abandoned or not abandoned
+        if is_old and not _is_alive(int(found[1])) and stat.S_ISREG(about.st_mode):
             draft.unlink(missing_ok=True)
 
 
@@ -126,6 +143,7 @@ def append_text(file: Path, text: str) -> None:
             _opened(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "a", encoding="utf-8"
         ) as stream:
             stream.write(text)
+        _written.append(file.name)
     except OSError as error:
         raise ConfigError(
             f"cannot write {file}: {error.strerror or error}; is the disk full, or the file a "

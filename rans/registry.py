@@ -118,9 +118,9 @@ class Registry(Mapping[str, T]):
         return name in list(iter(self))
 
     def __getitem__(self, name: str) -> T:
+        self._check_trust(name)
         if name in self._own:
             return self._own[name]
-        self._check_trust(name)
         if name not in self._loaded:
             self._loaded[name] = self._load(name)
         return self._loaded[name]

@@ -14,8 +14,17 @@ from contextlib import redirect_stdout
 from functools import partial
 from typing import Any
 
-from rans.errors import EXTRAS, ConfigError, MissingPackage, RansError, brief, legible, meant
-from rans.files import first_line
+from rans.errors import (
+    EXTRAS,
+    ConfigError,
+    MissingPackage,
+    RansError,
+    brief,
+    legible,
+    meant,
+    where_raised,
+)
+from rans.files import first_line, has_written
 from rans.registry import trust_files
 
 STARTED = time.monotonic()
@@ -52,7 +61,8 @@ optimal control. `rans COMMAND --help` explains a command, `rans --version` prin
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code: 0 for success, 1 if a check or a run failed.
 
-    A wrong input ends with one sentence and exit code 2, an interrupt with one sentence and 130. The code is 1 if
+    A wrong input ends with one sentence and exit code 2, an interrupt with one sentence and 130 (the command
+    ``rans`` makes that 143 if the signal was SIGTERM). The code is 1 if
     the reader of the output has closed it, as in ``rans list | head -1``.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
@@ -77,7 +87,8 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         return _end(f"rans: {MissingPackage(module)}", 2)
     except KeyboardInterrupt:
-        return _end("\nrans: interrupted; what was written is kept.", 130)
+        written = "what was written is kept" if has_written() else "nothing was written"
+        return _end(f"\nrans: interrupted; {written}.", 130)
     except BrokenPipeError:
         # Python would flush once more at exit and report an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -138,7 +149,13 @@ def _run(arguments: list[str]) -> int:
     command = _parse(arguments or ["--help"])
     if getattr(command, "trust", False):
         trust_files()
-    return command.run()
+    try:
+        return command.run()
+    except SystemExit as error:  # of a plug-in or a policy; commands themselves return a code
+        raise ConfigError(
+            f"code that is not of RANS ended the command (sys.exit({error.code!r})){where_raised(error)}; "
+            "a plug-in or a policy must not."
+        ) from error
 
 
 def _warn_of_repeated_options(arguments: list[str]) -> None:

@@ -66,7 +66,7 @@ class Sweep:
     Only if you know its author."""
 
     def run(self) -> int:
-        """Train with progress and print a table; the exit code is 130 if it was stopped early."""
+        """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
         from rans.fast.learn.loggers import check
 
         compile_in_this_process()
@@ -81,7 +81,7 @@ class Sweep:
                 lambda: stop.requested,
             )
         if not first:
-            return 130 if stop.requested else 0
+            return stop.code
         from rans.show.sweep_files import save_sweep
 
         save_sweep(sweep, folder, self.log)
@@ -102,7 +102,7 @@ class Sweep:
             Terminal().suggest(
                 shlex.join(["rans", "evaluate", best]), shlex.join(["rans", "report", str(folder)])
             )
-        return 130 if stop.requested else 0
+        return stop.code
 
     def _trainings(self) -> Trainings:
         """Sweep that is ready to train."""

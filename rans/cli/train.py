@@ -184,7 +184,7 @@ class Train:
         return config
 
     def run(self) -> int:
-        """Train with progress; the exit code is 130 if it was stopped early."""
+        """Train with progress; the exit code is 130 or 143 if it was stopped early."""
         from rans.compile.cuda.driver import open_ahead
 
         if self.device != "cpu":
@@ -206,7 +206,7 @@ class Train:
         if not trainer.processes.is_first:
             with StopGently() as stop:
                 trainer.train(lambda _: None, lambda: stop.requested)
-            return 130 if stop.requested else 0
+            return stop.code
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         showing = TrainingProgress(trainer.config.total_timesteps, self.terms)
         others = loggers(self.log, trainer.config, trainer.run.path)
@@ -227,7 +227,7 @@ class Train:
         if not stop.requested and trainer.steps > begun and (hole := _nominal_hole(trainer)):
             Terminal().say(hole)
         if stop.requested:
-            return 130
+            return stop.code
         Terminal().suggest(*self._next(trainer))
         return 0
 
@@ -388,6 +388,8 @@ class StopGently:
     """
 
     requested = False
+    code = 0
+    """Exit code: 0, or once a stop was requested 130 (of Ctrl-C) or 143 (of SIGTERM)."""
 
     def __enter__(self) -> StopGently:
         signals = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
@@ -402,7 +404,9 @@ class StopGently:
     def _ask(self, number: int, frame: FrameType | None) -> None:
         if not self.requested:
             self.requested = True
+            self._number = number
+            self.code = 128 + number
             signal.setitimer(signal.ITIMER_REAL, _GENTLE)
             return
         interrupt = self._before[signal.SIGINT]  # the previous handler may defer it
-        (interrupt if callable(interrupt) else signal.default_int_handler)(number, frame)
+        (interrupt if callable(interrupt) else signal.default_int_handler)(self._number, frame)

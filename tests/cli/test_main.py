@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import warnings
+from collections import deque
 from contextlib import redirect_stdout
 from importlib.metadata import version
 from pathlib import Path
@@ -89,6 +90,7 @@ class Broken:
 
 def broken(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     monkeypatch.setattr(cli, "_parse", lambda _: Broken(error))
+    monkeypatch.setattr("rans.files._written", deque())  # by tests before
 
 
 def test_letters_that_the_output_does_not_know() -> None:
@@ -396,7 +398,7 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
             "The usual cause is a process that is writing it, or was ended while it did: try again, or delete that "
             "file.\n",
         ),
-        (KeyboardInterrupt(), 130, "\nrans: interrupted; what was written is kept.\n"),
+        (KeyboardInterrupt(), 130, "\nrans: interrupted; nothing was written.\n"),
     ],
 )
 def test_ends_with_a_sentence(
@@ -409,6 +411,15 @@ def test_ends_with_a_sentence(
     broken(monkeypatch, error)
     assert main(["list"]) == code
     assert capsys.readouterr() == ("", said)
+
+
+@pytest.mark.parametrize("code", [0, None, "no licence"])
+def test_code_of_others_cannot_end_a_command_with_success(
+    code: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken(monkeypatch, SystemExit(code))
+    assert main(["list"]) == 2
+    assert f"ended the command (sys.exit({code!r}))" in capsys.readouterr().err
 
 
 def test_a_mistake_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -269,7 +269,7 @@ def test_a_signal_stops_it_gently() -> None:
         assert first.startswith("training: "), first + process.stderr.read()
         process.send_signal(signal.SIGTERM)
         out, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
+    assert process.returncode == 128 + signal.SIGTERM
     assert "Traceback" not in errors
     assert out.startswith("Stopped after ")
     run = Path("run with space")

@@ -337,4 +337,6 @@ def _find_certified(
     step = stages("certified bounds", count * len(events))
     with _noted(comparison, "certified bounds"):
         for answer in certify(contest, count, events, cache, workers, step):
+            # Answers come as they are found; their order in files must not depend on it.
             comparison.certified.append(answer)
+            comparison.certified.sort(key=lambda one: (one.start, events.index(one.event)))

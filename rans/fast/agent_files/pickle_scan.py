@@ -57,7 +57,7 @@ def foul(archive: zipfile.ZipFile, where: object) -> str | None:
     files that are certainly dangerous.
 
     Args:
-        archive: archive from `rans.fast.agent_files.archives.opened`; archives within it are opened too.
+        archive: archive from `rans.archives.opened`; archives within it are opened too.
         where: name of the archive in messages.
 
     Raises:

@@ -85,10 +85,21 @@ class RunFolder:
             )
 
     def lock(self) -> None:
-        """Lock the folder until `release`; ConfigError if another process trains in it."""
+        """Lock the folder until `release`; ConfigError if another process trains in it.
+
+        Drafts of files that a training killed before has left are removed, as nobody else writes these.
+        """
         self._lock.take(
             f"{self.path} is being trained by another process; wait for its end, or stop it."
         )
+        for file in (
+            self.config_file,
+            self.spacecraft_file,
+            self.metrics_file,
+            self.checkpoint_file,
+            self.policy_file,
+        ):
+            files.clear_drafts(file, abandoned=0.0)
 
     def release(self) -> None:
         """Unlock the folder."""

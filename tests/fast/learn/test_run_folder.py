@@ -142,7 +142,8 @@ def test_the_number_of_substeps_is_left_open_or_kept(run: RunFolder) -> None:
         ('{"task": "go-to', "not valid JSON"),
         ("[]", "must name its task"),
         ('{"task": "go-to-pose", "sead": 3, "spacecraft": "x"}', "unknown key 'sead'"),
-        ("\udcff\udcfe", "is damaged|cannot read|only UTF-8 is read"),
+        ("\udcff\udcfe", "is a text in UTF-16"),
+        ("\udcff\udcff", "is damaged|cannot read"),
     ],
 )
 def test_a_damaged_config(run: RunFolder, text: str, message: str) -> None:
@@ -186,3 +187,19 @@ def test_a_checkpoint_is_whole_or_the_one_before(
     assert loaded["steps"] == 1
     assert loaded["weights"].tolist() == [0, 1, 2, 3, 4]
     assert [file.name for file in run.path.glob(".*")] == [LOCK]
+
+
+def test_who_trains_on_removes_drafts_of_a_killed_training(run: RunFolder) -> None:
+    """However young they are, but none of a process that lives, and no other file."""
+    dead = 2**22 + 1  # above the largest number of a process on Linux
+    left = run.path / f".{dead}.a4e4db52.policy.zip"
+    kept = [
+        run.path / f".{os.getppid()}.a4e4db52.policy.zip",
+        run.path / f".{dead}.a4e4db52.evaluation.json",
+    ]
+    for file in (left, *kept):
+        file.touch()
+    run.lock()
+    run.release()
+    assert not left.exists()
+    assert all(file.exists() for file in kept)
