@@ -159,7 +159,7 @@ def test_exports(mine: Path, count: int) -> None:
 def test_run_folders(tmp_path: Path, count: int) -> None:
     run = tmp_path / "run"
     tiny_trainer(run).train(ignore, after(2))
-    files = [run / name for name in ("config.json", "spacecraft.toml", "policy.zip")]
+    files = [run / name for name in ("config.json", "spacecraft.toml", "agent.safetensors")]
     check(files, lambda: rans.load_agent(run), count // 2)
     files = [run / "checkpoint.safetensors", run / "metrics.jsonl"]
     check(files, lambda: (RunFolder(run).load_checkpoint("cpu"), RunFolder(run).metrics()), count)

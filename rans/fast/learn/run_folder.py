@@ -97,7 +97,8 @@ class RunFolder:
             self.spacecraft_file,
             self.metrics_file,
             self.checkpoint_file,
-            self.policy_file,
+            self.trained_file,
+            self._archive,
         ):
             files.clear_drafts(file, abandoned=0.0)
 
