@@ -119,8 +119,9 @@ def optimal_trajectory(
         ending: "exact" arrives exactly, "set" within the task's tolerances.
         control_period: time that a command is held, s; for "time" it is computed.
         intervals: number of control periods, for "time".
-        guesses: number of initial guesses; the best solution counts. None: 1; 3 for tasks that leave the attitude
-            free or with ``keep_out``, in space 5.
+        guesses: number of initial guesses; the best solution counts, and ``trajectory.agreeing`` says how many
+            led to it. None: 1; 3 for "time" in space, for tasks that leave the attitude free (in space 5) or with
+            ``keep_out``.
         most_speed: largest speed of the trajectory, m/s.
         most_spin: largest angular speed of the trajectory, rad/s.
         keep_out: balls that the centre of mass stays out of: the coordinates of the centre in W, then the
@@ -146,7 +147,7 @@ def optimal_trajectory(
     balls = tuple(tuple(_numbers("ball to keep out of", ball)) for ball in keep_out)
     limits = PathLimits(most_speed, most_spin, balls)
     limits = None if limits == PathLimits() else limits
-    usual = max(usual_guesses(craft, judged), 3 if balls else 1)
+    usual = max(usual_guesses(craft, judged, wanted), 3 if balls else 1)
     tried = usual if guesses is None else whole("guesses", guesses)
     (found,) = optima(craft, judged, wanted, one, tried, workers=1, limits=limits)
     number = _OWN if isinstance(start, State) else start

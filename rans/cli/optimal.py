@@ -83,8 +83,8 @@ class Optimal:
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
     guesses: int | None = None
-    """Number of initial guesses; the best solution counts. By default 1; 3 for tasks that leave the attitude
-    free or with --keep-out, in space 5."""
+    """Number of initial guesses; the best solution counts, and the table says how many led to it. By default 1; 3
+    for time in space, for tasks that leave the attitude free (in space 5) or with --keep-out."""
     certify: bool = False
     """Also compute what no controller can beat: certified for on/off thrusters where that is possible."""
     certify_seconds: float = 20.0
@@ -131,7 +131,7 @@ class Optimal:
             )[1:]
         starts = self._starts(task, craft)
         limits = self._limits()
-        usual = max(usual_guesses(craft, task), 3 if self.keep_out else 1)
+        usual = max(usual_guesses(craft, task, objective), 3 if self.keep_out else 1)
         guesses = usual if self.guesses is None else self.guesses
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         check_attitude(craft, task)

@@ -43,7 +43,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 
 from rans.episode import Setup, World, step
-from rans.errors import ConfigError
+from rans.errors import ConfigError, positive
 from rans.flight import Controller
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -199,7 +199,8 @@ class DockingPlant:
         system: probe, plate and latches.
 
     Raises:
-        ConfigError: the spacecraft has reaction wheels or propellant, or Drake refuses its inertia.
+        ConfigError: the spacecraft has reaction wheels or propellant, the control period is not above 0, or Drake
+            refuses its inertia.
     """
 
     contact_force: float = 0.0
@@ -224,6 +225,7 @@ class DockingPlant:
             )
         self.craft = craft
         self.system = system or CaptureSystem()
+        positive("control_period", control_period)
         self._period = control_period
         self._checks = checks
         self._nozzles = Nozzles.of(craft, designed(craft), 1)

@@ -39,6 +39,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
+from rans.errors import positive
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.spacecraft import Spacecraft
@@ -239,7 +240,11 @@ class Plant:
             earlier: commands of the periods before that may still be felt, the last one first.
             failure: thrusters that fail in this period; None: the nozzles stay as they are.
             checks: how many instants to return, evenly spaced.
+
+        Raises:
+            ConfigError: the duration is not above 0.
         """
+        positive("the duration of a period in Drake, s,", duration)
         nozzles = nozzles or self._nozzles
         states = self._with_stores(states)
         self._set(states, commands, duration)

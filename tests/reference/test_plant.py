@@ -203,3 +203,10 @@ def exact_layers(craft: Spacecraft, seed: int) -> list[Check]:
 
 def assert_none_failed(checks: list[Check]) -> None:
     assert [check for check in checks if not check.passed] == []
+
+
+@pytest.mark.parametrize("duration", [0.0, -0.2, float("nan")])
+def test_a_period_that_does_not_advance_is_refused(duration: float) -> None:
+    plant = Plant(lopsided(2))
+    with pytest.raises(ConfigError, match="must be a finite number above 0"):
+        plant.rollout(np.zeros((1, 6)), np.zeros((3, 1, 6)), duration)

@@ -26,7 +26,7 @@ from rans.optimal.trajectory.endpoints import NAMES
 from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import solve_all
-from rans.optimal.trajectory.transcription import Trajectory
+from rans.optimal.trajectory.transcription import START_IS_GOAL, Trajectory
 from rans.progress import Progress, unseen
 from rans.reference.flight import replay
 from rans.scenario import Scenario, each
@@ -83,6 +83,8 @@ class Optimum:
         status = self.trajectory.status
         if not self.trajectory.solved:
             return _SENTENCES.get(status, f"the solver stopped: {status.replace('_', ' ').lower()}")
+        if status == START_IS_GOAL:
+            return "0 s: the start is the goal"
         return "solved" if self.good else "solved, but Drake flies elsewhere"
 
     def to_json(self) -> dict[str, Any]:
@@ -101,6 +103,8 @@ class Optimum:
             "seconds": path.seconds,
             "iterations": path.iterations,
             "attempts": path.attempts,
+            "agreeing": path.agreeing,
+            "optima": path.optima,
             "stationarity": math.nan if kkt is None else kkt.stationarity,
             "feasibility": math.nan if kkt is None else kkt.feasibility,
             "complementarity": math.nan if kkt is None else kkt.complementarity,
@@ -148,7 +152,7 @@ def optima(
 
 def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
     """Optimum of a trajectory and its flight in Drake."""
-    last = len(trajectory.commands)
+    last = len(trajectory.commands) if trajectory.control_period > 0.0 else 0
     planned = map_leaves(lambda x: x[: last + 1, 0], flight.states)
     end = map_leaves(lambda x: float(x[-1]), planned)
     goal = map_leaves(lambda x: float(x[last, 0] if x.ndim == 2 else x[0]), flight.goals)
@@ -171,8 +175,12 @@ def episode(
         craft = replace(craft, actuators=steady)
     period = trajectory.control_period
     planned = len(trajectory.commands)
+    if period == 0.0:  # the start is the goal: all thrusters stay shut
+        period = timing.control_period
+        planned = 0
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
-    commands = np.vstack([trajectory.commands, np.zeros((steps - planned, len(craft.thrusters)))])
+    planned_commands = trajectory.commands[:planned]
+    commands = np.vstack([planned_commands, np.zeros((steps - planned, len(craft.thrusters)))])
     own = Timing(control_period=period, episode_steps=steps)
     states = map_leaves(
         lambda x: x[:, None], replay(craft, scenario.start, commands, own, task.drift)
@@ -203,12 +211,26 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
     """Table with a row for each start, and a sentence for those without a trajectory."""
     lost: dict[str, list[str]] = {}
     for answer in answers:
-        if not answer.good:
+        if not answer.good or answer.trajectory.status == START_IS_GOAL:
             lost.setdefault(answer.sentence, []).append(str(answer.start))
     notes = [f"Start {', '.join(starts)}: {sentence}." for sentence, starts in lost.items()]
+    if any(answer.trajectory.attempts > 1 for answer in answers):
+        notes.append(
+            "guesses: those that led to this cost, of all; optima: different costs that they led to."
+        )
     names = list(next((answer.errors for answer in answers if answer.errors), {}))
     errors = [f"{name} {QUANTITIES[name].display[1]}" for name in names]
-    columns = ("start", objective.measure, *errors, "replay mm", "steps", "ms", "")
+    columns = (
+        "start",
+        objective.measure,
+        *errors,
+        "replay mm",
+        "guesses",
+        "optima",
+        "steps",
+        "ms",
+        "",
+    )
     result = terminal.table(title, columns, (), "\n".join(notes), "right")
     for answer in answers:
         path = answer.trajectory
@@ -222,6 +244,8 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
         result.add_row(
             str(answer.start),
             *cells,
+            f"{path.agreeing} of {path.attempts}",
+            str(path.optima),
             str(path.iterations),
             f"{1e3 * path.seconds:.0f}",
             "solved" if good else "lost",

@@ -61,7 +61,7 @@ def solve(
     progress: Progress = unseen,
 ) -> list[Relaxed]:
     """Optimise from every start of a contest; for workers and progress see `optima`."""
-    usual = usual_guesses(contest.craft, contest.task)
+    usual = usual_guesses(contest.craft, contest.task, objective)
     guesses = max(_GUESSES, usual) if isinstance(objective, MaximumReward) else usual
     result = optima(
         contest.craft,

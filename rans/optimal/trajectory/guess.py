@@ -10,12 +10,23 @@ from typing import Any
 import numpy as np
 
 from rans.model.dynamics import State
-from rans.model.fields import Attitude, Field, Heading, Quat, leaves, map_leaves, wrap
+from rans.model.fields import (
+    Attitude,
+    Field,
+    Heading,
+    Quat,
+    Vec3,
+    leaves,
+    map_leaves,
+    wrap,
+)
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.allocation import Allocation, inertia
 
 _BOW = 0.3
 """Sideways, of the way to go: standard deviation over the further guesses."""
+_OFF_AXIS = 0.6
+"""Sideways, rad: standard deviation about every axis over the further guesses."""
 
 
 def rotation_vector(rotation: Attitude) -> np.ndarray:
@@ -47,22 +58,30 @@ def guess(
 
     It is (leaves of the state, N): the states at the ends of N equal intervals of the duration, s. Guesses of
     odd numbers turn the other way round, by 2 pi minus the angle (in space: to the other of the two
-    quaternions of the goal's attitude); from 2 on the path is bowed at random. Where neither an attitude nor a
+    quaternions of the goal's attitude); from 1 on the turn is bowed off its axis at random, and from 2 on the path
+    too. By symmetry a turn about one axis may be a stationary point that is no minimum, which no gradient
+    leads away from. Where neither an attitude nor a
     spin is asked for, further guesses turn into other attitudes on the way, in the plane by 45 degrees either
     way, then 90: a craft that pushes harder along some of its axes may gain by it, and from an attitude midway
     between two of these no gradient says which one.
     """
     s = np.arange(1, intervals + 1) / intervals
     p, v = _translation(aims, start, goal, duration, s)
+    # A bow vanishes at both ends, and so does its rate.
+    bow = 16.0 * (s * (1 - s)) ** 2
+    rate = 32.0 * s * (1 - s) * (1 - 2 * s) / duration
+    random = np.random.default_rng(number)
     if number >= 2:
         size = _BOW * np.linalg.norm(p[:, -1] - np.array(start.p.columns()))
-        bow = np.random.default_rng(number).normal(size=(len(p), 1)) * size
-        p = p + 16.0 * bow * (s * (1 - s)) ** 2
-        v = v + bow * 32.0 * s * (1 - s) * (1 - 2 * s) / duration
+        sideways = random.normal(size=(len(p), 1)) * size
+        p = p + sideways * bow
+        v = v + sideways * rate
     if number > 0 and not {"attitude", "spin"} & set(aims):
         attitude, w = _turning(start, duration, s, number)
     else:
         attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
+        if number > 0:
+            attitude, w = _bowed(attitude, w, random.normal(size=len(w)) * _OFF_AXIS, bow, rate)
     return np.vstack([p, attitude, v, w])
 
 
@@ -110,6 +129,30 @@ def _rotation(
         columns.append(_turned(attitude, step, np.ones(1))[:, 0])
         attitude = type(attitude)(*columns[-1])
     return np.array(columns).T, first[:, None] + np.outer(last - first, s)
+
+
+def _bowed(
+    attitude: np.ndarray, w: np.ndarray, sideways: np.ndarray, bow: np.ndarray, rate: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Attitude and w of a turn with a further one at every instant.
+
+    Args:
+        attitude: (1, N) headings or (4, N) quaternions of the turn.
+        w: (1, N) or (3, N) its angular velocities, rad/s.
+        sideways: (1,) or (3,) axis in B times angle of the further turn at its largest, rad.
+        bow: (N,) size of the further turn, 0 at both ends.
+        rate: (N,) its derivative, 1/s.
+    """
+    if len(w) == 1:
+        return attitude + np.outer(sideways, bow), w + np.outer(sideways, rate)
+    before = Quat(*attitude)
+    further = Quat(*_turned(Quat(1.0, 0.0, 0.0, 0.0), sideways, bow))
+    # Rates add in the axes of the body, which has turned further.
+    turned = further.conjugate().rotate(Vec3(*w))
+    return (
+        np.array(leaves(before.times(further))),
+        np.array(turned.columns()) + np.outer(sideways, rate),
+    )
 
 
 def _turning(

@@ -50,7 +50,7 @@ class _GivenTime(ABC):
     """A trajectory of a given length.
 
     Raises:
-        ConfigError: a time is not positive, or a weight negative.
+        ConfigError: a time is not positive, a weight negative, or the horizon shorter than a control period.
     """
 
     horizon: float = 20.0
@@ -75,6 +75,11 @@ class _GivenTime(ABC):
                 raise ConfigError(
                     f"{self.kind}: {name} must be finite and not negative, got {value}."
                 )
+        if self.horizon < self.control_period * (1.0 - 1e-9):
+            raise ConfigError(
+                f"{self.kind}: horizon must be at least a control period of {self.control_period:g} s, got "
+                f"{self.horizon:g} s."
+            )
         if self.horizon / self.control_period > MOST_STEPS:
             raise ConfigError(
                 f"{self.kind}: horizon must be at most {MOST_STEPS:,} control periods of "

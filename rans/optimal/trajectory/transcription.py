@@ -6,6 +6,7 @@ a local optimum of the relaxed problem: a mark to measure controllers against, a
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Sequence
@@ -31,7 +32,7 @@ from rans.optimal.trajectory.arrival import (
 )
 from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
 from rans.optimal.trajectory.limits import PathLimits
-from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
+from rans.optimal.trajectory.objectives import MinimumTime, Objective, SymbolicTrajectory
 from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.goal_set import aims
@@ -62,6 +63,12 @@ _NODES = 4
 _OPENED = 0.03
 """Share by which every thruster is opened beyond what the guessed motion takes: interior point methods
 start away from bounds: of 0.03, 0.1 and 0.3 the fastest."""
+START_IS_GOAL = "Start_Is_Goal"
+"""Status of a trajectory of no length."""
+_SOLVED = 1e-8
+"""What the solver leaves open of a constraint (IPOPT's ``tol``)."""
+_SAME = 1e-4
+"""Relative difference of costs up to which they are of one optimum: a hundred times what the solver leaves open."""
 _COMMAND_GUESS = 0.3
 """Guess of every command where thrusters cannot give a wanted wrench."""
 
@@ -148,26 +155,48 @@ class Trajectory:
     commands: np.ndarray
     """(T, thrusters), 0 to 1."""
     control_period: float
-    """s."""
+    """s; 0 where the start is the goal of a least time."""
     iterations: int
     """Iterations of all attempts together."""
     seconds: float
     """Wall time of all attempts together."""
     attempts: int = 1
     """Guesses that were started from."""
+    agreeing: int = 1
+    """Guesses that led to this cost."""
+    optima: int = 1
+    """Local optima of different costs that the guesses led to."""
     optimality: Optimality | None = None
     """Residuals and multipliers of the problem that was solved; None where none was."""
 
 
-def usual_guesses(craft: Spacecraft, task: Task) -> int:
-    """Guesses to start from where nobody says how many: 1, of tasks that leave the attitude free 3, in space 5.
+def usual_guesses(craft: Spacecraft, task: Task, objective: Objective) -> int:
+    """Guesses to start from where nobody says how many.
 
-    See `rans.optimal.trajectory.guess.guess`: from one guess the least time of tracking a velocity may be a third
-    too long, where the start is midway between two attitudes from which the craft pushes hardest.
+    1, but 3 for least times with an attitude or a spin to reach in space, and for tasks that leave the attitude
+    free, in space 5. See `rans.optimal.trajectory.guess.guess`: the fastest turns are about no fixed axis, and from
+    one guess the least time of tracking a velocity may be a third too long, where the start is midway between two
+    attitudes from which the craft pushes hardest.
     """
-    if {"attitude", "spin"} & aims(task):
-        return 1
-    return 3 if craft.dimension == 2 else 5
+    if not {"attitude", "spin"} & aims(task):
+        return 3 if craft.dimension == 2 else 5
+    return 3 if craft.dimension == 3 and isinstance(objective, MinimumTime) else 1
+
+
+def at_once(objective: Objective, craft: Spacecraft, start: State) -> Trajectory:
+    """The least time from a start that is the goal: none, in control periods of no length."""
+    count = objective.intervals
+    return Trajectory(
+        objective=objective.name,
+        status=START_IS_GOAL,
+        solved=True,
+        cost=0.0,
+        states=map_leaves(lambda x: np.full(count + 1, float(x)), start),
+        commands=np.zeros((count, len(craft.commands))),
+        control_period=0.0,
+        iterations=0,
+        seconds=0.0,
+    )
 
 
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
@@ -184,6 +213,8 @@ def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str)
         iterations=0,
         seconds=0.0,
         attempts=0,
+        agreeing=0,
+        optima=0,
     )
 
 
@@ -195,6 +226,15 @@ def _best(result: Sequence[Trajectory]) -> Trajectory:
         iterations=sum(one.iterations for one in result),
         seconds=sum(one.seconds for one in result),
     )
+
+
+def _compared(attempts: Sequence[Trajectory]) -> Trajectory:
+    """The best, with how many led to its cost and how many costs there are."""
+    costs = sorted(one.cost for one in attempts if one.solved)
+    gaps = [b - a > _SAME * max(abs(a), abs(b)) for a, b in itertools.pairwise(costs)]
+    agreeing = gaps.index(True) + 1 if any(gaps) else len(costs)
+    optima = sum(gaps) + 1 if costs else 0
+    return replace(_best(attempts), attempts=len(attempts), agreeing=agreeing, optima=optima)
 
 
 class Transcription:
@@ -320,10 +360,18 @@ class Transcription:
             raise ConfigError(f"the optimiser needs at least one guess, got {guesses}.")
         if not np.isfinite([*leaves(start), *leaves(goal)]).all():
             return unsolved(self._objective, self._craft, start, "Invalid_Number_Detected")
+        if self._objective.control_period is None and self._is_there(start, goal):
+            return at_once(self._objective, self._craft, start)
         attempts = [self.attempt(start, goal, number) for number in range(guesses)]
         if not any(attempt.solved for attempt in attempts):
             attempts.append(self.attempt(start, goal, guesses))
-        return replace(_best(attempts), attempts=len(attempts))
+        return _compared(attempts)
+
+    def _is_there(self, start: State, goal: State) -> bool:
+        """Whether a start fulfils the conditions of the arrival, as closely as the solver does."""
+        gaps = np.array(self._arrival.conditions(leaves(start), leaves(goal))).ravel()
+        excess = np.maximum(self._arrival.low - gaps, gaps - self._arrival.high)
+        return bool((excess <= _SOLVED).all())
 
     def attempt(self, start: State, goal: State, number: int) -> Trajectory:
         """From one guess; what has corners is solved again with sharper ones, from the answer before."""

@@ -64,7 +64,7 @@ def test_lost_starts_are_rows_with_a_sentence() -> None:
     ]
     table = optima.table("title", FUEL, answers)
     assert table.row_count == 3
-    assert str(table.caption).count("\n") == 1
+    assert str(table.caption).count("Start ") == 2
 
 
 def test_a_trajectory_that_drake_does_not_fly_is_lost() -> None:
@@ -150,6 +150,8 @@ def test_a_row_of_numbers() -> None:
         ["2.000"] * 2,
         ["1.000"] * 2,
         ["0.400", "2.000"],
+        ["1 of 1"] * 2,
+        ["1"] * 2,
         ["7"] * 2,
         ["250"] * 2,
         ["solved", "lost"],

@@ -35,7 +35,7 @@ from rans.optimal.trajectory.transcription import (
     usual_guesses,
 )
 from rans.reference.flight import replay
-from rans.scenario import Scenario, scenario
+from rans.scenario import Scenario, batch, scenario
 from rans.tasks import GoToPosePriced, GoToPosition, MultiTask, TrackVelocity
 from tests.support.crafts import deputy, nasty_planar
 from tests.support.problems import (
@@ -241,7 +241,6 @@ def test_the_best_is_the_cheapest_of_those_solved() -> None:
 def test_horizons_are_whole_periods(periods: int) -> None:
     """0.2 s times these, over 0.2 s again, is just below the whole number."""
     assert MinimumFuel(periods * 0.2, 0.2).intervals == periods
-    assert MinimumFuel(0.05, 0.2).intervals == 1
 
 
 @pytest.mark.parametrize(
@@ -488,6 +487,32 @@ def test_from_midway_between_two_attitudes_one_guess_is_not_enough() -> None:
     goal = replace(planar(heading=math.pi / 4), v=Vec2(2.0, 0.0))
     problem = transcription(PLATFORM, MinimumTime(20), task)
     one = problem.solve(start, goal)
-    best = problem.solve(start, goal, usual_guesses(PLATFORM, task))
+    best = problem.solve(start, goal, usual_guesses(PLATFORM, task, MinimumTime(20)))
     assert one.cost == pytest.approx(2.0 * PLATFORM.mass / 2.0, rel=SOLVER)
     assert 2.0 * PLATFORM.mass / FORWARD < best.cost < 4.5
+
+
+@pytest.mark.parametrize("ending", ["exact", "set"])
+def test_from_the_goal_to_the_goal_takes_no_time(ending: Any) -> None:
+    """And 1 mm away it takes some: 2 sqrt(d m / F) at least, along the strongest axis of the body."""
+    problem = Transcription(PLATFORM, TASK, MinimumTime(20, ending))
+    found = problem.solve(planar(x=1.0), planar(x=1.0))
+    assert (found.solved, found.cost, found.control_period) == (True, 0.0, 0.0)
+    assert found.commands.shape == (20, 8)
+    if ending == "exact":
+        near = problem.solve(planar(x=1.001), planar(x=1.0))
+        assert near.cost == pytest.approx(2 * math.sqrt(1e-3 * PLATFORM.mass / FORWARD), rel=1e-4)
+
+
+def test_a_least_time_of_none_is_flown_and_said() -> None:
+    starts = batch([Scenario(planar(x=1.0), planar(x=1.0))])
+    (answer,) = optima.optima(PLATFORM, TASK, MinimumTime(5), starts, workers=1)
+    assert answer.good
+    assert answer.sentence == "0 s: the start is the goal"
+    assert answer.flight is not None
+    assert answer.errors["position"] == 0.0
+
+
+def test_a_horizon_shorter_than_a_period_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"at least a control period of 0.2 s, got 0.1 s"):
+        MinimumFuel(0.1, 0.2)
