@@ -29,7 +29,7 @@ def agrees(effects: tuple[str, ...], dimension: Literal[2, 3], period: float, se
         (("tank", "ramps"), 2, 0.5),
         (("wheels", "tank"), 3, 0.5),
         (("wheels", "faults"), 3, 0.2),
-        (("orbit", "kicks"), 2, 0.2),
+        (("orbit", "kicks"), 2, 0.5),
         (("throttle", "latency"), 2, 0.2),
     ],
 )

@@ -100,6 +100,16 @@ def test_spaces_and_memory() -> None:
     assert (ON_OFF.is_continuous, ON_OFF.dtype) == (False, "int8")
 
 
+@pytest.mark.parametrize("least", [0.1, 0.3, 0.6])
+def test_a_command_below_half_the_least_level_shuts_an_engine(least: float) -> None:
+    """From half of it on an engine is lit at its least level, and above that follows its command."""
+    given = [0.0, 0.49 * least, 0.51 * least, 0.99 * least, 0.9]
+    engine = Throttle(least)
+    assert [*engine.levels(given)] == pytest.approx([0.0, 0.0, least, least, 0.9])
+    arrays = engine.levels([np.array(given)])
+    np.testing.assert_allclose(arrays[0], [0.0, 0.0, least, least, 0.9])
+
+
 @pytest.mark.parametrize(
     ("actuators", "values", "message"),
     [
@@ -111,7 +121,7 @@ def test_spaces_and_memory() -> None:
         (OnOff(), [0, float("nan")], "0 .shut. or 1"),
         (OnOff(), [1, 0, 1], "2 numbers"),
         (Throttle(), [0.0, 1.1], r"0 \(no thrust\) to 1 \(full thrust\)"),
-        (Throttle(), [-1e-9, 0.0], "2 numbers"),
+        (Throttle(), [-1e-5, 0.0], "2 numbers"),
         (Pulsed(4), [float("nan"), 0.0], r"0 \(shut\) to 1 \(open all the time\)"),
         (Pulsed(4), ["a", "b"], "2 numbers"),
     ],

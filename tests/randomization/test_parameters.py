@@ -201,13 +201,14 @@ def disturbances(found: EpisodeParameters, steps: int, period: float = 0.2) -> n
     return np.array([leaves(found.disturbance(np.float64(k), period)) for k in range(steps)])
 
 
+@pytest.mark.parametrize("period", [0.2, 0.05, 0.5])
 @BOTH
-def test_kicks_give_their_impulse_in_one_period(dimension: int) -> None:
+def test_kicks_give_their_impulse_in_one_period(dimension: int, period: float) -> None:
     kicked = DisturbanceConditions(kicks=1, kick=0.5, kick_spin=0.1)
     found = parameters(Conditions(disturbances=kicked), dimension, 40)
-    pushed = disturbances(found, 125)
+    pushed = disturbances(found, 125, period)
     assert ((pushed != 0.0).any(axis=1).sum(axis=0) == 1).all()
-    total = pushed.sum(axis=0) * 0.2
+    total = pushed.sum(axis=0) * period
     np.testing.assert_allclose(np.linalg.norm(total[:dimension], axis=0), 0.5, rtol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(total[dimension:], axis=0), 0.1, rtol=1e-12)
 
@@ -284,12 +285,14 @@ def test_moments_of_kicks_are_any_period_of_the_episode() -> None:
     assert stats.chisquare(seen).pvalue > LIKELY
 
 
-def test_a_swing_has_its_value_in_the_middle_of_each_period() -> None:
+@pytest.mark.parametrize("period", [0.2, 0.05])
+def test_a_swing_has_its_value_in_the_middle_of_each_period(period: float) -> None:
     """One of 8 s: a sine through the middles, fitted by least squares, has the phase that was drawn."""
     slow = DisturbanceConditions(slow_force=0.3, slow_torque=0.1, slow_period=8.0)
     found = parameters(Conditions(disturbances=slow), count=30)
-    pushed = disturbances(found, 80)
-    t = (np.arange(80) + 0.5) * 0.2
+    count = round(16.0 / period)
+    pushed = disturbances(found, count, period)
+    t = (np.arange(count) + 0.5) * period
     wave = np.column_stack([np.sin(math.pi / 4 * t), np.cos(math.pi / 4 * t)])
     (a, b), left, *_ = np.linalg.lstsq(wave, pushed[:, 2], rcond=None)
     assert left.max() < 1e-25

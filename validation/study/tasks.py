@@ -25,6 +25,7 @@ from rans.randomization.conditions import Conditions, SensorConditions, SensorsC
 from rans.scenario import draws
 from rans.tasks import TASKS, GoToPose, MultiTask, Task
 from validation.study.checks import Check
+from validation.study.missions import mission_checks
 
 _NEAR = exp(-0.25 / 0.25)
 """Of the narrow rewards of distance and angle."""
@@ -86,12 +87,13 @@ class Moment:
 
 
 def task_checks(craft: Spacecraft) -> Iterator[Check]:
-    """Rewards and observations of every task, prices, and when episodes end."""
+    """Rewards and observations of every task, prices, when episodes end, and what missions declare."""
     craft = _with_three(craft)
     moment = _in_plane() if craft.dimension == 2 else _in_space()
     yield from _reward_checks(craft, moment)
     yield _sight_check(craft, moment)
     yield from _end_checks(craft, moment)
+    yield from mission_checks(craft.dimension)
 
 
 def _in_plane() -> Moment:
