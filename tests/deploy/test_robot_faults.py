@@ -271,9 +271,13 @@ def test_a_terminal_that_hangs_is_not_waited_for(
     """As after Ctrl-S: commands go on, and the last one shuts."""
     monkeypatch.setattr("rans.deploy.robot.node._LAST_SENTENCES", 0.05)
     hangs = threading.Event()
+
+    def say(text: str) -> None:
+        hangs.wait(30.0)
+
     bus = Robot()
     try:
-        report = flight(bus, quick, None, say=lambda _: bool(hangs.wait(30.0)))
+        report = flight(bus, quick, None, say=say)
     finally:
         hangs.set()
     assert report.notes
