@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -112,12 +113,10 @@ def test_a_bag_that_cannot_be_indexed_stays(tmp_path: Path) -> None:
     assert [one.name for one in tmp_path.iterdir()] == ["flight.mcap"]
 
 
-PORT = 17496
-LOCATOR = f"tcp/127.0.0.1:{PORT}"
 SPOKEN = pack(TEXT, make(TEXT, data="hello"))
 
 
-def session(mode: str, end: str) -> Any:
+def session(mode: str, end: str, port: int) -> Any:
     """A session of Zenoh itself, as rmw_zenoh configures them: without a search of the network."""
     zenoh = pytest.importorskip("zenoh")
     config = zenoh.Config()
@@ -125,15 +124,23 @@ def session(mode: str, end: str) -> Any:
     config.insert_json5("scouting/multicast/enabled", "false")
     if mode == "peer":
         config.insert_json5("listen/endpoints", '["tcp/localhost:0"]')
-    config.insert_json5(f"{end}/endpoints", f'["{LOCATOR}"]')
+    config.insert_json5(f"{end}/endpoints", f'["tcp/127.0.0.1:{port}"]')
     return zenoh.open(config)
 
 
 @pytest.fixture
-def router() -> Iterator[Any]:
-    """A router, as ROS 2's ``rmw_zenohd`` is one."""
-    opened = session("router", "listen")
-    yield opened
+def port() -> int:
+    """A port of this machine where nothing listens."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@pytest.fixture
+def router(port: int) -> Iterator[int]:
+    """Port of a router, as ROS 2's ``rmw_zenohd`` is one."""
+    opened = session("router", "listen", port)
+    yield port
     opened.close()
 
 
@@ -146,13 +153,13 @@ def until(condition: Callable[[], object]) -> None:
 
 
 @pytest.mark.parametrize("ros", ["humble", "jazzy", "kilted"])
-def test_somebody_else_reads_attachments(router: Any, ros: Distribution) -> None:
+def test_somebody_else_reads_attachments(router: int, ros: Distribution) -> None:
     """By zenoh-ros2-sdk, as a node of ROS 2 hears them: a peer that is connected to the router."""
     attachment = pytest.importorskip("zenoh_ros2_sdk.attachment")
-    node = session("peer", "connect")
+    node = session("peer", "connect", router)
     heard: list[Any] = []
     node.declare_subscriber("3/rans/note/**", heard.append)
-    bus = open_bus("zenoh", 3, LOCATOR, ros)
+    bus = open_bus("zenoh", 3, f"tcp/127.0.0.1:{router}", ros)
     before = time.time_ns()
     try:
         until(lambda: bus.publish("rans/note", TEXT, SPOKEN) or heard)
@@ -173,22 +180,22 @@ def test_somebody_else_reads_attachments(router: Any, ros: Distribution) -> None
     assert kinds == {"TypeHashNotSupported" if ros == "humble" else hashed}
 
 
-def test_somebody_else_lists_topics(router: Any) -> None:
+def test_somebody_else_lists_topics(router: int) -> None:
     """By zenoh-ros2-sdk's ``zenoh-ros2 topic list``."""
     discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
     shared = pytest.importorskip("zenoh_ros2_sdk.session").ZenohSession
-    bus = open_bus("zenoh", 5, LOCATOR)
+    bus = open_bus("zenoh", 5, f"tcp/127.0.0.1:{router}")
     try:
         bus.subscribe("pose", POSE, lambda _: None)
         bus.publish("rans/note", TEXT, SPOKEN)
         listed: list[Any] = []
 
         def all_are_listed() -> bool:
-            listed[:] = discovery.get_topic_names_and_types(5, "127.0.0.1", PORT)
+            listed[:] = discovery.get_topic_names_and_types(5, "127.0.0.1", router)
             return len(listed) == 2
 
         until(all_are_listed)
-        about = discovery.get_topic_info("/pose", 5, "127.0.0.1", PORT)
+        about = discovery.get_topic_info("/pose", 5, "127.0.0.1", router)
     finally:
         bus.close()
         if shared._instance is not None:
@@ -199,13 +206,13 @@ def test_somebody_else_lists_topics(router: Any) -> None:
 
 
 @pytest.mark.slow
-def test_somebody_elses_node_is_commanded(router: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_somebody_elses_node_is_commanded(router: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """By pyzeros, which has keys, hashes, tokens and CDR of its own; its first run compiles for a minute."""
     monkeypatch.setenv("CYDR_CACHE_DIR", str(Path(tempfile.gettempdir()) / "rans-tests-cydr"))
     pyzeros = pytest.importorskip("pyzeros")
     theirs = pytest.importorskip("ros2_pyterfaces.cyclone.all_msgs")
-    node = session("peer", "connect")
-    bus = open_bus("zenoh", 0, LOCATOR)
+    node = session("peer", "connect", router)
+    bus = open_bus("zenoh", 0, f"tcp/127.0.0.1:{router}")
     heard: list[bytes] = []
     command = pack(FLOATS, array(FLOATS, [1.0, 0.0, 0.5], np.float32))
 
@@ -231,7 +238,7 @@ def test_somebody_elses_node_is_commanded(router: Any, monkeypatch: pytest.Monke
     assert unpack(POSE, heard[0]).pose.position.x == 2.0
 
 
-def test_where_nothing_answers_is_said() -> None:
+def test_where_nothing_answers_is_said(port: int) -> None:
     pytest.importorskip("zenoh")
-    with pytest.raises(ConfigError, match=r"tcp/127\.0\.0\.1:17499: Unable to connect.*rmw_zenohd"):
-        ZenohBus(0, "tcp/127.0.0.1:17499")
+    with pytest.raises(ConfigError, match=rf"127\.0\.0\.1:{port}: Unable to connect.*rmw_zenohd"):
+        ZenohBus(0, f"tcp/127.0.0.1:{port}")
