@@ -116,6 +116,18 @@ def test_who_never_arrives_counts(comparison: Comparison) -> None:
     assert differences(comparison)[IDLE]["first at rest, s"].value == math.inf
 
 
+def test_bounds_have_one_order_however_they_are_found(
+    comparison: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Processes answer in the order in which they are ready."""
+    ready = list(reversed(comparison.certified))
+    monkeypatch.setattr(run, "certify", lambda *_: iter(ready))
+    other = Comparison(CONTEST)
+    run._find_certified(other, 2, None, lambda *_: lambda _: None, 1)
+    assert other.certified == comparison.certified
+    assert ready != comparison.certified
+
+
 def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
     assert comparison.certified_starts() == [0, 1]
     assert comparison.impossible() == []
