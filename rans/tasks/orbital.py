@@ -76,6 +76,15 @@ _INSTANT = 1e-3
 """Time left that counts as none, s: rounding of deadlines after many periods in single precision."""
 
 
+def last_check(deadline: float, interval: float) -> int:
+    """Number of the last check, every interval (s) from the start, at which `OrbitalMission.done` counts a success.
+
+    >>> last_check(99.9995, 10.0), last_check(99.9, 10.0)
+    (10, 9)
+    """
+    return math.floor((deadline + _INSTANT) / interval + 1e-9)
+
+
 @dataclass(frozen=True)
 class OrbitalMission(SingleTask):
     """Base class of missions to a position near a target on a circular orbit by a deadline.

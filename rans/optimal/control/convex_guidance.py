@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from rans.optimal.convex.rendezvous import (
     within_limits,
 )
 from rans.tasks.base import Task
-from rans.tasks.orbital import OrbitalMission
+from rans.tasks.orbital import OrbitalMission, last_check
 from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
 
 _OFF = 0.1
@@ -194,7 +193,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         self, meeting: Meeting, here: np.ndarray, left: float, arrival: float
     ) -> _Plan | None:
         """A plan from this state (2 d,), with so many s until the deadline and the task's planned arrival."""
-        last = math.floor(left / meeting.interval + 1e-6)
+        last = last_check(left, meeting.interval)
         if last < 1:
             return None
         try:

@@ -13,7 +13,6 @@ as its tangent at the flight before.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,7 +26,7 @@ from rans.model.dynamics import RULES
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.tasks.orbital import OrbitalMission
+from rans.tasks.orbital import OrbitalMission, last_check
 from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
 
 _ROUNDS = 12
@@ -340,7 +339,7 @@ def rendezvous(
     Raises:
         SolverFailed: no meeting by the deadline is possible.
     """
-    last = math.floor(deadline / meeting.interval + 1e-9)
+    last = last_check(deadline, meeting.interval)
     last = min(last, meeting.timing.checks * meeting.timing.episode_steps)
     bounds = np.zeros(last + 1)
     bounds[0] = np.inf

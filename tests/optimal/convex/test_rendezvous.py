@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rans.evaluation.compare.transfers import Script
 from rans.evaluation.measure.metrics import impulses
@@ -21,6 +23,9 @@ from rans.optimal.convex.rendezvous import (
     trajectory,
 )
 from rans.reference.flight import fly_in_drake
+from rans.scenario import each, scenarios
+from rans.tasks import Dock, Hold, Rendezvous
+from rans.tasks.orbital import last_check
 from tests.support.rendezvous import DEPUTY, meeting_of, program
 
 
@@ -69,6 +74,47 @@ def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadl
         assert flight.done.all()
         assert not flight.violated().any()
         np.testing.assert_allclose(impulses(flight), [one.upper for one in answers], rtol=1e-6)
+
+
+MISSIONS = [Dock(), Hold(), Rendezvous()]
+GOALS = [next(iter(each(scenarios(task, DEPUTY, 0, 1)))).goal for task in MISSIONS]
+
+
+@given(
+    number=st.integers(0, 2),
+    check=st.integers(1, 400),
+    offset=st.sampled_from([-2e-3, -9e-4, -5e-4, -1e-5, 0.0, 1e-5, 5e-4, 9e-4, 2e-3]),
+)
+def test_the_last_check_of_a_proof_is_the_last_that_the_judge_counts(
+    number: int, check: int, offset: float
+) -> None:
+    mission: Any = MISSIONS[number]
+    goal: Any = GOALS[number]
+    interval = mission.timing.control_period / mission.timing.checks
+    deadline = check * interval + offset
+
+    def is_in_time(last: int) -> bool:
+        """Whether the mission judges a success then, or only for being late none."""
+        left = deadline - last * interval
+        now, early = (replace(goal, notes=(t, *goal.notes[1:])) for t in (left, 1e3))
+        there = replace(goal, notes=())
+        return bool(mission.done(there, now)) == bool(mission.done(there, early))
+
+    last = last_check(deadline, interval)
+    assert is_in_time(last)
+    assert not is_in_time(last + 1)
+
+
+@pytest.mark.parametrize("offset", [-2e-3, -5e-4, 0.0, 5e-4])
+def test_a_bound_is_below_the_flights_of_a_deadline_beside_a_check(offset: float) -> None:
+    """The check is at 300 s, and counts up to 1 ms after the deadline; that before costs 4 % more."""
+    meeting, (state,), _, _ = meeting_of(300.0 + offset, 1, 3)
+    lower = rendezvous(meeting, state, 300.0 + offset).lower
+    flights = [least_impulse(meeting, state, check) for check in (299, 300)]
+    costs = [one.impulse for one in flights if one is not None]
+    assert costs[1] < 0.97 * costs[0]
+    assert lower <= costs[0] * (1.0 + 1e-6)
+    assert (lower <= costs[1] * (1.0 + 1e-6)) == (offset > -1e-3)
 
 
 @pytest.mark.slow
