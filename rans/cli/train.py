@@ -26,6 +26,7 @@ from rans.processes import beside
 from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
+from rans.tasks.feasible import obstacles
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -289,10 +290,13 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
     elif trainer.config.solved_share is not None and not trainer.solved:
-        text += (
-            " Another --seed may solve it. Its learning curve: "
-            f"{shlex.join(['rans', 'report', str(path)])}"
+        reasons = obstacles(trainer.engine.craft, trainer.config.settings, trainer.config.timing)
+        advice = (
+            f"No seed solves it: {reasons[0]}."
+            if reasons
+            else "Another --seed may solve it, or more steps (--total-timesteps, --quality good)."
         )
+        text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
 
 

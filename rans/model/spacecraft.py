@@ -34,6 +34,8 @@ determinant of the inertia tensor then stay within float32."""
 _POSITIVE = f"a number from {_SMALLEST:g} to {_LARGEST:g}"
 _TRIPLE = f"three numbers within +-{_LARGEST:g}"
 
+_NO_TORQUE = 1e-12
+"""Torque over lever arm times force up to which it is rounding: ten thousand times that of float64."""
 _PLANE_TOLERANCE = 1e-9
 """Out-of-plane component of a position (m) or unit direction that is accepted as rounding."""
 
@@ -305,7 +307,11 @@ class Spacecraft(NotebookRepr):
         """
         forces = np.array([np.array(t.direction) * t.force for t in self.thrusters])
         arms = np.array([t.position for t in self.thrusters]) - np.array(self.centre_of_mass)
-        wrenches = np.hstack([forces, np.cross(arms, forces)])
+        torques = np.cross(arms, forces)
+        # A force through the centre of mass has no torque; rounding leaves some 1e-17 N m.
+        largest = np.linalg.norm(arms, axis=1) * np.linalg.norm(forces, axis=1)
+        torques[np.abs(torques) <= _NO_TORQUE * largest[:, None]] = 0.0
+        wrenches = np.hstack([forces, torques])
         kept = wrenches[:, (0, 1, 5)] if self.dimension == 2 else wrenches
         return tuple(map(tuple, kept.tolist()))
 
@@ -529,7 +535,8 @@ def can_turn(craft: Spacecraft) -> bool:
     """Whether any effector gives a torque about the centre of mass.
 
     A craft whose thrusters all act through its centre of mass moves as a point mass with constant angular
-    velocity. Torques below 1e-9 of the largest force times the longest lever arm are treated as rounding.
+    velocity. Torques below 1e-9 of the largest force times the longest lever arm are treated as rounding of
+    positions and directions in a file.
     """
     if craft.wheels or any(one.largest_torque > 0.0 for one in craft.further_effectors):
         return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import warnings
 from collections.abc import Callable, Collection
 from functools import partial
 from importlib import resources
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 from rans.errors import ConfigError, brief, named
 from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
+from rans.model.pace import misfits
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry, typed
@@ -124,11 +126,12 @@ def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
     if isinstance(name_or_file, Spacecraft):
         return name_or_file
     given = named("spacecraft", name_or_file, Spacecraft)
-    return (
-        parse_spacecraft(_file_text(given), given)
-        if given.endswith(".toml")
-        else SPACECRAFT[given].craft
-    )
+    if not given.endswith(".toml"):
+        return SPACECRAFT[given].craft
+    craft = parse_spacecraft(_file_text(given), given)
+    for one in misfits(craft):
+        warnings.warn(f"spacecraft {craft.name!r}: {one}.", stacklevel=2)
+    return craft
 
 
 def spacecraft_text(name_or_file: str | Path) -> str:

@@ -26,6 +26,7 @@ from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.show.progress import TrainingProgress, describe, describe_terms
 from rans.show.tables.layout_text import layout_text
 from rans.show.tables.listing import Listing
+from rans.tasks import GoToPose
 from validation.study.checks import Check, Skipped, Study
 
 
@@ -75,7 +76,8 @@ def test_the_end_of_a_training(
         seconds=4.0,
         rate=123_456.0,
         learner=SimpleNamespace(description=""),
-        config=SimpleNamespace(solved_share=share),
+        config=SimpleNamespace(solved_share=share, settings=GoToPose(), timing=Timing()),
+        engine=SimpleNamespace(craft=load_spacecraft("floating-platform")),
         steps=500_000,
     )
     text = training._summary(trainer, 1000, stopped, 9.0)
@@ -96,11 +98,8 @@ def test_an_agent_that_fails_as_designed_is_named(
 
     monkeypatch.setattr(metrics, "solved", lambda flight: flight.verdict.held * 0.0 + quick)
     trained = Conditions(thrusters=ThrusterConditions(latency=0.03))
-    timing = Timing(episode_steps=5)
-    monkeypatch.setattr(
-        "rans.evaluation.fly.agent.load_agent",
-        lambda _: rans.load_agent("go-to-pose-2d").run._replace(timing=timing),
-    )
+    run = rans.load_agent("go-to-pose-2d").run._replace(timing=Timing(episode_steps=5))
+    monkeypatch.setattr("rans.evaluation.fly.agent.load_agent", lambda _: run)
     trainer: Any = SimpleNamespace(
         run=SimpleNamespace(path=Path("runs/mine")),
         config=SimpleNamespace(conditions=trained, guard=False),

@@ -131,9 +131,14 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
     Raises:
         ConfigError: confidence or bound is no probability, or the bound needs more episodes.
     """
-    for name, value in (("--confidence", confidence), ("--failure-below", below)):
-        if value is not None and not 0.0 < value < 1.0:
-            raise ConfigError(f"{name} must be a probability, > 0 and < 1, got {value}.")
+    if not 0.5 <= confidence < 1.0:
+        percent = f" (did you mean {confidence / 100:g}?)" if 50.0 <= confidence < 100.0 else ""
+        raise ConfigError(
+            f"--confidence must be at least 0.5 and below 1, such as 0.99, got {confidence:g}{percent}: it is the "
+            "probability that a bound holds, not that it fails."
+        )
+    if below is not None and not 0.0 < below < 1.0:
+        raise ConfigError(f"--failure-below must be a probability, > 0 and < 1, got {below}.")
     error = 1.0 - confidence
     if below is None:
         if episodes is None:

@@ -24,6 +24,10 @@ from rans.tasks import Task
 
 START_SPREAD = 0.2
 """Largest distance of a start from the path's first point, m."""
+_LEAST_WAY = 0.75
+"""Way of a flight, as a share of the way along the path, below which it has cut across. A tracker without error
+flies around a circle of radius R at sqrt(R^2 - L^2) for the look-ahead L: 0.99 R for the paper's, 0.75 R for
+L = 0.66 R."""
 _PATIENCE = 1.5
 _GRACE = 10.0
 """Factor on the duration of a flight at full speed, and seconds added to it: the time that a flight has."""
@@ -124,10 +128,18 @@ class Following:
 
     @property
     def durations(self) -> np.ndarray:
-        """(N,) time from the start to the end of the path, approach included, s; infinite if never."""
+        """(N,) time from the start to the end of the path, approach included, s; infinite if never.
+
+        A flight that has cut across the path, so that its own way is much shorter, has not followed it to its end.
+        """
         waited = (self.progress < self.planner.end).sum(axis=0)
+        arrives = waited < len(self.progress)
+        steps = np.linalg.norm(np.diff(self.positions, axis=0), axis=2)
+        flown = np.cumsum(np.concatenate([0.0 * steps[:1], steps]), axis=0)
+        way = flown[np.where(arrives, waited, 0), np.arange(len(waited))]
+        arrives &= way >= _LEAST_WAY * self.planner.end * SPACING - START_SPREAD
         period = self.flight.timing.control_period
-        return np.where(waited < len(self.progress), waited * period, np.inf)
+        return np.where(arrives, waited * period, np.inf)
 
     def quantities(self) -> tuple[Sample, ...]:
         """Statistics of the tracking errors of the flights."""

@@ -17,6 +17,8 @@ from rans.files import LARGEST_TEXT, distinct, read_bytes
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A
 corner that falls between two points is cut by less than a millimetre or two."""
+_USUAL_RADIUS = 0.25
+"""Look-ahead distance of the paper, m."""
 _FARTHEST = 1e4
 """Bound of a coordinate, m."""
 _SHORTEST = 0.1
@@ -63,6 +65,11 @@ class Path:
         return float(
             np.linalg.norm(np.diff(self.at(np.arange(self.last + 1)), axis=0), axis=1).sum()
         )
+
+    @property
+    def extent(self) -> float:
+        """Largest distance of a point from the centre of all points, m; of a circle its radius."""
+        return float(np.linalg.norm(self.points - self.points.mean(axis=0), axis=1).max())
 
     @property
     def last(self) -> int:
@@ -229,13 +236,13 @@ class LookAhead:
     removes those that were passed and searches the first 60.
 
     Raises:
-        ConfigError: the speed is not a finite number > 0, or the radius not a finite number >= 0.01 m.
+        ConfigError: the speed is not a finite number > 0, or the radius not one from 0.01 m to the path's extent.
     """
 
     path: Path
     speed: float = 0.25
     """Length of the velocity command, m/s (paper: 0.25)."""
-    radius: float = 0.25
+    radius: float = _USUAL_RADIUS
     """Look-ahead distance, m (paper: 0.25)."""
 
     def __post_init__(self) -> None:
@@ -245,6 +252,11 @@ class LookAhead:
             raise ConfigError(
                 f"the look-ahead must be a finite number >= {2 * SPACING} m, which is two "
                 f"gaps between a path's points, got {self.radius}."
+            )
+        if self.radius > (most := max(_USUAL_RADIUS, self.path.extent)):
+            raise ConfigError(
+                f"the look-ahead must be at most {most:.3g} m, the distance of the farthest point of the path "
+                f"{self.path.name} from its centre, got {self.radius:g}: the craft would cut across it."
             )
 
     @property

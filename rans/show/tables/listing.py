@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from rans.display import default, meanings
-from rans.model.spacecraft import Spacecraft
+from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
+from rans.model.spacecraft import Spacecraft, can_turn
 from rans.randomization.conditions import Conditions
 from rans.tasks import Task, observation_columns
 from rans.tasks.derived import PLACES, dimensions, example_state
@@ -49,6 +50,13 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
             ("thrust sharing", craft.thrust_sharing),
             ("actuators", craft.actuators.kind),
             *_further(craft),
+            ("1 m from rest to rest, at the quickest", f"{seconds_for_a_metre(craft):.3g} s"),
+            (
+                "half a turn from rest to rest, at the quickest",
+                f"{seconds_for_half_a_turn(craft):.3g} s"
+                if can_turn(craft)
+                else "never: it cannot turn",
+            ),
         ],
     )
 

@@ -119,3 +119,13 @@ def test_wrong_wishes_are_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(ConfigError, match=words):
         plan(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("confidence", "advice"),
+    [(0.01, "at least 0.5"), (0.3, "at least 0.5"), (99.0, "mean 0.99"), (1.0, "below 1")],
+)
+def test_a_confidence_is_no_error_probability(confidence: float, advice: str) -> None:
+    with pytest.raises(ConfigError, match=advice):
+        plan(confidence, 20)
+    assert plan(0.5, 20).confidence == 0.5

@@ -164,3 +164,12 @@ def test_drake_follows_as_we_do() -> None:
     # Drake's Runge-Kutta at 0.01 s: 1e-12 m in 25 s (`rans.reference.plant`)
     np.testing.assert_allclose(drakes.positions, ours.positions, rtol=0, atol=1e-10)
     assert np.ptp(drakes.flight.goals.v.x, axis=0).min() > 0.01  # the command did change
+
+
+@pytest.mark.parametrize(("look_ahead", "arrives"), [(0.1, True), (0.45, False)])
+def test_a_lap_that_is_cut_is_none(look_ahead: float, arrives: bool) -> None:
+    """By hand: around a circle of 0.5 m at sqrt(0.5^2 - L^2), 0.98 and 0.44 of its radius."""
+    following = flown(LookAhead(circle(0.5), radius=look_ahead), count=4)
+    assert following.progress.max() >= following.planner.end  # the planner counts both as done
+    assert np.isfinite(following.durations).all() == arrives
+    assert np.isfinite(following.durations).any() == arrives

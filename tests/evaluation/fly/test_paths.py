@@ -297,3 +297,12 @@ def test_no_such_path() -> None:
         find_path("cirle")
     with pytest.raises(ConfigError, match=r"cannot read nowhere\.csv"):
         find_path("nowhere.csv")
+
+
+def test_a_look_ahead_beyond_the_path_is_refused() -> None:
+    """1.5 m is the radius of the circle: beyond it every point is within reach from its middle."""
+    assert circle().extent == pytest.approx(1.5)
+    LookAhead(circle(), radius=1.4)
+    with pytest.raises(ConfigError, match=r"at most 1\.5 m"):
+        LookAhead(circle(), radius=3.0)
+    LookAhead(LINE, radius=0.25)

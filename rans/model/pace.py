@@ -1,0 +1,79 @@
+"""How quickly a spacecraft can move at all, and whether its sizes fit each other: to notice units mistaken."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rans.model.spacecraft import Spacecraft
+
+_LARGE = 1.5
+"""Factor on the radius beyond which a nozzle or the radius of gyration lies outside of a body. Of real craft
+nozzles reach 1.22 of it (Apollo), and no body's radius of gyration exceeds its radius."""
+_SMALL = 20.0
+"""Factor by which a radius exceeds all else of a body: real craft have a radius of gyration of at least 0.35 of
+it."""
+
+
+def seconds_for_a_metre(craft: Spacecraft) -> float:
+    """Least time from rest to rest over 1 m, s: half of it with all nozzles open that push along the best axis.
+
+    Bang-bang: t = 2 sqrt(d / a). A spacecraft that first turns, or whose brakes are weaker, takes longer.
+    """
+    forces = np.array(craft.wrench_map)[:, : craft.dimension]
+    return 2.0 * math.sqrt(craft.mass / _strongest(craft, forces))
+
+
+def seconds_for_half_a_turn(craft: Spacecraft) -> float:
+    """Least time from rest to rest over half a turn about the best axis of B, s; infinite without torque.
+
+    Bang-bang, t = 2 sqrt(angle / alpha), with thrusters and reaction wheels; a wheel's largest momentum is ignored.
+    """
+    torques = np.array(craft.wrench_map)[:, craft.dimension :]
+    inertia = np.diag(np.array(craft.inertia))[-torques.shape[1] :]
+    wheels = np.abs(np.array(craft.wheel_map)).sum(axis=0) if craft.wheels else 0.0
+    further = sum(one.largest_torque for one in craft.further_effectors)
+    alpha = max(
+        float(np.max((np.abs(side) + wheels + further) / inertia))
+        for side in (_sums(craft, torques), _sums(craft, -torques))
+    )
+    return math.inf if alpha == 0.0 else 2.0 * math.sqrt(math.pi / alpha)
+
+
+def _sums(craft: Spacecraft, wrenches: np.ndarray) -> np.ndarray:
+    """Largest sum of the positive parts along each axis; thrusters that share a supply give as much as one."""
+    positive = np.maximum(wrenches, 0.0)
+    return positive.max(axis=0) if craft.thrust_sharing == "split" else positive.sum(axis=0)
+
+
+def _strongest(craft: Spacecraft, forces: np.ndarray) -> float:
+    return float(max(_sums(craft, forces).max(), _sums(craft, -forces).max()))
+
+
+def misfits(craft: Spacecraft) -> list[str]:
+    """Sizes of a body that do not fit its radius, each as a sentence; the usual cause is a unit."""
+    radius = craft.radius
+    arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
+    arm = float(np.linalg.norm(arms, axis=1).max())
+    tensor = np.array(craft.inertia)
+    most = tensor[2][2] if craft.dimension == 2 else float(np.linalg.eigvalsh(tensor).max())
+    gyration = math.sqrt(most / craft.mass)
+    result = []
+    if gyration > _LARGE * radius:
+        result.append(
+            f"its inertia of {most:g} kg m^2 is that of a body of {gyration:.3g} m about its centre, and its "
+            f"radius is {radius:g} m (at most mass x radius^2 = {craft.mass * radius**2:.3g} kg m^2): the usual "
+            "cause is an inertia, a mass or a radius in other units"
+        )
+    if arm > _LARGE * radius:
+        result.append(
+            f"a thruster is {arm:.3g} m from the centre of mass, and its radius is {radius:g} m: the usual cause "
+            "is a position, a centre of mass or a radius in other units"
+        )
+    if radius > _SMALL * max(gyration, arm):
+        result.append(
+            f"its radius is {radius:g} m, but its inertia is that of a body of {gyration:.3g} m about its centre, "
+            f"and no thruster is farther than {arm:.3g} m from it: the usual cause is a radius in mm or cm"
+        )
+    return result

@@ -1,0 +1,51 @@
+"""What a spacecraft cannot do that its task asks for, however it is controlled."""
+
+from __future__ import annotations
+
+import warnings
+
+from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
+from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.timing import Timing
+from rans.tasks.base import Task
+
+
+def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
+    """Reasons for which no controller can solve a task, each as a sentence; empty if none is known.
+
+    The length of an episode is the larger of that of the timing and of the task's own, since short episodes may be
+    meant.
+    """
+    if (
+        craft.actuators.low > 0.0
+    ):  # engines that cannot be shut turn and push with the rest of their range
+        return []
+    result = []
+    own = task.timing
+    episode = max(one.control_period * one.episode_steps for one in (timing, own))
+    name = f"spacecraft {craft.name!r}"
+    if (metre := seconds_for_a_metre(craft)) > episode:
+        result.append(
+            f"{name} needs at least {metre:.3g} s for 1 m from rest to rest, and an episode has {episode:g} s: the "
+            "usual cause is a mass in g or forces in kN, where RANS takes kg and N"
+        )
+    if not any("attitude" in part.tolerances() for part in task.parts().values()):
+        return result
+    if not can_turn(craft):
+        result.append(
+            f"{name} cannot turn: all of its thrusters push through its centre of mass, and {type(task).__name__} "
+            "asks for an attitude; the usual cause is a direction that was copied from the position"
+        )
+    elif (turn := seconds_for_half_a_turn(craft)) > episode:
+        result.append(
+            f"{name} needs at least {turn:.3g} s for half a turn from rest to rest, and an episode has "
+            f"{episode:g} s: the usual cause is an inertia in kg mm^2 or forces in kN, where RANS takes kg m^2 "
+            "and N"
+        )
+    return result
+
+
+def warn_of_obstacles(craft: Spacecraft, task: Task, timing: Timing) -> None:
+    """Warn of each of the `obstacles`."""
+    for one in obstacles(craft, task, timing):
+        warnings.warn(f"{one}.", stacklevel=3)
