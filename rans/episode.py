@@ -28,7 +28,6 @@ from rans.randomization.parameters import EpisodeParameters, StepInputs, draw, e
 from rans.randomization.sensors import reading
 from rans.tasks.base import Task, goal_after, observation, reward_terms
 from rans.tasks.derived import watches_switching
-from rans.tasks.feasible import warn_of_obstacles
 from rans.tasks.rewards import Transition
 
 Command = tuple[Field, ...]
@@ -166,7 +165,6 @@ class World:
             bodies = examples(setup.conditions, setup.craft, steps).strongest()
             torque = setup.conditions.steady_torque
         timing = chosen(setup.craft, setup.timing, bodies, torque)
-        warn_of_obstacles(setup.craft, setup.task, timing)
         object.__setattr__(self, "setup", setup._replace(timing=timing))
         # Computed here because the compiler of torch cannot trace cached properties.
         _ = (

@@ -149,6 +149,9 @@ def _run(arguments: list[str]) -> int:
     command = _parse(arguments or ["--help"])
     if getattr(command, "trust", False):
         trust_files()
+    seed = getattr(command, "seed", None)
+    if isinstance(seed, int) and seed < 0:
+        raise ConfigError(f"--seed must be a whole number >= 0, got {seed}.")
     try:
         return command.run()
     except SystemExit as error:  # of a plug-in or a policy; commands themselves return a code

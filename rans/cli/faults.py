@@ -49,17 +49,9 @@ class Faults:
 
             save_picture(faults_figure(craft, result.sets), self.picture)
             Terminal().say(f"Picture: {self.picture}")
-        Terminal().suggest(
-            shlex.join(
-                [
-                    "rans",
-                    "train",
-                    "go-to-pose",
-                    "--spacecraft",
-                    self.craft,
-                    "--conditions",
-                    "faults",
-                ]
-            )
-        )
+        # The conditions "faults" draw recoverable sets of one and of two thrusters, dead or stuck open.
+        drawn = all(any(one.recoverable for one in sets) for sets in result.sets.values())
+        if drawn and len(craft.thrusters) > 2:
+            words = ["rans", "train", "go-to-pose", "--spacecraft", self.craft]
+            Terminal().suggest(shlex.join([*words, "--conditions", "faults"]))
         return 0

@@ -87,11 +87,12 @@ class Sweep:
         save_sweep(sweep, folder, self.log)
         Terminal().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
-        rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
+        rate = f" ({sweep.timed_steps / max(sweep.seconds, 1e-9):,.0f} steps/s of all together)"
+        trained = "nothing was left to train" if not sweep.timed_steps else ""
         text = (
             f"{'Stopped' if stop.requested else 'Done'}: {solved} of "
-            f"{counted(len(sweep.members), 'member')} solved, {sweep.seconds:.1f} s "
-            f"of training ({rate:,.0f} steps/s of all together), "
+            f"{counted(len(sweep.members), 'member')} solved, "
+            f"{trained or f'{sweep.seconds:.1f} s of training{rate}'}, "
             f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
         )
         if stop.requested:

@@ -173,6 +173,9 @@ class Train:
             table["guard"] = True
         if self.plain:
             table["plain"] = True
+        keys = [change.partition("=")[0] for change in self.set]
+        if twice := [key for k, key in enumerate(keys) if key in keys[:k]]:
+            raise ConfigError(f"--set {twice[0]} is given twice: leave one of them out.")
         for change in self.set:
             _change(table, change)
         config = from_table(table)

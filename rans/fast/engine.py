@@ -39,10 +39,12 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
+from rans.randomization.plausible import warn_of_implausible
 from rans.registry import typed
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
 from rans.tasks.derived import layout
+from rans.tasks.feasible import warn_of_obstacles
 from rans.tasks.rewards import Transition
 
 
@@ -111,9 +113,16 @@ class Engine:
         seeds = seed if isinstance(seed, Sequence) else [seed]
         num_envs = divisible(num_envs, len(seeds))
         self._backend = backend = Backend.of(device, dtype, compiled, plain)
+        is_craft_named, are_conditions_named = (
+            isinstance(one, str | Path) for one in (craft, conditions)
+        )
         self.craft, self.task = craft, task = load_spacecraft(typed(craft)), load_task(typed(task))
         self.timing = task.timing if timing is None else checked("timing", timing, Timing)
         conditions = None if conditions is None else load_conditions(typed(conditions))
+        if is_craft_named:
+            warn_of_obstacles(craft, task, self.timing)
+        if are_conditions_named and conditions is not None:
+            warn_of_implausible(conditions, craft)
         self.num_envs = num_envs
         self.dtype = dtype
         self.device = backend.device
@@ -347,8 +356,19 @@ def _check_actions(
             f"actions must have the shape {(count, len(craft.commands))} (environments, "
             f"commands), got {shape}."
         )
+    if action.layout != torch.strided or action.is_meta or action.is_complex():
+        raise ConfigError(
+            "actions must be a dense tensor of real numbers in memory, got one with dtype "
+            f"{str(action.dtype).removeprefix('torch.')}, layout {str(action.layout).removeprefix('torch.')} "
+            f"and device {action.device}."
+        )
+    if action.requires_grad and torch.is_grad_enabled():
+        raise ConfigError(
+            "actions must not require gradients, as no gradient goes through this step: give actions.detach(), or "
+            "use Engine.stepped with plain=True."
+        )
     if with_range:
-        _check_range(action.numpy(), craft, is_usual)
+        _check_range(action.detach().numpy(), craft, is_usual)
 
 
 def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None:

@@ -9,6 +9,9 @@ from rans.errors import ConfigError, brief
 from rans.model.fields import Field
 from rans.renamed import renamed
 
+_SHORTEST = 1e-6
+_LONGEST = 1e6
+"""Bounds of a control period, s: no valve switches within a microsecond, and no craft holds a command for days."""
 MOST_SUBSTEPS = 10_000
 """Largest number of substeps, a hundred times what any craft needs."""
 MOST_CHECKS = 1_000
@@ -50,6 +53,11 @@ class Timing:
             or not 0 < period < math.inf
         ):
             raise ConfigError(f"control_period must be a finite number > 0 s, got {brief(period)}.")
+        if not _SHORTEST <= period <= _LONGEST:
+            raise ConfigError(
+                f"control_period must be from {_SHORTEST:g} to {_LONGEST:g} s, got {period:g} s; the usual cause "
+                "is a period in other units, or a rate in its place."
+            )
         for key in ("substeps", "episode_steps", "checks"):
             value = getattr(self, key)
             if value is None and key == "substeps":

@@ -30,6 +30,12 @@ MOST_FAULTS = 8
 """Thrusters that may fail in an episode: more takes long kernels, and leaves few craft with anything to control."""
 
 
+MOST_DELAY = 1_000
+"""Control periods by which readings may be late: the states of all of them are remembered."""
+_LARGEST = 1e9
+"""Bound of every number in SI units, beyond which single precision has no sums of squares."""
+
+
 class Varying(NamedTuple):
     """Range that differs between episodes, as one of several."""
 
@@ -202,6 +208,14 @@ class Conditions(Settings):
         pushes = self.disturbances
         for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
             _require(bounds(low)[0] > 0, f"body.{name}", low, "> 0")
+        for name in ("thrust", "pressure"):
+            value = getattr(self.thrusters, name)
+            _require(
+                largest(value) > 0,
+                f"thrusters.{name}",
+                value,
+                "above 0 at its upper bound, a factor",
+            )
         most = MOST_FAULTS if self.faults.among == "any" else 2
         _require(
             largest(self.faults.count) <= most,
@@ -241,6 +255,20 @@ class Conditions(Settings):
         )
         _require(
             0 <= pushes.kicks <= 8, "disturbances.kicks", pushes.kicks, "a whole number from 0 to 8"
+        )
+        for name in ("kick", "kick_spin"):
+            value = getattr(pushes, name)
+            _require(
+                largest(value) == 0 or pushes.kicks > 0 or bool(self.others),
+                f"disturbances.{name}",
+                value,
+                "left out, or disturbances.kicks, the number of impulses, at least 1",
+            )
+        _require(
+            largest(self.sensors.delay) <= MOST_DELAY,
+            "sensors.delay",
+            self.sensors.delay,
+            f"at most {MOST_DELAY:,} control periods, which are all remembered",
         )
         _require(
             self.delay <= 30.0,
@@ -352,10 +380,10 @@ def _check(conditions: Any, place: str) -> None:
             pair = bounds(value)
             numbers = len(pair) == 2 and all(map(is_finite, pair))
             _require(
-                numbers and 0 <= pair[0] <= pair[1],
+                numbers and 0 <= pair[0] <= pair[1] <= _LARGEST,
                 name,
                 value,
-                "a number >= 0, or the least and the largest of two",
+                f"a number >= 0 and <= {_LARGEST:g}, or the least and the largest of two",
             )
 
 

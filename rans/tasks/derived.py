@@ -41,6 +41,10 @@ def check_dimension(task: Task, dimension: Dimension) -> None:
         return
     here = PLACES[dimension]
     there = PLACES[works[0]]
+    if dimension not in task.dimensions:
+        raise ConfigError(
+            f"the task {type(task).__name__} works {there} only: fly a spacecraft that moves {there}."
+        ) from reason
     raise ConfigError(
         f"the task {type(task).__name__} works {there}, but not {here}: {type(reason).__name__}: "
         f"{first_line(reason)}. Fly a spacecraft that moves {there}, or write the task with what states have "

@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.episode import Setup, World
+from rans.fast.engine import Engine
 from rans.model.pace import misfits, seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose, GoToPosition
+from rans.tasks.feasible import warn_of_obstacles
 from tests.support.engines import PLATFORM
+from tests.support.training import CONFIG, tiny_trainer
 
 
 def radial(centre: tuple[float, float] = (0.0, 0.0)) -> Spacecraft:
@@ -36,7 +38,7 @@ def radial(centre: tuple[float, float] = (0.0, 0.0)) -> Spacecraft:
 def warned(craft: Spacecraft, task: Any, timing: Timing | None = None) -> list[str]:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
-        World(Setup(craft, task, timing or Timing()))
+        warn_of_obstacles(craft, task, timing or Timing())
     return [str(one.message) for one in found]
 
 
@@ -95,6 +97,15 @@ def test_units_mistaken_on_the_slow_side(slip: str) -> None:
     # A longer episode has time for it.
     long = Timing(episode_steps=10**6)
     assert not warned(replace(PLATFORM, **SLOW[slip]), GoToPose(), long)
+
+
+def test_an_engine_and_a_training_of_a_slow_file_warn(tmp_path: Path) -> None:
+    text = SPACECRAFT["floating-platform"].text.replace("mass = 5.32", "mass = 5320")
+    (tmp_path / "grams.toml").write_text(text)
+    with pytest.warns(UserWarning, match="for 1 m from rest to rest"):
+        Engine(tmp_path / "grams.toml", GoToPosition(), 2)
+    with pytest.warns(UserWarning, match="cannot turn"):
+        tiny_trainer(tmp_path / "run", replace(CONFIG, spacecraft="afrl-deputy"))
 
 
 @pytest.mark.parametrize(

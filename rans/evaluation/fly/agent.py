@@ -21,6 +21,7 @@ from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
+from rans.randomization.plausible import warn_of_implausible
 from rans.registry import typed
 from rans.tasks import Task
 from rans.tasks.derived import layout
@@ -93,6 +94,8 @@ class LoadedRun(NamedTuple):
         if conditions is None:
             return self
         loaded = load_conditions(typed(conditions)).or_none
+        if loaded is not None:
+            warn_of_implausible(loaded, self.craft)
         return self._replace(controller=informed(self.controller, loaded), conditions=loaded)
 
     def guarded(self, guard: bool = True) -> LoadedRun:

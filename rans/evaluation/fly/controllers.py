@@ -519,17 +519,27 @@ def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
             f"{name} observes {shape[1]} numbers, but {craft.name} has {width} for "
             f"{type(task).__name__}."
         )
-    return OnnxPolicy(session)
+    return OnnxPolicy(session, name)
+
+
+_ALONE = 16
+"""Observations of the first batch of a network that are asked for alone."""
 
 
 class OnnxPolicy:
     """Policy of a session of ONNX Runtime; its memory is None, which means zeros, when episodes begin.
 
-    A network that was exported for a batch of one is run for one observation after the other.
+    A network that was exported for a batch of one is run for one observation after the other. Of the first batch
+    it is asked twice, and once for single observations.
+
+    Raises:
+        ConfigError: its answers differ then.
     """
 
-    def __init__(self, session: Any) -> None:
+    def __init__(self, session: Any, file: str = "the network") -> None:
         self._session = session
+        self._file = file
+        self._is_checked = False
         self.memory: np.ndarray | None = None
         self._names = [node.name for node in session.get_inputs()]
         self._is_single = session.get_inputs()[0].shape[:1] == [1]
@@ -543,8 +553,31 @@ class OnnxPolicy:
                 self.memory = np.zeros((len(observation), width), np.float32)
             inputs[self._names[1]] = self.memory
         command, *after = self._run(inputs)
+        if not self._is_checked and len(observation) > 1:
+            self._check(inputs, command)
+            self._is_checked = True
         self.memory = after[0] if len(self._names) == 2 else None
         return command
+
+    def _check(self, inputs: dict[str, np.ndarray], command: np.ndarray) -> None:
+        """Reject (`ConfigError`) a network that answers otherwise a second time, or to one observation alone."""
+        again = self._run(inputs)[0]
+        if not np.array_equal(again, command, equal_nan=True):
+            raise ConfigError(
+                f"{self._file} answers the same observations differently a second time: the usual cause is a "
+                "dropout, or an action that is sampled. Export the deterministic policy, in evaluation mode."
+            )
+        few = range(min(_ALONE, len(command)))
+        alone = [self._run({name: x[k : k + 1] for name, x in inputs.items()})[0][0] for k in few]
+        # Sums in another order differ by rounding, which may turn a choice between 0 and 1 in one of several.
+        off = [
+            not np.allclose(one, command[k], rtol=1e-3, atol=1e-3) for k, one in enumerate(alone)
+        ]
+        if sum(off) > 1:
+            raise ConfigError(
+                f"{self._file} answers an observation alone otherwise than among {len(command)}: its flights would "
+                "mix. The usual cause is a batch normalization that was exported in training mode."
+            )
 
     def _run(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
         """Outputs of the network for inputs by name, in the order of their rows."""

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.errors import ConfigError, brief, fits
@@ -139,6 +140,12 @@ class PPOSettings:
     def __post_init__(self) -> None:
         _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
         _require(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
+        if self.n_envs > MOST_ENVS or self.n_envs * self.n_steps > MOST_TRANSITIONS:
+            raise ConfigError(
+                f"n_envs must be at most {MOST_ENVS:,}, and n_envs x n_steps at most {MOST_TRANSITIONS:,}, got "
+                f"{self.n_envs:,} x {self.n_steps:,}: a rollout would need about "
+                f"{self.n_envs * self.n_steps * 200e-9:,.0f} GB of memory."
+            )
         _require(
             self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "recurrent_units"
         )
@@ -272,6 +279,12 @@ class Coefficients(NamedTuple):
                 for column in table
             )
         )
+
+
+MOST_ENVS = 2**24
+"""Largest number of environments of a training."""
+MOST_TRANSITIONS = 2**28
+"""Largest number of transitions of a rollout: with about 200 bytes each they fill 54 GB."""
 
 
 def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
@@ -423,7 +436,12 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         # The range of NumPy's generator, which Stable-Baselines3 seeds too.
-        _require(self, "between 0 and 2^32 - 1", lambda x: 0 <= x < 2**32, "seed")
+        _require(
+            self,
+            "a whole number between 0 and 2^32 - 1",
+            lambda x: isinstance(x, Integral) and not isinstance(x, bool) and 0 <= x < 2**32,
+            "seed",
+        )
         _require(
             self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps"
         )

@@ -32,6 +32,8 @@ from rans.fast.stepping.step import field_dtype
 from rans.files import inside_for_others, replace_file
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
+from rans.randomization.plausible import warn_of_implausible
+from rans.tasks.feasible import warn_of_obstacles
 
 _COMPILING = 30.0
 """Training time above which compiling saves time, s; it takes 5 to 35 s and doubles the speed."""
@@ -110,6 +112,8 @@ class Trainer:
         timing = replace(
             first.timing, episode_steps=first.episode_steps or first.timing.episode_steps
         )
+        warn_of_obstacles(craft, first.settings, timing)
+        warn_of_implausible(first.conditions, craft)
         self.engine = Engine(
             craft,
             self.curriculum.task,

@@ -22,6 +22,8 @@ from rans.model.timing import Timing
 from rans.tasks.base import goal_after
 from rans.tasks.rewards import paid
 
+MOST_ENVS = 2**24
+"""Largest number of environments of an engine: with about 1 kB each they fill 16 GB."""
 FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
@@ -210,6 +212,11 @@ def divisible(num_envs: object, members: int) -> int:
         ConfigError: it is no whole number >= 1, or not divisible by the number of members.
     """
     count = whole("the number of environments", num_envs)
+    if count > MOST_ENVS:
+        raise ConfigError(
+            f"the number of environments must be at most {MOST_ENVS:,}, got {count:,}, which would need about "
+            f"{count * 1e-6:,.0f} GB of memory."
+        )
     if not members or count % members:
         raise ConfigError(f"{count} environments cannot be divided among {members} members.")
     return count

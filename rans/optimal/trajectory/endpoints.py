@@ -77,5 +77,7 @@ def _pairs(given: Sequence[str]) -> list[tuple[str, Any]]:
         key, equals, value = text.partition("=")
         if not equals:
             raise ConfigError(f"a state is KEY=VALUE ..., such as p.x=3, got {text!r}.")
+        if key in dict(pairs):
+            raise ConfigError(f"a state has each value once, but {key} is given twice.")
         pairs.append((key, value))
     return pairs

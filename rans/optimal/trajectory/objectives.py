@@ -45,6 +45,10 @@ class SymbolicTrajectory:
     """Radius by which corners are to be rounded off (`trajectory.arrival.rounded`); None: not at all."""
 
 
+_MOST_PERIODS = 10_000
+"""Largest number of control periods of a trajectory; each is a point of a nonlinear program."""
+
+
 @dataclass(frozen=True)
 class _GivenTime(ABC):
     """A trajectory of a given length.
@@ -80,10 +84,11 @@ class _GivenTime(ABC):
                 f"{self.kind}: horizon must be at least a control period of {self.control_period:g} s, got "
                 f"{self.horizon:g} s."
             )
-        if self.horizon / self.control_period > MOST_STEPS:
+        if self.horizon / self.control_period > _MOST_PERIODS:
             raise ConfigError(
-                f"{self.kind}: horizon must be at most {MOST_STEPS:,} control periods of "
-                f"{self.control_period:g} s, got {self.horizon:g} s."
+                f"{self.kind}: horizon must be at most {_MOST_PERIODS:,} control periods of "
+                f"{self.control_period:g} s, got {self.horizon:g} s, whose program would take hours; the usual "
+                "cause is a time in ms."
             )
 
     @property

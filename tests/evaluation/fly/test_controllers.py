@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -18,7 +19,13 @@ import rans
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
-from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
+from rans.evaluation.fly.controllers import (
+    CONTROLLERS,
+    OnnxPolicy,
+    controller,
+    is_user_policy,
+    user_policy,
+)
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -306,3 +313,37 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 def test_others_are_no_user_policies() -> None:
     assert not any(map(is_user_policy, ("runs/sb3", "lqr:go-to-pose-2d", "sb3", "")))
+
+
+class _Answers:
+    """Stands in for a session of ONNX Runtime with a batch of any size."""
+
+    def __init__(self, answer: Callable[[np.ndarray], np.ndarray]) -> None:
+        self._answer = answer
+
+    def get_inputs(self) -> list[SimpleNamespace]:
+        return [SimpleNamespace(name="observation", shape=["N", 10])]
+
+    def run(self, _: None, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        return [self._answer(inputs["observation"])]
+
+
+def test_a_network_answers_each_observation_for_itself() -> None:
+    """Asked twice and once alone: a batch mean and a random number show, a function of the row does not."""
+    seen = np.random.default_rng(3).normal(size=(32, 10)).astype(np.float32)
+    random = np.random.default_rng(4)
+
+    def by_row(rows: np.ndarray) -> np.ndarray:
+        return (rows[:, :8] > 0.0).astype(np.float32)
+
+    def mixed(rows: np.ndarray) -> np.ndarray:
+        return (rows[:, :8] > rows[:, :8].mean(axis=0)).astype(np.float32)
+
+    def sampled(rows: np.ndarray) -> np.ndarray:
+        return (random.random((len(rows), 8)) < 0.5).astype(np.float32)
+
+    np.testing.assert_array_equal(OnnxPolicy(_Answers(by_row), "it.onnx")(seen), by_row(seen))
+    with pytest.raises(ConfigError, match=r"it\.onnx answers an observation alone otherwise"):
+        OnnxPolicy(_Answers(mixed), "it.onnx")(seen)
+    with pytest.raises(ConfigError, match=r"it\.onnx answers the same observations differently"):
+        OnnxPolicy(_Answers(sampled), "it.onnx")(seen)

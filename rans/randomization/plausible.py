@@ -1,0 +1,105 @@
+"""Conditions that can be flown but are hardly meant: percent, degrees, mm or ms, and pushes that no craft holds."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import Conditions, largest
+
+_EDGES: tuple[tuple[str, float, str, str], ...] = (
+    ("body.mass", 20.0, "times the designed one", "a factor in percent, or a mass in kg"),
+    (
+        "body.inertia",
+        20.0,
+        "times the designed one",
+        "a factor in percent, or an inertia in kg m^2",
+    ),
+    ("body.centre", 1.0, "m", "a distance in mm or cm"),
+    ("thrusters.thrust", 10.0, "times the designed one", "a factor in percent, or a force in N"),
+    (
+        "thrusters.pressure",
+        10.0,
+        "times the designed one",
+        "a factor in percent, or a pressure in bar",
+    ),
+    ("thrusters.latency", 5.0, "s", "a time in ms"),
+    ("thrusters.command_delay", 5.0, "s", "a time in ms"),
+    ("thrusters.rise", 5.0, "s", "a time in ms"),
+    ("thrusters.fall", 5.0, "s", "a time in ms"),
+    ("thrusters.least_on", 10.0, "s", "a time in ms"),
+    ("thrusters.least_off", 10.0, "s", "a time in ms"),
+    ("sensors.position.noise", 1.0, "m", "a distance in mm or cm"),
+    ("sensors.position.bias", 2.0, "m", "a distance in mm or cm"),
+    ("sensors.attitude.noise", 0.35, "rad (20 degrees)", "an angle in degrees"),
+    ("sensors.attitude.bias", 1.0, "rad (57 degrees)", "an angle in degrees"),
+    ("sensors.velocity.noise", 1.0, "m/s", "a velocity in mm/s or cm/s"),
+    ("sensors.velocity.bias", 1.0, "m/s", "a velocity in mm/s or cm/s"),
+    ("sensors.spin.noise", 1.0, "rad/s (57 degrees/s)", "a rate in degrees/s"),
+    ("sensors.spin.bias", 1.0, "rad/s (57 degrees/s)", "a rate in degrees/s"),
+    ("sensors.delay", 25.0, "control periods", "a time in ms"),
+)
+"""Setting, size beyond which it is hardly meant, unit, and the usual cause. All conditions that come with RANS, all
+sizes of `rans stress` and the specifications of real valves, scales, and motion capture lie below."""
+_FASTEST_KICK = 5.0
+"""Change of velocity by one impulse beyond which it is hardly meant, m/s."""
+
+
+def implausible(conditions: Conditions, craft: Spacecraft) -> list[str]:
+    """What is hardly meant in conditions for a spacecraft, each as a sentence.
+
+    >>> rans.randomization.plausible.implausible(rans.Conditions(), rans.load_spacecraft("free-flyer"))
+    []
+    """
+    every = (conditions, *conditions.others)
+    result = []
+    for path, edge, unit, cause in _EDGES:
+        size = max(largest(_setting(part, path.split(".")) or 0.0) for part in every)
+        if size > edge:
+            result.append(
+                f"conditions have {path} up to {size:g} {unit}; above {edge:g} the usual cause is {cause}"
+            )
+    result.extend(_pushes(every, craft))
+    return result
+
+
+def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
+    """Disturbances that are stronger than all effectors together."""
+    wrenches = np.array(craft.wrench_map)
+    force = float(np.linalg.norm(wrenches[:, : craft.dimension], axis=1).sum())
+    torque = float(np.linalg.norm(wrenches[:, craft.dimension :], axis=1).sum())
+    torque += sum(wheel.max_torque for wheel in craft.wheels)
+    torque += sum(one.largest_torque for one in craft.further_effectors)
+    pushes = [part.disturbances for part in every]
+    for names, unit, most, cause in (
+        (("force", "slow_force"), "N", force, "a force in mN"),
+        (("torque", "slow_torque"), "N m", torque, "a torque in N mm, or a craft that cannot turn"),
+    ):
+        size = max(sum(largest(getattr(one, name)) for name in names) for one in pushes)
+        if size > most:
+            yield (
+                f"conditions have a disturbance {names[0]} up to {size:g} {unit}, and all effectors of "
+                f"{craft.name!r} together give {most:.3g}: no controller holds it; the usual cause is {cause}"
+            )
+    kick = max(largest(one.kick) if one.kicks else 0.0 for one in pushes)
+    if kick > _FASTEST_KICK * craft.mass:
+        yield (
+            f"conditions have disturbances.kick up to {kick:g} N s, which moves {craft.name!r} at "
+            f"{kick / craft.mass:.3g} m/s; the usual cause is an impulse in mN s"
+        )
+
+
+def warn_of_implausible(conditions: Conditions, craft: Spacecraft) -> None:
+    """Warn of each of the `implausible`."""
+    for one in implausible(conditions, craft):
+        warnings.warn(f"{one}.", stacklevel=3)
+
+
+def _setting(conditions: Any, path: Sequence[str]) -> Any:
+    for name in path:
+        conditions = getattr(conditions, name)
+    return conditions

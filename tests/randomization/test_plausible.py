@@ -1,0 +1,90 @@
+"""Conditions that were hardly meant: units mistaken, and numbers that cannot be flown."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.stress.effects import effects
+from rans.fast.engine import Engine
+from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.model.timing import Timing
+from rans.pretrained import pretrained_folder
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.randomization.conditions_file import CONDITIONS
+from rans.randomization.plausible import implausible
+from rans.tasks import GoToPose
+from tests.support.engines import PLATFORM
+
+
+def sensed(**of: Any) -> Conditions:
+    return Conditions(sensors=replace(SensorsConditions(), **of))
+
+
+HARDLY_MEANT = {
+    "attitude noise of 30 degrees": sensed(attitude=SensorConditions(noise=30.0)),
+    "attitude noise of 0.5 rad": sensed(attitude=SensorConditions(noise=0.5)),
+    "position noise of 5 mm": sensed(position=SensorConditions(noise=5.0)),
+    "force of 250 mN": Conditions(disturbances=DisturbanceConditions(force=250.0)),
+    "torque of 1e6": Conditions(disturbances=DisturbanceConditions(torque=1e6)),
+    "mass in percent": Conditions(body=BodyConditions(mass=(75.0, 125.0))),
+    "latency of 30 ms": Conditions(thrusters=ThrusterConditions(latency=30.0)),
+    "kick of 500 mN s": Conditions(disturbances=DisturbanceConditions(kicks=1, kick=500.0)),
+    "delay of 200 ms": sensed(delay=200.0),
+}
+
+
+@pytest.mark.parametrize("slip", HARDLY_MEANT)
+def test_a_slip_is_named(slip: str) -> None:
+    assert len(implausible(HARDLY_MEANT[slip], PLATFORM)) == 1
+    mixed = replace(
+        Conditions(disturbances=HARDLY_MEANT[slip].disturbances), others=(HARDLY_MEANT[slip],)
+    )
+    assert len(implausible(mixed, PLATFORM)) == 1
+
+
+def test_a_flight_warns(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("[sensors.position]\nnoise = 5\n")
+    with pytest.warns(UserWarning, match="distance in mm"):
+        Engine(PLATFORM, GoToPose(), 2, conditions=tmp_path / "mine.toml")
+    with pytest.warns(UserWarning, match="distance in mm"):
+        load_agent(pretrained_folder("go-to-pose-2d")).under(tmp_path / "mine.toml")
+
+
+def test_what_rans_ships_is_meant() -> None:
+    """Every condition with every craft, and every size of `rans stress`."""
+    for name in SPACECRAFT:
+        craft = load_spacecraft(name)
+        every = [level.conditions for one in effects(craft, Timing()) for level in one.levels()]
+        assert not [text for one in every for text in implausible(one, craft)], name
+    for name in CONDITIONS:
+        assert not implausible(CONDITIONS[name].conditions, PLATFORM), name
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Conditions(thrusters=ThrusterConditions(thrust=(0.0, 0.0))), "thrusters.thrust"),
+        (lambda: Conditions(thrusters=ThrusterConditions(pressure=0.0)), "thrusters.pressure"),
+        (lambda: sensed(delay=1e9), "at most 1,000 control periods"),
+        (lambda: sensed(velocity=SensorConditions(noise=1e300)), "<= 1e"),
+        (lambda: Conditions(disturbances=DisturbanceConditions(kick=0.1)), "disturbances.kicks"),
+        (lambda: Timing(control_period=1e-300), "control_period must be from 1e-06"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(make: Any, said: str) -> None:
+    with warnings.catch_warnings(), pytest.raises(ConfigError, match=said):
+        make()
