@@ -7,6 +7,7 @@ that moves the spacecraft (the equations of RANS, or Drake) and in how the next 
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -115,7 +116,8 @@ class Guard(Protocol):
 
     It is a pure function over fields, so that it works in every engine. A guard that branches on values, and thus
     cannot be traced or compiled, has a true attribute ``by_values``; engines then step without a generated program,
-    on NumPy or torch.
+    on NumPy or torch. One with an attribute ``delay``, s, above 0 has a further argument ``before``: the commands
+    of earlier control periods that may still be queued, the latest first.
     """
 
     def admitted(
@@ -283,8 +285,13 @@ class World:
     @cached_property
     def remembered(self) -> int:
         """Number of commands that an episode stores."""
+        delay = getattr(self.setup.guard, "delay", 0.0)
+        queued = math.ceil(delay / self.timing.control_period - 1e-9)
         return max(
-            self._memory.felt, self._memory.obeyed, int(watches_switching(self.task, self.craft))
+            self._memory.felt,
+            self._memory.obeyed,
+            queued,
+            int(watches_switching(self.task, self.craft)),
         )
 
     def _never(self, start: Any, goal: Any, clock: Field) -> Field | None:
@@ -382,7 +389,12 @@ def step(
     guarded: Field | None = None
     if world.setup.guard is not None:
         sensed = world.sensed(episode, draws)
-        command, guarded = world.setup.guard.admitted(world, sensed, episode.goal, command)
+        queued: dict[str, Any] = {}
+        if getattr(world.setup.guard, "delay", 0.0):
+            queued["before"] = episode.commands
+        command, guarded = world.setup.guard.admitted(
+            world, sensed, episode.goal, command, **queued
+        )
     if episode.parameters is not None and episode.parameters.dwell is not None:
         count = len(world.craft.thrusters)
         before = [earlier[:count] for earlier in episode.commands]

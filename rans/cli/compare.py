@@ -64,6 +64,9 @@ class Compare:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
+    three standard deviations of the conditions' noise."""
     certified: int = 4
     """Starts whose bounds are certified, if optimal joins: half a minute of processor time each in the plane,
     minutes in space. They are kept for the next run."""
@@ -103,6 +106,7 @@ class Compare:
             self.conditions,
             self.trust,
             self.guard,
+            self.guard_slack,
         )
         comparison = Comparison(contest)
         flying = enlisted([spec for line in named for spec in line], contest, self.trust)

@@ -65,6 +65,9 @@ class Evaluate:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
+    three standard deviations of the conditions' noise."""
     plain: bool = False
     """Do not compile, so that a breakpoint stops: fly more than 65,536 episodes by plain torch operations too, as
     fewer always do (docs/plain.md)."""
@@ -91,7 +94,7 @@ class Evaluate:
         from rans.evaluation.measure.agreement import compare_engines
 
         run = contestant(self.contestant, self.protocol, trust=self.trust).under(self.conditions)
-        run = run.guarded(self.guard)
+        run = run.guarded(self.guard, self.guard_slack)
         ready_folder(output_folder(self.contestant))
         self._file(run)  # reject a symbolic link before the flights
         if self._many(run):

@@ -45,6 +45,8 @@ class Fly:
     guard: bool = False
     """Apply the safety filter, which replaces commands that would lead to a violated constraint
     (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002."""
     trade_off: float | None = None
     """Trade-off input of agents that have one, from 0 (fast) to 1 (fuel-efficient)."""
     seconds: float | None = None
@@ -122,6 +124,7 @@ class Fly:
             goal_velocity=self.goal_velocity,
             zones=self.zones,
             guard=self.guard,
+            guard_slack=self.guard_slack,
             trade_off=float(part)
             if part and self.trade_off is None and "trade_off" in task["settings"]
             else self.trade_off,

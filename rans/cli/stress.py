@@ -51,6 +51,9 @@ class Stress:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
+    three standard deviations of the conditions' noise."""
     worst: int = 3
     """Number of worst episodes to list for each contestant."""
     workers: int | None = None
@@ -75,7 +78,12 @@ class Stress:
         if self.worst < 0:
             raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
         contest = contest_of(
-            self.contestants[0], self.episodes, self.seed, trust=self.trust, guard=self.guard
+            self.contestants[0],
+            self.episodes,
+            self.seed,
+            trust=self.trust,
+            guard=self.guard,
+            slack=self.guard_slack,
         )
         sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
         stress = prepared(

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import math
+
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError
+from rans.guard.ahead import SLACK
 from rans.guard.backup import FlownBackup
 from rans.guard.barrier import BarrierProgram, check_throttles
+from rans.guard.expected import Expected
 from rans.scenario import scenario
 
 __all__ = ["BarrierProgram", "FlownBackup", "safety_filter"]
 
 
-def safety_filter(setup: Setup) -> Guard:
-    """Safety filter with default settings for the spacecraft and task of a setup.
+def safety_filter(setup: Setup, slack: float | None = None) -> Guard:
+    """Safety filter for the spacecraft, task and conditions of a setup.
 
-    It is a `BarrierProgram` for throttles, and a `FlownBackup` for on/off and pulsed thrusters.
+    It is a `BarrierProgram` for throttles, and a `FlownBackup` for on/off and pulsed thrusters. Under conditions it
+    keeps a reserve for noise, and flies the commands ahead that a delay has queued
+    (`rans.guard.expected.Expected`).
+
+    Args:
+        setup: spacecraft, task, timing and conditions.
+        slack: least margin in the unit of each constraint, in place of that for noise; None: that for noise.
 
     >>> craft = rans.load_spacecraft("floating-platform")
     >>> safety_filter(Setup(craft, rans.load_task("avoid"))).name
     'flown backup'
 
     Raises:
-        ConfigError: the task has no constraints, or the filter cannot brake with the craft's throttles.
+        ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, or the slack
+            is no number above 0.
     """
     task = setup.task
     name = type(task).__name__
@@ -31,7 +42,15 @@ def safety_filter(setup: Setup) -> Guard:
             f"a safety filter enforces the constraints of a task, but {name} has none; fly a mission such as "
             "avoid or dock-port, or define constraints in a task of your own."
         )
+    if slack is not None and not 0.0 < slack < math.inf:
+        raise ConfigError(
+            f"the slack of a safety filter must be a finite number > 0 in the unit of each constraint (m or m/s), "
+            f"got {slack:g}."
+        )
+    expected = Expected.of(setup)
+    reserve = expected.reserve if slack is None else ()
+    least = SLACK if slack is None else slack
     if setup.craft.actuators.kind == "throttle":
         check_throttles(setup.craft)
-        return BarrierProgram()
-    return FlownBackup()
+        return BarrierProgram(slack=least, reserve=reserve, delay=expected.delay)
+    return FlownBackup(slack=least, reserve=reserve, delay=expected.delay)

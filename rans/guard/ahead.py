@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from rans.effectors.motion import states_at_checks
 from rans.episode import World
+from rans.guard.expected import Reserve
 from rans.model.body import Body
 from rans.model.fields import Field, at_least, where
 from rans.randomization.parameters import StepInputs
 from rans.tasks.base import goal_after
+
+SLACK = 0.002
+"""Least margin by default, in the unit of each margin, as a tolerance for rounding and model errors."""
 
 
 class Arrival(NamedTuple):
@@ -19,7 +25,7 @@ class Arrival(NamedTuple):
     state: Any
     goal: Any
     margins: tuple[dict[str, Field], ...]
-    """Margins at every check of the period, less what a margin may fall below them between the checks."""
+    """Margins at every check of the period, less reserves and what they may fall between the checks."""
 
     @property
     def least(self) -> Field:
@@ -36,6 +42,47 @@ class Ahead:
     """Predictor of a spacecraft's motion as designed, without faults, disturbances and delays."""
 
     world: World
+    reserve: Reserve = ()
+    """See `rans.guard.expected.Expected`."""
+
+    def margins(self, state: Any, goal: Any) -> dict[str, Field]:
+        """Margins of the constraints, less the reserves."""
+        reserves = dict(self.reserve)
+        margins = self.world.task.constraints(state, goal).items()
+        return {name: margin - reserves.get(name, 0.0) for name, margin in margins}
+
+    def delayed(
+        self, state: Any, goal: Any, before: Sequence[tuple[Field, ...]], delay: float
+    ) -> tuple[Any, Any]:
+        """State and goal when a command begins to act that is decided now.
+
+        Until then the commands act that were decided before.
+
+        Args:
+            state: measured state.
+            goal: goal at the same time.
+            before: commands of earlier control periods, the latest first.
+            delay: time from the reading until a command acts, s.
+        """
+        period = self.world.timing.control_period
+        whole = int(delay / period + 1e-9)
+        rest = delay - whole * period
+        parts = [(k, period) for k in range(min(whole, len(before)) - 1, -1, -1)]
+        if rest > 1e-9 * period and whole < len(before):
+            parts.insert(0, (whole, rest))
+        for k, seconds in parts:
+            timing = replace(self.world.timing, control_period=seconds, checks=1)
+            (state,) = states_at_checks(
+                state,
+                self.world.craft,
+                self.body,
+                before[k],
+                timing,
+                self.world.task.drift,
+                self.world.nodes,
+            )
+            goal = self.world.task.later(goal, seconds)
+        return state, goal
 
     @cached_property
     def body(self) -> Body:
@@ -46,8 +93,7 @@ class Ahead:
         """Margins halfway between two states with the goal at the first, a time (s) apart, on a cubic path."""
         p = (before.p + after.p).scale(0.5) + (before.v - after.v).scale(0.125 * apart)
         v = (after.p - before.p).scale(1.5 / apart) - (before.v + after.v).scale(0.25)
-        task = self.world.task
-        return task.constraints(replace(after, p=p, v=v), task.later(goal, 0.5 * apart))
+        return self.margins(replace(after, p=p, v=v), self.world.task.later(goal, 0.5 * apart))
 
     def fly(self, state: Any, goal: Any, command: tuple[Field, ...]) -> Arrival:
         """Predict a control period in which a command is held.
@@ -60,11 +106,11 @@ class Ahead:
         apart = world.timing.control_period / world.timing.checks
         margins = []
         states = world.move(state, StepInputs(self.body, (command,)))
-        before = task.constraints(state, goal)
+        before = self.margins(state, goal)
         for there in states:
             halfway = self._between(state, there, goal, apart)
             goal = goal_after(task, goal, there, apart)
-            now = task.constraints(there, goal)
+            now = self.margins(there, goal)
             margins.append(
                 {
                     name: margin - 0.5 * at_least(before[name] - 2.0 * halfway[name] + margin, 0.0)

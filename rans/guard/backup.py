@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from rans.episode import Command, World
-from rans.guard.ahead import Ahead
+from rans.guard.ahead import SLACK, Ahead
 from rans.guard.coasting import Coasting, periods_of
+from rans.guard.expected import Reserve
 from rans.guard.manoeuvres import Manoeuvre, Thrusters, manoeuvres
 from rans.guard.rows import (
     batched,
@@ -45,14 +46,18 @@ class FlownBackup:
     thruster (for pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and the first
     command of a manoeuvre. If none passes, the first manoeuvre is flown.
 
-    The filter uses the measured state and the craft as designed; it does not account for noise, delays, faults and
-    disturbances.
+    The filter uses the measured state and the craft as designed. `rans.guard.safety_filter` sets reserve and delay
+    for known noise and delays; faults and disturbances are not accounted for.
     """
 
     periods: int = 20
     """Largest number of control periods of a manoeuvre."""
-    slack: float = 0.002
-    """Least margin that passes, in the unit of each margin, as a tolerance for rounding and model errors."""
+    slack: float = SLACK
+    """Least margin that passes, in the unit of each margin."""
+    reserve: Reserve = ()
+    """Margins that are held in reserve beyond the slack for errors, by constraint."""
+    delay: float = 0.0
+    """Time from a reading until the command acts that is decided by it, s."""
     horizon: float | None = None
     """Time for which coasting is checked if it cannot be checked for all times, s; None: the length of an
     episode."""
@@ -60,10 +65,17 @@ class FlownBackup:
     by_values: ClassVar[bool] = True
 
     def admitted(
-        self, world: World, state: Any, goal: Any, command: Command
+        self,
+        world: World,
+        state: Any,
+        goal: Any,
+        command: Command,
+        before: tuple[Command, ...] = (),
     ) -> tuple[Command, Field]:
         """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
         (state, goal, command), single = batched((state, goal, tuple(command)))
+        ahead = Ahead(world, self.reserve)
+        state, goal = ahead.delayed(state, goal, before, self.delay)
         admitted, changed = self._filtered(world, state, goal, command)
         if single:
             return tuple(float(x[0]) for x in admitted), bool(changed[0])
@@ -121,11 +133,13 @@ class _Search:
     def of(cls, guard: FlownBackup, world: World) -> _Search:
         timing = world.timing
         seconds = guard.horizon or timing.control_period * timing.episode_steps
-        coasting = Coasting(world, guard.slack, periods_of(seconds, timing.control_period))
+        horizon = periods_of(seconds, timing.control_period)
+        ahead = Ahead(world, guard.reserve)
+        coasting = Coasting(ahead, guard.slack, horizon)
         ways = manoeuvres(world)
         return cls(
             world,
-            Ahead(world),
+            ahead,
             coasting,
             Thrusters.of(world),
             ways,

@@ -11,7 +11,8 @@ import numpy as np
 
 from rans.episode import Command, World
 from rans.errors import ConfigError
-from rans.guard.ahead import Ahead
+from rans.guard.ahead import SLACK, Ahead
+from rans.guard.expected import Reserve
 from rans.guard.manoeuvres import in_body, slope_of_least
 from rans.guard.quadratic import nearest
 from rans.guard.rows import (
@@ -58,25 +59,35 @@ class BarrierProgram:
     predictions, up to three times. The solution is checked by a prediction; if it does not pass, it is mixed with
     braking, or is braking alone.
 
-    The filter uses the measured state and the craft as designed; it does not account for noise, delays, faults and
-    disturbances.
+    The filter uses the measured state and the craft as designed. `rans.guard.safety_filter` sets reserve and delay
+    for known noise and delays; faults and disturbances are not accounted for.
     """
 
     periods: int = 20
     """Control periods in which the craft must be able to brake."""
-    slack: float = 0.002
+    slack: float = SLACK
     """Least margin of a safe state, in the unit of each margin."""
+    reserve: Reserve = ()
+    """Margins that are held in reserve beyond the slack for errors, by constraint."""
+    delay: float = 0.0
+    """Time from a reading until the command acts that is decided by it, s."""
     name: str = "barrier program"
     by_values: ClassVar[bool] = True
 
     def admitted(
-        self, world: World, state: Any, goal: Any, command: Command
+        self,
+        world: World,
+        state: Any,
+        goal: Any,
+        command: Command,
+        before: tuple[Command, ...] = (),
     ) -> tuple[Command, Field]:
         """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
         (state, goal, command), single = batched((state, goal, tuple(command)))
         size = count((state, command))
         command = tuple(x if is_array(x) else like(state, size, x) for x in command)
         search = _Search.of(self, world)
+        state, goal = search.ahead.delayed(state, goal, before, self.delay)
         kept = search.kept(state, goal, command)
         refused = where_true(~kept)
         changed = truths(state, size)
@@ -94,7 +105,7 @@ class BarrierProgram:
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """Whether braking keeps every margin from these states on, (N,)."""
         search = _Search.of(self, world)
-        margins = world.task.constraints(state, goal).values()
+        margins = search.ahead.margins(state, goal).values()
         return search.above((*search.braking(state, goal), *margins), count(state), state)
 
 
@@ -108,7 +119,7 @@ class _Search:
 
     @classmethod
     def of(cls, guard: BarrierProgram, world: World) -> _Search:
-        return cls(guard, world, Ahead(world))
+        return cls(guard, world, Ahead(world, guard.reserve))
 
     def margins(self, state: Any, goal: Any, command: Command) -> list[Any]:
         """Every margin at every check of the command's period, then the least of each while the craft brakes."""

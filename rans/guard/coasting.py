@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rans.episode import World
+from rans.guard.ahead import Ahead
 from rans.guard.rows import grid, is_array, like
 from rans.model.drift import FREE
 from rans.model.fields import Field, absolute, at_least, map_leaves
@@ -27,7 +27,8 @@ class Coasting:
     negative between two instants either.
     """
 
-    world: World
+    ahead: Ahead
+    """Spacecraft, task and reserves of its constraints."""
     slack: float
     """Least margin, in the unit of each margin."""
     horizon: int
@@ -38,25 +39,26 @@ class Coasting:
         balls = self._balls(goal)
         if balls is not None:
             result = None
+            least = self.slack + max((reserve for _, reserve in self.ahead.reserve), default=0.0)
             for ball in balls:
-                clear = _closest(ball, state) >= self.slack
+                clear = _closest(ball, state) >= least
                 result = clear if result is None else result & clear
             return result
         return self._sampled(state, goal)
 
     def _balls(self, goal: Any) -> tuple[Ball, ...] | None:
         """Balls of the constraints; None if there are other constraints or a drift."""
-        task = self.world.task
+        task = self.ahead.world.task
         shapes = task.scenery(goal)
-        if self.world.task.drift != FREE or not all(isinstance(one, Ball) for one in shapes):
+        if self.ahead.world.task.drift != FREE or not all(isinstance(one, Ball) for one in shapes):
             return None
         if len(shapes) != len(task.constraints(_anywhere(goal), goal)):
             return None
         return shapes  # pyright: ignore[reportReturnType]
 
     def _sampled(self, state: Any, goal: Any) -> Field:
-        task = self.world.task
-        period = self.world.timing.control_period
+        task = self.ahead.world.task
+        period = self.ahead.world.timing.control_period
         size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
         chunk = max(4, _CHUNK // size)
         result = like(state, size) >= 0.0
@@ -68,7 +70,7 @@ class Coasting:
             there = task.later(goal, times)
             spread = map_leaves(lambda x, t=times: x + 0.0 * t if is_array(x) else x, state)
             moved = replace(spread, p=p, v=v)
-            for margin in task.constraints(moved, there).values():
+            for margin in self.ahead.margins(moved, there).values():
                 margin = margin + 0.0 * times
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend

@@ -18,6 +18,7 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.guard import FlownBackup, safety_filter
+from rans.guard.ahead import Ahead
 from rans.guard.coasting import Coasting
 from rans.model.drift import FREE
 from rans.model.dynamics import PlanarState
@@ -204,7 +205,7 @@ def test_coasting_past_balls_is_judged_as_by_small_steps(xs: list[float], radius
     world = World(Setup(PLATFORM, task, task.timing))
     times = np.linspace(0.0, 60.0, 4001)
     gaps = ball.later(times).gap(p + v.scale(times))
-    found = bool(Coasting(world, 0.0, 3).safe(state, goal)[0])
+    found = bool(Coasting(Ahead(world), 0.0, 3).safe(state, goal)[0])
     # Between two instants a gap falls by half of the way at most, and what is later than 60 s is not seen.
     step = 0.5 * 60.0 / 4000 * float(np.hypot(vx - 0.05 * ux, vy - 0.05 * uy))
     if gaps.min() < 0.0:
@@ -222,7 +223,7 @@ def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not() -> No
     v = Vec2(*(0.05 * rng.normal(size=(2, 200))))
     state = replace(starts.start, p=p, v=v)
     world = World(Setup(PLATFORM, task, task.timing))
-    found = Coasting(world, 0.0, 200).safe(state, starts.goal)
+    found = Coasting(Ahead(world), 0.0, 200).safe(state, starts.goal)
     times = np.linspace(0.0, 40.0, 4001)[:, None]
     moved, _ = FREE.carry(p, v, times)
     margins = task.constraints(replace(state, p=moved), task.later(starts.goal, times))

@@ -12,6 +12,8 @@ from scipy import sparse
 
 from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.fly.contestants import contestant
 from rans.flight import fly
 from rans.guard import BarrierProgram, safety_filter
 from rans.guard.barrier import braking_command
@@ -19,6 +21,12 @@ from rans.guard.quadratic import nearest
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import Dock, Hold, Land
@@ -129,7 +137,7 @@ def edge_of_safety(world: World, guard: BarrierProgram, count: int) -> tuple[Any
     way /= np.linalg.norm(way, axis=0)
     slow = np.zeros(count)
     fast = np.full(count, 3.0)
-    for _ in range(6):
+    for _ in range(5):
         middle = 0.5 * (slow + fast)
         state = replace(starts.start, p=Vec3(*p), v=Vec3(*(way * middle)))
         safe = guard.safe(world, state, goal)
@@ -159,7 +167,7 @@ def worst_commands(world: World, state: Any, goal: Any, count: int) -> np.ndarra
 
 
 @pytest.mark.parametrize(
-    ("count", "periods"), [(4, 4), pytest.param(32, 12, marks=pytest.mark.slow)]
+    ("count", "periods"), [(4, 3), pytest.param(32, 12, marks=pytest.mark.slow)]
 )
 def test_safe_states_stay_safe_against_an_adversary_with_gradients(
     count: int, periods: int
@@ -205,7 +213,46 @@ def test_a_keep_out_ball_is_kept_though_thrust_is_weak() -> None:
         assert guard.admitted(world, state, goal, shut)[1] is changed
 
 
+def test_the_slack_is_set_by_whoever_flies() -> None:
+    run = contestant("mission:dock")
+    assert run.guarded(True, 0.05).guard == BarrierProgram(slack=0.05)
+    assert run.guarded(True).guard == BarrierProgram()
+    with pytest.raises(ConfigError, match="add --guard"):
+        run.guarded(False, 0.05)
+    with pytest.raises(ConfigError, match="finite number > 0"):
+        run.guarded(True, 0.0)
+
+
 def test_crafts_that_cannot_be_braked_are_refused() -> None:
     lander = load_spacecraft(Land.spacecraft or "")
     with pytest.raises(ConfigError, match=r"cannot be shut|opposite"):
         safety_filter(Setup(lander, Land()))
+
+
+def noisy_flights(task: Any, guard: Any, conditions: Conditions) -> int:
+    """Number of 12 flights of five periods in which an adversary breaks a limit under these conditions."""
+    timing = Timing(10.0, None, 5, checks=10)
+    contest = Contest(DEPUTY, task, timing, 3, 12, conditions=conditions, guard=guard)
+    flight, _ = contest.fly(Ramming(), workers=1)
+    return int(flight.violated().sum())
+
+
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        Conditions(
+            sensors=SensorsConditions(
+                position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
+            )
+        ),
+        Conditions(thrusters=ThrusterConditions(command_delay=10.0)),
+        Conditions(thrusters=ThrusterConditions(command_delay=4.0)),
+    ],
+    ids=["noise", "delay of a period", "delay within a period"],
+)
+def test_noise_and_delay_are_expected(conditions: Conditions) -> None:
+    """A filter that expects none of them breaks the limit of docking in some flights, one that does in none."""
+    task = Dock()
+    setup = Setup(DEPUTY, task, task.timing, conditions)
+    assert noisy_flights(task, BarrierProgram(), conditions) > 0
+    assert noisy_flights(task, safety_filter(setup), conditions) == 0

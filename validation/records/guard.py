@@ -32,6 +32,12 @@ from rans.model.random import Draws, seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.network import Network
 from rans.pretrained import pretrained_names
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
 from rans.registry import trust_files
 from rans.tasks import load_task
 from rans.terminal import Terminal
@@ -189,14 +195,16 @@ def flown(
     count: int,
     device: str,
     plain: bool = False,
+    conditions: Conditions | None = None,
 ) -> Row:
     """Fly them all, in single precision."""
     task_name, craft_name = MISSIONS[mission]
     craft = load_spacecraft(craft_name)
     task = load_task(task_name).for_evaluation()
     backend = Backend.of(device, torch.float32, None, plain)
-    guard: Any = safety_filter(Setup(craft, task))
-    world = World(Setup(craft, task, task.timing, None, guard if filtered else None), backend.nodes)
+    guard: Any = safety_filter(Setup(craft, task, task.timing, conditions))
+    setup = Setup(craft, task, task.timing, conditions, guard if filtered else None)
+    world = World(setup, backend.nodes)
     draws = Draws(
         *seed_words(SEED),
         backend.put(np.arange(count, dtype=np.int32), torch.int32),
@@ -290,6 +298,10 @@ class Campaign:
     """Flights without the filter; as many by default, 0 for none."""
     device: str = "cpu"
     """Torch device."""
+    noise: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of measured positions, m, and velocities, m/s."""
+    delay: float = 0.0
+    """Time from a decision until the command arrives, in control periods."""
     plain: bool = False
     """Step torch's tensors on a CPU too."""
 
@@ -303,9 +315,27 @@ class Campaign:
                         self.flights if filtered or self.unfiltered is None else self.unfiltered
                     )
                     if wanted:
-                        say(
-                            flown(mission, policy, filtered, wanted, self.device, self.plain).line()
+                        row = flown(
+                            mission,
+                            policy,
+                            filtered,
+                            wanted,
+                            self.device,
+                            self.plain,
+                            self.conditions(mission),
                         )
+                        say(row.line())
+
+    def conditions(self, mission: str) -> Conditions | None:
+        """Noise and delay in a mission; None: neither."""
+        if not (any(self.noise) or self.delay):
+            return None
+        period = load_task(MISSIONS[mission][0]).timing.control_period
+        position, velocity = (SensorConditions(noise=sigma) for sigma in self.noise)
+        return Conditions(
+            thrusters=ThrusterConditions(command_delay=self.delay * period),
+            sensors=SensorsConditions(position=position, velocity=velocity),
+        )
 
 
 if __name__ == "__main__":

@@ -93,11 +93,12 @@ def contest_of(
     conditions: str | Path | Conditions | None = None,
     trust: bool = False,
     guard: bool = False,
+    slack: float | None = None,
 ) -> Contest:
     """Contest in the setup of its first contestant.
 
     Conditions, given by name, file or as an object, replace those of the setup. With ``guard`` all contestants fly
-    with the safety filter for spacecraft and task.
+    with the safety filter for spacecraft and task, and its slack (`rans.guard.safety_filter`).
 
     Raises:
         ConfigError: the contestant has no task, or one for the other dimension only.
@@ -108,7 +109,7 @@ def contest_of(
         run = _single(spec, contestant(spec, trust=trust)).under(conditions)
     else:
         run = _single(spec.controller.name, spec).under(conditions)
-    craft, task, timing, world, guarded = run.guarded(guard).judged
+    craft, task, timing, world, guarded = run.guarded(guard, slack).judged
     seed_words(seed)  # A wrong seed is reported once, and not for every contestant.
     check_dimension(task, craft.dimension)
     return Contest(craft, task, timing, seed, episodes, engine, world, guarded)

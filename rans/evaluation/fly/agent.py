@@ -98,13 +98,17 @@ class LoadedRun(NamedTuple):
             warn_of_implausible(loaded, self.craft)
         return self._replace(controller=informed(self.controller, loaded), conditions=loaded)
 
-    def guarded(self, guard: bool = True) -> LoadedRun:
-        """The run with the safety filter for its spacecraft and task (`rans.guard.safety_filter`), if ``guard``.
+    def guarded(self, guard: bool = True, slack: float | None = None) -> LoadedRun:
+        """The run with the safety filter for its setup and slack (`rans.guard.safety_filter`), if ``guard``.
 
         Raises:
-            ConfigError: the task has no constraints, or no filter knows the craft.
+            ConfigError: the task has no constraints, no filter knows the craft, or there is a slack but no filter.
         """
-        return self._replace(guard=safety_filter(self.judged)) if guard else self
+        if guard:
+            return self._replace(guard=safety_filter(self.judged, slack))
+        if slack is not None:
+            raise ConfigError("--guard-slack is the slack of a safety filter: add --guard.")
+        return self
 
 
 def run_of(candidate: object) -> LoadedRun | None:
