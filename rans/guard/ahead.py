@@ -71,8 +71,9 @@ class Ahead:
         if rest > 1e-9 * period and whole < len(before):
             parts.insert(0, (whole, rest))
         for k, seconds in parts:
-            timing = replace(self.world.timing, control_period=seconds, checks=1)
-            (state,) = states_at_checks(
+            # With the usual checks, so that the same command is predicted with the same rounding as before.
+            timing = replace(self.world.timing, control_period=seconds)
+            *_, state = states_at_checks(
                 state,
                 self.world.craft,
                 self.body,
