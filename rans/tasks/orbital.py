@@ -64,6 +64,17 @@ _PUSHES = 3
 """Number of times that a coast is pushed out of a keep-out ball."""
 _RESCUE = 4.0
 """Control periods in which a craft goes to the goal that has missed its arrival."""
+_WELL_WITHIN = 0.8
+"""Share of the tolerances within which a craft that stays coasts on: the rest is for what no coast foresees."""
+_RETURN = 4.0
+"""Time of its return to the goal, in those that the position tolerance takes at the speed tolerance: it returns at
+a quarter of the speed tolerance, and leaves the rest for errors."""
+_UNHURRIED = 10.0
+"""Control periods that it takes at least: burns last for one and displace a craft by a twentieth of the way."""
+_CENTRE = 0.2
+"""Share of the position tolerance within which it stops its return: twice the way of a period at least."""
+_STOPPED = 0.4
+"""Speed above which it does, in position tolerances over the time of the return: half of what it returns with."""
 _LATE = 0.05
 """Price of a plan whose braking ends after the deadline, m/s per second."""
 _NOTHING = 1e-9
@@ -72,7 +83,7 @@ REFINEMENTS = 3
 """Number of times that the distance between the arrival times is halved around the best one."""
 _PENALTY = 10.0
 """Price of a plan that violates a limit, m/s per unit of its margin."""
-_INSTANT = 1e-3
+INSTANT = 1e-3
 """Time left that counts as none, s: rounding of deadlines after many periods in single precision."""
 
 
@@ -280,6 +291,29 @@ class OrbitalMission(SingleTask):
             velocity = self._now_or_later(state, goal, velocity - state.v, time) + state.v
         return self._within_limits(state, goal, velocity, time)
 
+    def staying(self, state: Any, goal: Any) -> Any:
+        """Velocity in W, m/s, with which a craft that has arrived stays at the goal, however long.
+
+        It is the craft's own while a coast of one control period keeps within 0.8 of both tolerances. Elsewhere it
+        is that of a coast to the goal, at about a quarter of the velocity tolerance from the edge of the position
+        tolerance, and in ten control periods at least. Near the goal the return is stopped.
+        """
+        period = self.timing.control_period
+        time = at_least(
+            _RETURN * self.position_tolerance / self.velocity_tolerance, _UNHURRIED * period
+        )
+        distance, speed = (goal.p - state.p).norm(), (goal.v - state.v).norm()
+        coasts = (distance > self.position_tolerance * _CENTRE) | (
+            speed < self.position_tolerance * _STOPPED / time
+        )
+        for after in (0.0, 0.5 * period, period):
+            p, v = self.drift.carry(state.p, state.v, after)
+            near = (goal.p - p).norm() < self.position_tolerance * _WELL_WITHIN
+            slow = (goal.v - v).norm() < self.velocity_tolerance * _WELL_WITHIN
+            coasts = coasts & near & slow
+        back = velocity_to_reach(self.drift, state.p, goal.p, time + distance * 0.0)
+        return map_leaves(partial(where, coasts), state.v, back)
+
     def _recommended_with_brake(self, state: Any, goal: Any, left: Field) -> Any:
         """See `recommended`, of missions that brake at the arrival."""
         period = self.timing.control_period
@@ -385,7 +419,7 @@ class OrbitalMission(SingleTask):
         cheapest = (absolute(x) + absolute(y)) * (1.0 - _WORTH)
         nothing = gain.x * 0.0
         for k, before in enumerate(LATER_BURNS):
-            possible = time > before + _INSTANT
+            possible = time > before + INSTANT
             later = _burn_effects(n, before)
             for axis, first in enumerate(now):
                 for second in later:
@@ -445,7 +479,7 @@ class OrbitalMission(SingleTask):
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Vector to the goal, velocity to gain and of arrival, miss distance, times left, and entries of limits."""
-        deadline, arrival, _ = goal.notes
+        deadline, arrival = goal.notes[:2]
         gain = self.velocity_to_gain(state, goal, arrival)
         time = at_least(arrival, self.shortest_aim)
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
@@ -506,7 +540,7 @@ class OrbitalMission(SingleTask):
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Decrease of the velocity to gain, less the price of impulse."""
         goal = transition.goal
-        _, arrival, won = goal.notes
+        _, arrival, won = goal.notes[:3]
         terms = {}
         if is_used(self.impulse_weight):
             terms["impulse"] = transition.impulse * -self.impulse_weight
@@ -539,12 +573,12 @@ class OrbitalMission(SingleTask):
 
     def done(self, state: State, goal: State) -> Field:
         """Whether the state is within all tolerances before the deadline."""
-        return self.reached(state, goal) & (goal.notes[0] > -_INSTANT)
+        return self.reached(state, goal) & (goal.notes[0] > -INSTANT)
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft is too far away, or the deadline has passed."""
         distance = self.errors(state, goal)["position"]
-        return (distance > self.fail_distance) | (goal.notes[0] < _INSTANT)
+        return (distance > self.fail_distance) | (goal.notes[0] < INSTANT)
 
 
 def _burn_effects(n: float, time: Field) -> tuple[tuple[Field, Field], tuple[Field, Field]]:

@@ -30,28 +30,60 @@ def at(p: Sequence[float], v: Sequence[float]) -> Any:
     return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), velocity, Vec3(zero, zero, zero))
 
 
+def hold_goal() -> Any:
+    """The hold point with 1,000 s to the deadline, of a craft that is not there yet."""
+    goal = goal_of((0.0, -100.0, 0.0))
+    return replace(goal, notes=(*goal.notes, np.zeros(1) - 1.0))
+
+
 def goal_of(place: tuple[float, float, float]) -> Any:
     zero = np.zeros(1)
     return replace(at(place, (0.0,) * 3), notes=(zero + 1000.0, zero + 900.0, zero))
 
 
-def test_at_rest_on_the_orbit_behind_the_target_is_held() -> None:
+def test_at_rest_on_the_orbit_behind_the_target_is_held_after_ten_minutes() -> None:
     """There nothing pulls; 6 m radially outwards it is too far away, and drifts backwards at 1.5 n x."""
     world = World(Setup(CHASER, Hold(), Hold.timing))
-    goal = goal_of((0.0, -100.0, 0.0))
-    held = step(world, world.begin(at((0.0, -104.0, 0.0), (0.0,) * 3), goal), SHUT)
-    assert held.done is not None
-    assert held.done.item()
-    assert held.episode.state.p.y.item() == -104.0
+    goal = hold_goal()
+    episode = world.begin(at((0.0, -104.0, 0.0), (0.0,) * 3), goal)
+    # The first check at which it is within the tolerances is at 1 s, and 600 s later is in the 61st period.
+    for period in range(1, 62):
+        outcome = step(world, episode, SHUT)
+        episode = outcome.episode
+        assert outcome.done is not None
+        assert outcome.done.item() == (period == 61)
+    assert episode.state.p.y.item() == -104.0
     away = step(world, world.begin(at((6.0, -100.0, 0.0), (0.0,) * 3), goal), SHUT)
-    assert away.done is not None
-    assert not away.done.item()
+    assert away.episode.goal.notes[3].item() < 0.0
+
+
+def test_an_arrival_counts_from_before_the_deadline_and_again_after_every_excursion() -> None:
+    task = Hold()
+    inside, outside = (at((0.0, y, 0.0), (0.0,) * 3) for y in (-101.0, -106.0))
+
+    def after(goal: Any, state: Any, seconds: float) -> Any:
+        return task.remember(task.later(goal, seconds), state)
+
+    # Out for a moment after 590 s: the ten minutes begin anew.
+    goal = after(after(hold_goal(), inside, 1.0), inside, 590.0)
+    goal = after(after(goal, outside, 1.0), inside, 10.0)
+    assert not task.done(inside, after(goal, inside, 20.0)).item()
+    # It has come back at 602 s, before the deadline of 1,000 s, and stays past it.
+    late = after(goal, inside, 450.0)
+    assert not task.done(inside, late).item()
+    assert not task.failed(inside, late).item()
+    assert task.done(inside, after(late, inside, 150.0)).item()
+    assert task.failed(outside, after(late, outside, 1.0)).item()
+    # Who arrives after the deadline fails, however long it stays.
+    too_late = after(after(hold_goal(), outside, 1005.0), inside, 1.0)
+    assert task.failed(inside, too_late).item()
+    assert not task.done(inside, after(too_late, inside, 700.0)).item()
 
 
 def test_the_ball_is_kept_out_of_between_two_commands() -> None:
     """Along a chord that passes the target at 40 m, of which both ends are outside."""
     world = World(Setup(CHASER, Hold(), Hold.timing))
-    goal = goal_of((0.0, -100.0, 0.0))
+    goal = hold_goal()
     crossed = step(world, world.begin(at((40.0, -31.0, 0.0), (0.0, 6.2, 0.0)), goal), SHUT)
     # It begins and ends 50.6 m from the target; at the first second it is 24.8 m along the chord from its middle.
     assert crossed.failed.item()
@@ -78,7 +110,7 @@ def test_starts_keep_every_limit_and_plans_come_before_deadlines(task: Any) -> N
     for margin in task.constraints(starts.start, starts.goal).values():
         assert margin.min() > 0.0
     assert not task.done(starts.start, starts.goal).any()
-    deadline, plan, won = starts.goal.notes
+    deadline, plan, won = starts.goal.notes[:3]
     assert (plan <= deadline).all()
     assert (plan > 0.0).all()
     assert not won.any()

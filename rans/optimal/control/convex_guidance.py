@@ -12,6 +12,7 @@ from rans.errors import SolverFailed
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.planning import PlanningGuidance
 from rans.optimal.convex.impulses import Impulses
 from rans.optimal.convex.rendezvous import (
@@ -56,7 +57,8 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     At first, and whenever an episode is so far off its plan that the arrival would be missed by a tenth of the
     tolerances, the program of `rans.optimal.convex.rendezvous` is solved from the state as it is. Between, the
     planned commands are given, so that a perfect world needs one program an episode: 0.05 to 2 s of a core.
-    Where no transfer is found, the craft coasts.
+    Where no transfer is found, the craft coasts. After the arrival it stays at the goal, and after a deadline that
+    was missed it plans again (`rans.optimal.control.afterwards`).
 
     Args:
         craft: by name, TOML file or as such; one whose thrusters do not turn it.
@@ -85,6 +87,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         self._mission = OrbitalMission.expected(
             self._task, "convex guidance flies missions on an orbit"
         )
+        self._afterwards = Afterwards(self._craft, self._mission, self._timing)
         self._search = search
         # Speeds of arrival are no equations of the closed form.
         self._closed_form = not search and not self._mission.brakes
@@ -101,34 +104,41 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         expert._every = _EVERY
         return expert
 
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; plans and arrivals are forgotten."""
+        super().reset(count)
+        self._afterwards.reset(count)
+
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
         here = np.stack(
             [np.asarray(x, float) for x in (*leaves(state.p), *leaves(state.v))], axis=1
         )
-        deadline, arrival, won = (
-            np.broadcast_to(np.asarray(x, float), len(here)) for x in goal.notes
-        )
         if len(self._plans) != len(here):
             self.reset(len(here))
+        goal = self._afterwards.goal(state, goal)
+        stays = self._afterwards.stays
+        deadline, arrival = (
+            np.broadcast_to(np.asarray(x, float), len(here)) for x in goal.notes[:2]
+        )
         if self._meeting is None:
             self._meeting = self._cautious(goal)
             self._impulses = Impulses(self._meeting)
         commands = np.zeros((len(here), len(self._craft.commands)))
         for k, plan in enumerate(self._plans):
-            if plan is not None and self._is_off(self._meeting, plan, here[k]):
+            if plan is not None and (stays[k] or self._is_off(self._meeting, plan, here[k])):
                 self._plans[k] = None
         lost = np.array([plan is None for plan in self._plans])
-        open_ = np.flatnonzero(lost & (won < 0.5))
+        open_ = np.flatnonzero(lost & ~stays)
         if self._closed_form:
             open_ = self._fired(self._meeting, here, arrival, open_, commands)
         for k in open_:
             self._plans[k] = self._planned(self._meeting, here[k], deadline[k], arrival[k])
         for k, plan in enumerate(self._plans):
-            if plan is not None and won[k] < 0.5:
+            if plan is not None:
                 commands[k] = plan.commands[0]
                 self._plans[k] = self._one_period_later(plan)
-        return commands
+        return self._afterwards.commands(state, goal, commands)
 
     def _fired(
         self,

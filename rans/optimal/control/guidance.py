@@ -14,6 +14,7 @@ from rans.errors import ConfigError, checked, is_finite
 from rans.model.fields import Heading, Quat, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights, goal_ahead
 from rans.optimal.trajectory.allocation import Allocation, inertia, rounding
@@ -46,6 +47,9 @@ class VelocityToGain(ModelBased):
     and velocity, so that no thrust is spent between them but on what went wrong. Where the deadline cannot be
     kept, or is over, the soonest arrival that can be counts. Between commands at least one period passes, so
     an arrival is never sooner than the burns last.
+
+    In a mission on an orbit it stays at the goal after a deadline, and from the arrival on where it does not stop
+    there (`rans.optimal.control.afterwards`).
 
     The attitude, where the task asks for one, is turned as by the `LQR`. Thrusters that are throttled or
     pulsed give shares of their thrust; on/off thrusters open where half or more is wanted.
@@ -104,6 +108,7 @@ class VelocityToGain(ModelBased):
         carried = np.zeros(craft.degrees_of_freedom, bool)
         carried[craft.dimension :] = self._rotation.price[0] > 0
         self._rounding = rounding(craft, carried)
+        self._afterwards = Afterwards.of(craft, self._task, self._timing)
         self._motions: dict[int, LinearMotion] = {}
         self._flown = 0
 
@@ -111,6 +116,8 @@ class VelocityToGain(ModelBased):
         """See `rans.flight.Controller`; the time to the deadline begins anew."""
         self._rounding.reset(count)
         self._flown = 0
+        if self._afterwards is not None:
+            self._afterwards.reset(count)
 
     def memory(self) -> np.ndarray:
         """What is owed to every episode and the periods flown, (N, 4 or 7); see `recall`."""
@@ -125,8 +132,12 @@ class VelocityToGain(ModelBased):
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         period = self._timing.control_period
+        if self._afterwards is not None:
+            goal = self._afterwards.goal(state, goal, exact=not self._stop)
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
         commands = self._rounding.round(self.wrench(state, goal), rest)
+        if self._afterwards is not None:
+            commands = self._afterwards.commands(state, goal, commands)
         self._flown += 1
         return commands
 

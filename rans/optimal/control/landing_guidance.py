@@ -71,7 +71,8 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
     given, corrected by a time-varying LQR for deviations in position, velocity, tilt and its rate. Where these are
     large, or the corrected flight would still miss the site, the plan is made anew from the state as it is, until
     6 s before its end. A perfect world needs one plan, which takes about a second of a core. Where no landing is
-    found, the craft brakes upright.
+    found, the craft brakes upright. From the contact with the ground on, or once it has landed within tolerances,
+    the engines are shut, or give their least thrust if they are always lit, and the wheels give no torque.
 
     With an engine that it knows to be dead, from ``dead`` or from the conditions of its flights, the thrust of the
     others makes an angle with z of B. They are throttled alike, and the craft
@@ -103,6 +104,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         super().__init__(craft, task, timing, reserve)
         self._dead = tuple(dead)
         mission = Land.expected(self._task, "landing guidance flies descents")
+        self._mission = mission
         lander = Lander.of(self._craft, dead)
         self._full_thrust = lander.largest_thrust / self._craft.actuators.high
         self._full_mass = lander.mass
@@ -146,6 +148,8 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         )
         self._waits: list[int] = []
         """Periods until a first plan is tried again, of each episode."""
+        self._landed = np.zeros(0, bool)
+        """Whether each episode has touched the ground or landed."""
         # Thrust may be tilted more than the craft.
         self._convex = replace(self._descent, tilt=self._descent.tilt + self._offset)
 
@@ -164,6 +168,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         """See `rans.flight.Controller`; plans are forgotten."""
         super().reset(count)
         self._waits = [0] * count
+        self._landed = np.zeros(count, bool)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state, and where the site is."""
@@ -173,9 +178,14 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         columns = [np.asarray(x, float) for x in leaves(replace(state, stores=()))]
         columns.append(np.asarray(state.stores[0], float))
         site = np.stack([np.broadcast_to(x, count) for x in goal.p.columns()], axis=1)
+        height = np.asarray(state.p.z, float) - site[:, 2]
+        self._landed = self._landed | self._mission.reached(state, goal) | (height <= 0.0)
+        engines = len(self._craft.thrusters)
         commands = np.zeros((count, len(self._craft.commands)))
+        commands[:, :engines] = self._craft.actuators.low
         for k, row in enumerate(np.stack(columns, axis=1)):
-            commands[k] = self._command(k, self._here(row, site[k]))
+            if not self._landed[k]:
+                commands[k] = self._command(k, self._here(row, site[k]))
         return commands
 
     def _command(self, number: int, here: _Here) -> np.ndarray:

@@ -15,6 +15,7 @@ from rans.errors import ConfigError
 from rans.model.fields import Heading, Quat, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.navigation_filter import NavigationFilter
 from rans.optimal.control.regulator import ModelBased
 from rans.randomization.conditions import Conditions, bounds, largest
@@ -43,6 +44,9 @@ class MissionGuidance(ModelBased):
     The recommendation (`rans.tasks.orbital.OrbitalMission.recommended`) keeps below speed limits, goes around
     keep-out balls, stays inside the cone of rendezvous, and makes burns later where that is cheaper. Agents with
     the head "guided" observe it, and begin their training as this controller.
+
+    After the arrival it stays at the goal, and after a deadline that was missed it plans again
+    (`rans.optimal.control.afterwards`): in a simulator that does not end it flies on for ever.
 
     With known errors it estimates position and velocity by a Kalman filter, gives no correction below two standard
     deviations, expects the mean command delay, and stays farther below speed limits. Burns of pulsed thrusters are
@@ -90,6 +94,7 @@ class MissionGuidance(ModelBased):
         if not self._mission.brakes:
             # Throttles have none.
             self._counts = getattr(self._craft.actuators, "counts", None)
+        self._afterwards = Afterwards(self._craft, self._given, self._timing)
         self._expect(Conditions() if conditions is None else conditions)
         self._past: np.ndarray | None = None
         """Burn of the last period in W, m/s, (N, d)."""
@@ -122,6 +127,7 @@ class MissionGuidance(ModelBased):
     def expecting(self, conditions: Conditions | None) -> MissionGuidance:
         """Copy of this guidance that expects the errors of these conditions; None: a perfect world."""
         result = copy(self)
+        result._afterwards = Afterwards(self._craft, self._given, self._timing)
         result._expect(Conditions() if conditions is None else conditions)
         result.reset(0)
         return result
@@ -135,15 +141,17 @@ class MissionGuidance(ModelBased):
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets estimates."""
         self._past = None
+        self._afterwards.reset(count)
         if self._filter is not None:
             self._filter.reset()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
-        left = self._mission.arrival(goal)
         small: Any = 0.0
         if self._filter is not None:
-            state, small = self._estimated(self._filter, state, left)
+            state, small = self._estimated(self._filter, state, self._mission.arrival(goal))
+        goal = self._afterwards.goal(state, goal, exact=self._filter is None)
+        left = self._mission.arrival(goal)
         change = self._mission.recommended(state, goal, left) - state.v
         given = change.norm() > small
         change = map_leaves(lambda x: np.where(given, x, 0.0), change)
@@ -151,6 +159,7 @@ class MissionGuidance(ModelBased):
         command = np.clip(_rows(in_body, state) @ self._levers.T, 0.0, 1.0)
         if self._counts is not None:
             command = np.floor(command * self._counts) / self._counts
+        command = self._afterwards.commands(state, goal, command)
         if self._filter is not None:
             burn_in_body = type(state.p)(*(command @ self._changes).T)
             burn = _rows(self._identity.to(state.attitude).rotate(burn_in_body), state)

@@ -16,6 +16,7 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import Patterns
@@ -75,7 +76,8 @@ class MPPI(ModelBased):
     new chances (after Williams, Aldrich and Theodorou, J. Guidance Control Dynamics 40, 2017: bits, no normal
     deviates). A plan costs its thrust, and the mean over its time of the least time that is left by the
     `Curve` of `Switching`: what is left at its end alone could be had by waiting first. Negative margins of the
-    task's constraints cost more than any way round; they are seen no farther ahead than a plan is long.
+    task's constraints cost more than any way round; they are seen no farther ahead than a plan is long. In missions
+    on an orbit it stays at the goal from the arrival on (`rans.optimal.control.afterwards`).
 
     Raises:
         ConfigError: see `Switching`.
@@ -108,22 +110,30 @@ class MPPI(ModelBased):
         self._price = curve.thrust_weight
         self._patterns = Patterns(craft)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
+        self._afterwards = Afterwards.of(craft, self._task, self._timing)
         self.reset(0)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; what is drawn is the same after every reset."""
+        if self._afterwards is not None:
+            self._afterwards.reset(count)
         self._random = np.random.default_rng(0)
         self._chances = np.full((count, PERIODS, len(self._forces)), _FIRST)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)
+        if self._afterwards is not None:
+            goal = self._afterwards.goal(state, goal)
+            rest = rest | self._afterwards.stays
         commands = np.zeros((len(rest), len(self._forces)))
         awake = np.flatnonzero(~rest)
         if len(awake):
             here, there = (map_leaves(lambda x: x[awake], s) for s in (state, goal))
             commands[awake] = self._planned(here, there, awake)
         self._chances[rest] = _FIRST
+        if self._afterwards is not None:
+            commands = self._afterwards.commands(state, goal, commands)
         return commands
 
     def _planned(self, state: Any, goal: Any, which: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
+from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead, holding
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
@@ -53,6 +54,9 @@ _LEAST_PUSH = 0.05
 _SLOW = 0.1
 """Counts as at rest: what full thrust stops in this share of a control period."""
 
+_PARTS = 0.5 ** np.arange(8.0)
+"""Parts of a pulse that throttled and pulsed thrusters give."""
+
 
 class Switching(ModelBased):
     """Opens the thrusters after whose pulse the goal is nearest in time, and none within a dead band.
@@ -67,6 +71,9 @@ class Switching(ModelBased):
     patterns of open thrusters the one is taken after which both times, and the thrust at its price, are
     least. The search goes on from the pattern before, see `Patterns.best`. Where the task has no tolerance
     for the position or the attitude, only the velocity or the spin is brought to the goal's.
+
+    Throttled and pulsed thrusters give the part of a pulse after which it is nearest. In a mission on an orbit it
+    stays at the goal from the arrival on (`rans.optimal.control.afterwards`).
 
     What a pulse leads to is computed with the task's drift and from where the goal will be. Thereafter the
     drift counts only as thrust that is not there for braking, so it must be weaker than the thrusters.
@@ -114,6 +121,8 @@ class Switching(ModelBased):
         self._turns = self._turns @ np.linalg.inv(matrix)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._last = np.zeros((0, len(wrenches)), bool)
+        self._parts = _PARTS if craft.actuators.is_continuous else _PARTS[:1]
+        self._afterwards = Afterwards.of(craft, self._task, self._timing)
 
     def _check_drift(self) -> None:
         """Refuse a drift that the thrusters cannot hold the craft against where its goal is."""
@@ -130,6 +139,8 @@ class Switching(ModelBased):
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
         self._last = np.zeros((count, self._last.shape[1]), bool)
+        if self._afterwards is not None:
+            self._afterwards.reset(count)
 
     def memory(self) -> np.ndarray:
         """What is remembered of every episode, (N, ...); `recall` takes it back, of any episodes."""
@@ -142,14 +153,28 @@ class Switching(ModelBased):
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)
+        if self._afterwards is not None:
+            goal = self._afterwards.goal(state, goal)
+            rest = rest | self._afterwards.stays
         now, coast = (self._gap(h, state, goal) for h in (0.0, self._period))
         scales = self._scales_to_move(now, coast)
 
+        # Costs (M, C, parts) of parts of the pulses of patterns.
+        def costs(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
+            gap, scale = coast.of_episodes(which), scales[:, which]
+            return np.stack(
+                [self._cost(gap, patterns, scale, part) for part in self._parts], axis=-1
+            )
+
         def cost(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
-            return self._cost(coast.of_episodes(which), patterns, scales[:, which])
+            return costs(which, patterns).min(axis=-1)
 
         self._last = self._patterns.best(self._last & ~rest[:, None], cost, ~rest)
-        return self._last.astype(float)
+        chosen = costs(np.arange(len(rest)), self._last[:, None])[:, 0].argmin(axis=-1)
+        commands = self._last * self._parts[chosen, None]
+        if self._afterwards is not None:
+            commands = self._afterwards.commands(state, goal, commands)
+        return commands
 
     def time_left(self, state: Any, goal: Any) -> np.ndarray:
         """The least time to the goal, (N,) s, as the curve has it, of a state and a goal of arrays (N,)."""
@@ -191,9 +216,11 @@ class Switching(ModelBased):
         scales[:, waits] = 1.0
         return scales
 
-    def _cost(self, gap: _Gap, patterns: np.ndarray, scales: np.ndarray) -> np.ndarray:
-        """(M, C) s, of patterns (M, C, thrusters) and scales of push and turn (2, M, 1)."""
-        shares = self._patterns.shares(patterns)
+    def _cost(
+        self, gap: _Gap, patterns: np.ndarray, scales: np.ndarray, part: float = 1.0
+    ) -> np.ndarray:
+        """(M, C) s, of a part of the pulses of patterns (M, C, thrusters) and scales of push and turn (2, M, 1)."""
+        shares = self._patterns.shares(patterns) * part
         held = self._task.tolerances()
         h = self._period
         push = (shares @ self._pushes) @ gap.to_world

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rans.model.drift import velocity_to_reach
-from rans.model.fields import Quat, Vec3, leaves
+from rans.model.fields import Quat, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.trajectory.allocation import rounding
 from rans.registry import typed
 from rans.tasks import load_task
 from rans.tasks.base import Task
+from rans.tasks.hold import Hold
 from rans.tasks.inspect import Inspect
 
 _LEAST = 1e-3
 """Length of a sum of directions, over the number of points, below which it has no direction."""
+
+_AWAY = 1500.0
+"""Time in which a craft that has seen enough goes behind the target, s: a quarter of the orbit at 500 km."""
 
 
 class Visiting:
@@ -32,7 +39,8 @@ class Visiting:
     that are in light and have not been seen; where none are in light, of all that have not been seen. It is
     approached round the target, by at most ``turn`` at a time. In every control period the velocity to gain is
     that with which the craft coasts to the view in the time that the arc takes at ``speed``; it is burnt where
-    it exceeds ``least``, and the craft coasts otherwise.
+    it exceeds ``least``, and the craft coasts otherwise. Once enough has been seen, it goes to a point behind the
+    target on its orbit, at ``distance``, and stays there (`rans.tasks.hold.Hold`).
 
     Args:
         craft: by name, TOML file or as such.
@@ -66,6 +74,13 @@ class Visiting:
         self._speed = speed
         self._turn = turn
         self._least = least
+        self._hold = Hold(
+            mean_motion=self.task.mean_motion,
+            hold_distance=distance,
+            keep_out=self.task.keep_out,
+            deadline=(_AWAY, _AWAY),
+        )
+        self._afterwards = Afterwards(self.craft, self._hold, self._timing)
         self._rounding = rounding(self.craft, np.zeros(self.craft.degrees_of_freedom, bool))
 
     def __repr__(self) -> str:
@@ -74,16 +89,33 @@ class Visiting:
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
         self._rounding.reset(count)
+        self._afterwards.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state and the goal's notes, not at the observation."""
         gain = self._velocity_to_gain(state, goal)
-        burns = np.linalg.norm(gain, axis=0) > self._least
+        over = np.broadcast_to(self.task.reached(state, goal), gain.shape[1])
+        burns = (np.linalg.norm(gain, axis=0) > self._least) | over
+        if over.any():
+            gain = np.where(over, self._velocity_to_leave(state), gain)
         push = np.where(burns, gain, 0.0) * (self.craft.mass / self._timing.control_period)
         level = Quat(1.0, 0.0, 0.0, 0.0)
         force = np.array(leaves(state.attitude.to(level).rotate(Vec3(*push))))
         wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
         return self._rounding.round(wrench, ~burns)
+
+    def _velocity_to_leave(self, state: Any) -> np.ndarray:
+        """(3, N) change of velocity in W, m/s, of craft that have seen enough."""
+        zero = np.zeros(np.shape(state.p.x))
+        still = Vec3(zero, zero, zero)
+        behind = replace(still, y=zero - self._distance)
+        # A deadline that has passed, and no arrival: a new plan is made.
+        goal = replace(state, p=behind, v=still, notes=(zero, zero, zero, zero - 1.0))
+        goal = self._afterwards.goal(state, goal)
+        velocity = self._hold.recommended(state, goal, self._hold.arrival(goal))
+        stays = self._hold.staying(state, goal)
+        velocity = map_leaves(partial(np.where, self._afterwards.stays), stays, velocity)
+        return np.array(leaves(velocity - state.v))
 
     def _velocity_to_gain(self, state: Any, goal: Any) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, with which the craft coasts to the next view."""

@@ -1,0 +1,153 @@
+"""Every controller of the registry, and agents of missions, far past the end of what they fly.
+
+In an episode the end hides what a controller does next. A simulator of somebody else, or a robot, goes on.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.episode import Setup
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.flight import Controller
+from rans.model.fields import Vec3, map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.landing_guidance import LandingGuidance
+from rans.scenario import Scenario, scenarios
+from rans.tasks import Dock, Hold, Inspect, Land, Rendezvous
+from rans.tasks.orbital import OrbitalMission
+from tests.support.past_the_end import flown_on
+
+REVERSALS = 2.0
+"""Speed tolerances that holding may spend in 1,000 s: to stop from it, or turn round at half of it, twice. A limit
+cycle that fires in every period spends hundreds."""
+QUICK = "lqr", "switching", "guidance", "mission"
+OF_INSPECTIONS = tuple(sorted({"visiting", "circumnavigation"} & set(CONTROLLERS.built_in)))
+SLOW = "mpc", "mpc-observer", "mppi", "convex"
+MISSIONS: dict[str, OrbitalMission] = {"hold": Hold(), "dock": Dock(), "rendezvous": Rendezvous()}
+
+
+def setup_of(task: Any) -> Setup:
+    task = task.for_evaluation()
+    return Setup(load_spacecraft(task.spacecraft), task, task.timing)
+
+
+def made(name: str, setup: Setup) -> Controller:
+    with warnings.catch_warnings():
+        # Some do not know the constraints, and say so.
+        warnings.simplefilter("ignore", UserWarning)
+        return CONTROLLERS[name](*setup[:3])
+
+
+def near_starts(setup: Setup, seconds: float) -> Scenario:
+    """Two craft 8 tolerances above and below the goal, with so many s until the deadline and the arrival."""
+    task = setup.task
+    assert isinstance(task, OrbitalMission)
+    drawn: Any = scenarios(task, setup.craft, 1, 2)
+    way = Vec3(np.array([-8.0, 8.0]) * task.position_tolerance, np.zeros(2), np.zeros(2))
+    left = np.full(2, seconds)
+    notes = (left, left - task.timing.control_period, np.zeros(2), *drawn.goal.notes[3:])
+    start = replace(drawn.start, p=drawn.goal.p + way, v=way.scale(0.0))
+    return Scenario(start, replace(drawn.goal, notes=notes))
+
+
+def test_every_controller_of_the_registry_is_flown_past_the_end() -> None:
+    assert set(CONTROLLERS.built_in) == {*QUICK, *SLOW, "landing", *OF_INSPECTIONS}
+
+
+@pytest.mark.parametrize("mission", ["hold", "dock"])
+def test_mission_guidance_stays_after_the_arrival(mission: str) -> None:
+    setup = setup_of(MISSIONS[mission])
+    continued = flown_on(setup, made("mission", setup), near_starts(setup, 100.0), 900.0)
+    # 300 s after the deadline the arrival is over.
+    rest = continued.after(400.0)
+    assert rest.spent(500.0).max() < REVERSALS * setup.task.velocity_tolerance  # type: ignore[attr-defined]
+    assert rest.reached.all()
+    assert rest.margin.min() > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*QUICK, *SLOW])
+@pytest.mark.parametrize("mission", MISSIONS)
+def test_controllers_hold_for_5000_s_after_the_last_deadline(name: str, mission: str) -> None:
+    setup = setup_of(MISSIONS[mission])
+    task = setup.task
+    assert isinstance(task, OrbitalMission)
+    starts = scenarios(task, setup.craft, 90210, 1 if name in SLOW else 4)
+    # Who has not held by then, or comes late, has the time of another plan.
+    latest = 2.0 * task.deadline[1] + 1000.0
+    continued = flown_on(setup, made(name, setup), starts, latest + 5000.0)
+    rest = continued.after(latest)
+    assert rest.spent(1000.0).max() < REVERSALS * task.velocity_tolerance
+    assert rest.reached.all()
+    assert rest.margin.min() > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mission", MISSIONS)
+def test_a_missed_deadline_is_followed_by_a_new_plan(mission: str) -> None:
+    """From far away with no time left: the craft comes, within the limits, and without haste."""
+    setup = setup_of(MISSIONS[mission])
+    task = setup.task
+    assert isinstance(task, OrbitalMission)
+    drawn: Any = scenarios(task, setup.craft, 3, 1)
+    goal = map_leaves(lambda x: x, drawn.goal)
+    notes = (goal.notes[0] * 0.0 - 50.0, goal.notes[1] * 0.0 - 50.0, *goal.notes[2:])
+    starts = Scenario(drawn.start, replace(goal, notes=notes))
+    once = task.deadline[1]
+    continued = flown_on(setup, made("mission", setup), starts, once + 1000.0)
+    assert continued.margin.min() > 0.0
+    assert continued.reached[-1].all()
+    planned = flown_on(
+        setup,
+        made("mission", setup),
+        Scenario(drawn.start, task.plan(drawn.start, goal, once)),
+        once,
+    )
+    # The same plan, and what staying costs.
+    stays = REVERSALS * task.velocity_tolerance * 2.0
+    assert continued.change.sum() < planned.change.sum() + stays
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OF_INSPECTIONS)
+def test_inspections_end_where_nothing_pulls(name: str) -> None:
+    """Once everything is seen a craft stays behind the target or on a closed orbit."""
+    setup = setup_of(Inspect())
+    starts = scenarios(setup.task, setup.craft, 90210, 4)
+    latest = setup.timing.episode_steps * setup.timing.control_period
+    continued = flown_on(setup, made(name, setup), starts, latest + 5000.0)
+    rest = continued.after(latest)
+    assert rest.reached.all()
+    assert rest.margin.min() > 0.0
+    # Twice a correction of 5 cm/s, the least that is burnt on the way from view to view.
+    assert rest.spent(1000.0).max() < 0.1
+
+
+def test_engines_are_shut_from_the_contact_on() -> None:
+    """A metre above the site at 0.3 m/s it has landed; below the ground it has crashed; above it flies."""
+    setup = setup_of(Land())
+    guidance = LandingGuidance(*setup[:3])
+    drawn: Any = scenarios(setup.task, setup.craft, 1, 3)
+    start = drawn.start
+    zero = np.zeros(3)
+    p = Vec3(np.array([0.0, 500.0, 0.0]), zero, np.array([0.9, -0.1, 300.0]))
+    v = Vec3(zero, zero, np.array([-0.3, -40.0, -60.0]))
+    stores = tuple(np.full(3, store.initial) for store in setup.craft.stores)
+    state = replace(start, p=p, v=v, stores=stores)
+    guidance.reset(3)
+    command = guidance.act(state, drawn.goal, np.zeros((3, 1)))
+    engines = len(setup.craft.thrusters)
+    # Its engines are always lit: shut is their least level.
+    assert (command[:2, :engines] == setup.craft.actuators.low).all()
+    assert (command[:2, engines:] == 0.0).all()
+    # A landed craft stays so, whatever it bounces.
+    bounced = replace(state, p=replace(p, z=np.array([2.0, 0.3, 295.0])))
+    again = guidance.act(bounced, drawn.goal, np.zeros((3, 1)))
+    assert (again[:2] == command[:2]).all()
+    assert (again[2, :engines] > setup.craft.actuators.low).any()
