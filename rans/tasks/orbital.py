@@ -93,7 +93,7 @@ def last_check(deadline: float, interval: float) -> int:
     >>> last_check(99.9995, 10.0), last_check(99.9, 10.0)
     (10, 9)
     """
-    return math.floor((deadline + _INSTANT) / interval + 1e-9)
+    return math.floor((deadline + INSTANT) / interval + 1e-9)
 
 
 @dataclass(frozen=True)
