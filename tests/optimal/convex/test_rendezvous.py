@@ -96,7 +96,12 @@ def test_the_last_check_of_a_proof_is_the_last_that_the_judge_counts(
     def is_in_time(last: int) -> bool:
         """Whether the mission judges a success then, or only for being late none."""
         left = deadline - last * interval
-        now, early = (replace(goal, notes=(t, *goal.notes[1:])) for t in (left, 1e3))
+        # A hold that begins then is judged when it has lasted.
+        lasts = getattr(mission, "hold_seconds", 0.0)
+        held = [lasts] * (len(goal.notes) - 3)
+        now, early = (
+            replace(goal, notes=(t - lasts, *goal.notes[1:3], *held)) for t in (left, 1e3)
+        )
         there = replace(goal, notes=())
         return bool(mission.done(there, now)) == bool(mission.done(there, early))
 
