@@ -29,6 +29,7 @@ from validation.study.flights import bang_bang_checks, flight_checks, optimal_ch
 from validation.study.invariants import invariant_checks
 from validation.study.onsets import onset_checks
 from validation.study.oracles import oracle_checks
+from validation.study.orbits import orbit_checks
 from validation.study.readings import reading_checks
 from validation.study.tasks import task_checks
 
@@ -79,6 +80,7 @@ look."""
 
 FULL_LAYERS: dict[str, Layer] = LAYERS | {
     "optimal": lambda s: optimal_checks(s.craft, s.seed),
+    "orbits": lambda s: orbit_checks(s.craft, s.seed),
     "closed-loop": lambda s: closed_loop_checks(s.craft, s.seed, 2 * s.flights),
     "compiled": lambda s: compiled_checks(s.craft, s.seed, s.flights),
     "cuda": lambda s: graph_checks(s.craft, s.seed, s.flights),
