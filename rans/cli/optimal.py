@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
@@ -54,8 +54,9 @@ class Optimal:
     objective: Literal["fuel", "time", "energy", "tracking", "reward"] = "fuel"
     """What is minimized: impulse (fuel), time, squared thrust (energy), squared distance (tracking), or minus
     the task's return (reward)."""
-    ending: Literal["exact", "set"] = "exact"
-    """Arrive exactly, or within the task's tolerances (set); for fuel, time and energy."""
+    ending: Literal["exact", "set"] | None = None
+    """Arrive exactly, or within the task's tolerances (set); for fuel, time and energy. By default exact, for land
+    set, which is what its success asks for."""
     horizon: float | None = None
     """Length of the trajectory, s: by default 20, for reward 25. For time it is computed. For a mission on an
     orbit it is the deadline, by default the latest."""
@@ -110,14 +111,16 @@ class Optimal:
         from rans.show.figures.svg import svg
 
         self._check()
+        ending = self.ending or "exact"
         task = TASKS[typed(self.task)]().for_evaluation()
         craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
         if task.optimal_problem == "rendezvous":
             return self._mission(craft, cast("OrbitalMission", task))
         if task.optimal_problem == "landing":
             return self._land(craft, cast("Land", task))
+        self._refuse_unused()
         objective = objective_of(
-            self.objective, self.horizon, self.control_period, self.ending, self.intervals
+            self.objective, self.horizon, self.control_period, ending, self.intervals
         )
         finer = []
         if self.refine:
@@ -126,7 +129,7 @@ class Optimal:
                 self.refine,
                 self.horizon,
                 self.control_period,
-                self.ending,
+                ending,
                 self.intervals,
             )[1:]
         starts = self._starts(task, craft)
@@ -199,8 +202,7 @@ class Optimal:
         """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
         from rans.evaluation.compare.transfers import contestants_of, judged
 
-        if self.start or self.goal:
-            raise ConfigError(f"--start and --goal are not for {self.task}, whose goal is fixed.")
+        self._refuse_all_but("spacecraft", "horizon", "episodes", "seed", "agents")
         deadline = task.deadline[1] if self.horizon is None else self.horizon
         folder = ready_folder(self.output or Path("runs") / f"optimal-{distinct(self.task)}")
         makers = contestants_of(craft, task, self.agents)
@@ -226,6 +228,7 @@ class Optimal:
 
     def _land(self, craft: Spacecraft, task: Land) -> int:
         """Compute landings by convex programming; only starts and ending can be chosen."""
+        self._refuse_all_but("spacecraft", "ending", "episodes", "start", "goal", "seed")
         from rans.evaluation.compare.landings import (
             landing_table,
             landings,
@@ -238,9 +241,19 @@ class Optimal:
         with progress() as bars:
             step = stages(bars)("landings", len(starts.start.p.x))
             answers = landings(craft, task, starts, self.ending == "exact", step)
-        title = f"least propellant: {self.task} with {craft.name}, turned at once"
+        where = (
+            "exactly at the site"
+            if self.ending == "exact"
+            else f"within {task.position_tolerance:g} m and {task.velocity_tolerance:g} m/s"
+        )
+        title = f"least propellant to land {where}: {self.task} with {craft.name}, turned at once"
         Terminal().print(landing_table(title, answers))
-        about = {"task": self.task, "spacecraft": craft.name, "seed": self.seed}
+        about = {
+            "task": self.task,
+            "spacecraft": craft.name,
+            "ending": self.ending or "set",
+            "seed": None if self.start else self.seed,
+        }
         write_landings(folder, about, answers)
         lost = sum(not answer.good for answer in answers)
         Terminal().say(
@@ -256,6 +269,44 @@ class Optimal:
             raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
+
+    def _refuse_unused(self) -> None:
+        """Reject (`ConfigError`) options that an ordinary task does not use with the others."""
+        default = {field.name: field.default for field in fields(self)}
+        unused = {
+            "agents": "is for missions on an orbit (dock, hold, rendezvous)",
+            **({} if self.certify else {"certify_seconds": "needs --certify"}),
+            **(
+                {}
+                if self.objective == "time"
+                else {"intervals": f"is for --objective time, and this is {self.objective}"}
+            ),
+            **(
+                {}
+                if not self.start
+                else {"episodes": "is for starts of a seed, and --start is one"}
+            ),
+            **({} if not (self.start and self.goal) else {"seed": "is for starts of a seed"}),
+        }
+        if self.objective == "time" and not self.certify:
+            unused["control_period"] = "is computed for --objective time, but for its --certify"
+        for name, reason in unused.items():
+            if getattr(self, name) != default[name]:
+                raise ConfigError(f"--{name.replace('_', '-')} {reason}.")
+
+    def _refuse_all_but(self, *used: str) -> None:
+        """Reject (`ConfigError`) options that the user has set and this task does not use."""
+        given = [
+            f"--{field.name.replace('_', '-')}"
+            for field in fields(self)
+            if field.name not in (*used, "task", "output", "workers")
+            and getattr(self, field.name) != field.default
+        ]
+        if given:
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in used)
+            raise ConfigError(
+                f"{', '.join(given)} would change nothing for {self.task}, which takes {options} and --output."
+            )
 
     def _starts(self, task: Task, craft: Spacecraft) -> Scenario:
         """Scenarios of the seed, or the start and goal of the options."""

@@ -118,6 +118,21 @@ def test_lost_starts_are_told_and_the_rest_is_made(
             "the ending set is for fuel, time",
         ),
         (
+            ("land", "--objective", "time", "--most-speed", "20", "--guesses", "2", "--certify"),
+            "--objective, --most-speed, --guesses, --certify would change nothing for land",
+        ),
+        (
+            ("dock", "--ending", "set", "--keep-out", "1,2,3,4", "--start", "p.x=3"),
+            "--ending, --start, --keep-out would change nothing for dock",
+        ),
+        (("go-to-pose", "--agents", "pretrained:dock-3d"), "--agents is for missions on an orbit"),
+        (("go-to-pose", "--intervals", "20"), "--intervals is for --objective time"),
+        (("go-to-pose", "--certify-seconds", "5"), "--certify-seconds needs --certify"),
+        (
+            ("go-to-pose", "--start", "p.x=3", "--episodes", "3"),
+            "--episodes is for starts of a seed",
+        ),
+        (
             ("go-to-pose", "--start", "p.x=3", "--keep-out", "0,0.25,1"),
             "goal 0 is 0.75 m inside the ball to keep out of at 0, 0.25",
         ),
@@ -223,3 +238,23 @@ def test_a_start_and_limits_of_ones_own(tmp_path: Path) -> None:
     arrays = np.load(tmp_path / "optimal.npz")
     assert arrays["costates"].shape == (1, 16, 6)
     assert arrays["command_multipliers"].shape == (1, 16, 8)
+
+
+@pytest.mark.slow
+def test_a_landing_ends_as_the_mission_is_won_and_its_title_says_how(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An independent cone program needs 372.74 kg within 1 m and 0.5 m/s, and 373.32 kg to land exactly."""
+    start = ("--start", "p.x=2000", "p.z=1500", "v.x=80", "v.y=30", "v.z=-75")
+    needed = []
+    for ending in ((), ("--ending", "exact")):
+        folder = tmp_path / str(len(ending))
+        assert main(["optimal", "land", *start, *ending, "--output", str(folder)]) == 0
+        written = json.loads((folder / "optimal.json").read_text())
+        assert written["ending"] == (ending[1] if ending else "set")
+        needed.append(written["starts"][0]["propellant"])
+    # To the digits of the other program.
+    assert needed == pytest.approx([372.74, 373.32], abs=0.01)
+    text = " ".join(capsys.readouterr().out.split())
+    assert "within 1 m and 0.5 m/s" in text
+    assert "exactly at the site" in text
