@@ -241,8 +241,8 @@ def trajectory(meeting: Meeting, start: np.ndarray, transfer: Transfer) -> np.nd
 def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.ndarray | None:
     """(2 d,) multiplier of the state at a check that bounds the impulse of meeting there best, N s per m and m/s.
 
-    None: commands of any size cannot meet there. It is the dual program of a meeting whose commands have no
-    upper bound: few variables, one row a command.
+    None: commands cannot meet there, by a certificate that is checked. It is the dual program of a meeting whose
+    commands have no upper bound: few variables, one row a command.
 
     Raises:
         SolverFailed: Clarabel does not end with a solution.
@@ -280,8 +280,13 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.nda
     )
     result = solver.solve()
     status = str(result.status)
-    if status in ("DualInfeasible", "AlmostDualInfeasible"):
-        return None
+    if "DualInfeasible" in status:
+        # Along this ray the bound of `proof` gains and loses; where it gains more, it grows for ever.
+        ray = np.array(result.x)[: 2 * size]
+        gain = ray @ state - meeting.position_tolerance * np.linalg.norm(ray[:size])
+        gain -= meeting.velocity_tolerance * np.linalg.norm(ray[size:])
+        if gain > np.maximum(-(ray @ effect), 0.0).sum():
+            return None
     if status not in ("Solved", "AlmostSolved"):
         raise SolverFailed(
             f"Clarabel ended with {status} for the bound of a meeting at {check * meeting.interval:g} s."
@@ -588,7 +593,7 @@ class _Rows:
         )
         result = solver.solve()
         status = str(result.status)
-        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+        if "PrimalInfeasible" in status and self._is_impossible(np.array(result.z)):
             return None
         if status not in ("Solved", "AlmostSolved"):
             raise SolverFailed(
@@ -610,6 +615,23 @@ class _Rows:
             abs(result.obj_val - result.obj_val_dual),
             max(result.r_prim, result.r_dual),
         )
+
+    def _is_impossible(self, certificate: np.ndarray) -> bool:
+        """Whether multipliers of all rows prove that no commands within [0, 1] fulfil them (Farkas' lemma).
+
+        With multipliers z of the dual cone, z . (b - A u) is not negative for commands that fulfil all rows. If its
+        largest value over the commands is negative, there are none; the solver's own tolerance does not matter.
+        """
+        count = 2 * len(self._vector[0])
+        z = certificate.copy()
+        z[:count] = np.maximum(z[:count], 0.0)
+        first = count
+        for rows in self._cones:
+            tail = float(np.linalg.norm(z[first + 1 : first + rows]))
+            z[first] = max(z[first], tail)
+            first += rows
+        slope = -(z @ np.vstack(self._matrix))
+        return bool(z @ np.concatenate(self._vector) + np.maximum(slope, 0.0).sum() < 0.0)
 
 
 def _clarabel() -> Any:

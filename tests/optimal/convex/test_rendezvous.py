@@ -15,6 +15,7 @@ from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.convex.rendezvous import (
+    _Rows,
     least_impulse,
     least_margin,
     prices_of_missing,
@@ -74,6 +75,19 @@ def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadl
         assert flight.done.all()
         assert not flight.violated().any()
         np.testing.assert_allclose(impulses(flight), [one.upper for one in answers], rtol=1e-6)
+
+
+def test_only_a_checked_certificate_says_that_a_meeting_is_impossible() -> None:
+    """100 km away nothing meets in 100 s; multipliers that prove nothing are not believed."""
+    meeting, (state,), _, _ = meeting_of(300.0, 1, 3)
+    far = state + np.array([1e5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert least_impulse(meeting, far, 100) is None
+    rows = _Rows(meeting, state, 300)
+    rows.arrive()
+    rng = np.random.default_rng(0)
+    size = sum(map(len, rows._vector))
+    assert least_impulse(meeting, state, 300) is not None
+    assert not any(rows._is_impossible(rng.normal(size=size)) for _ in range(200))
 
 
 MISSIONS = [Dock(), Hold(), Rendezvous()]
