@@ -106,7 +106,7 @@ def test_a_missed_deadline_is_followed_by_a_new_plan(mission: str) -> None:
     planned = flown_on(
         setup,
         made("mission", setup),
-        Scenario(drawn.start, task.plan(drawn.start, goal, once)),
+        Scenario(drawn.start, task.plan(drawn.start, goal, np.full(1, once))),
         once,
     )
     # The same plan, and what staying costs.
