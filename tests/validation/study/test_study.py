@@ -11,6 +11,7 @@ from rans.model.timing import Timing
 from rans.tasks import TASKS
 from validation.study import engines, flights, oracles
 from validation.study.checks import Check, Curve, Skipped
+from validation.study.missions import MISSIONS as DECLARED
 from validation.study.study import FULL_LAYERS, LAYERS, Scope, study
 
 MISSIONS = "avoid", "dock", "dock-port", "hold", "inspect", "land", "rendezvous"
@@ -159,6 +160,19 @@ COMPILED = four(**{"engine, compiled float64": 1e-11})
 GRAPHS = four(**{"engine, CUDA graph float64": 1e-11, "engine, CUDA graph float32": 1e-3})
 
 
+def missions(dimension: int) -> dict[str, tuple[float, str]]:
+    """Of every mission that the dimension has."""
+    found = {}
+    for (name, size), declared in DECLARED.items():
+        if size == dimension:
+            found |= {
+                f"tasks: {name} draws {what}": (1e-9, "of the range") for what in declared.draws
+            }
+            if declared.margins:
+                found[f"tasks: margins of {name}"] = (1e-8, "m, m/s, -")
+    return found
+
+
 def bounds(checks: Any) -> dict[str, tuple[float, str]]:
     return {c.name: (c.tolerance, c.unit) for c in checks if isinstance(c, Check)}
 
@@ -180,7 +194,9 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_short")
 @pytest.mark.parametrize(
-    ("craft", "table"), [(PLATFORM, PLANE), (FLYER, SPACE)], ids=["plane", "space"]
+    ("craft", "table"),
+    [(PLATFORM, PLANE | missions(2)), (FLYER, SPACE | missions(3))],
+    ids=["plane", "space"],
 )
 def test_bounds_of_every_quick_layer(craft: Any, table: dict[str, tuple[float, str]]) -> None:
     scope = Scope(craft, seed=1, states=4, flights=1)
