@@ -13,7 +13,7 @@ from rans.tasks import Task
 from tests.support.processes import loaded
 
 ROOT = Path(__file__).parents[1]
-ROOMS = "rans", "validation", "benchmarks"
+ROOMS = "rans", "validation", "campaigns"
 HEAVY = {
     "torch",
     "pydrake",
@@ -44,14 +44,12 @@ LAYERS: list[set[str]] = [
     {"rans.evaluation"},
     {"rans.deploy"},
     {"rans.show"},
-    {"validation.markdown", "validation.command", "validation.two_body"},
+    {"validation.two_body", "validation.peers"},
     {"validation.study"},
-    {"benchmarks"},
-    {"validation.records"},
     {"validation.speed"},
     {"rans.api"},
     {"rans.cli"},
-    {"validation.breaking"},
+    {"campaigns"},
     {"rans.__main__"},
 ]
 """From the bottom up: a module imports from its own package and from lower layers only, so that engines
@@ -103,7 +101,7 @@ def imports(file: Path) -> set[str]:
 def unit(name: str) -> str:
     """The package or module of `LAYERS` that a module, or a name in it, belongs to."""
     parts = name.split(".")
-    return parts[0] if parts[0] == "benchmarks" else ".".join(parts[:2])
+    return parts[0] if parts[0] == "campaigns" else ".".join(parts[:2])
 
 
 every_module = pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Where `rans validate` and `rans benchmark` find `validation` and `benchmarks`, which nobody else should."""
+"""Where `rans validate` and `rans benchmark` find `validation`, which nobody else should."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import rans
 
 
 def enter() -> None:
-    """Let ``validation`` and ``benchmarks`` be ours from here on, whatever has these names where the user stands.
+    """Let ``validation`` be ours from here on, whatever has this name where the user stands.
 
-    In a wheel it lies in ``rans/laboratory``, so that none of these names is installed; in a working copy
+    In a wheel it lies in ``rans/laboratory``, so that the name is not installed; in a working copy
     beside ``rans`` (decision 015).
     """
     here = Path(rans.__file__).parent

@@ -16,7 +16,7 @@ from rans.files import command_line, environment, ready_folder, write_json, writ
 from rans.terminal import Terminal, table, writing_at_end
 
 if TYPE_CHECKING:
-    from benchmarks.peers.runner import PeerResult
+    from validation.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
 
@@ -84,7 +84,7 @@ class Benchmark:
         self, console: Terminal, device: str, result: list[tuple[PeerResult, list[Ratio]]]
     ) -> None:
         """Measure peers, and ratios to them."""
-        from benchmarks.peers.runner import default_folder
+        from validation.peers.runner import default_folder
         from validation.speed.ratios import compare_peers
         from validation.speed.suite import effort
 
@@ -112,7 +112,7 @@ class Benchmark:
         """Print and write the results so far, if there are any."""
         import torch
 
-        from benchmarks.peers.unmeasured import UNMEASURED
+        from validation.peers.unmeasured import UNMEASURED
         from validation.speed.ratios import bounds
 
         if not measured:
@@ -156,8 +156,8 @@ class Benchmark:
         peers: list[PeerResult],
         ratios: list[Ratio],
     ) -> None:
-        from benchmarks.peers.unmeasured import UNMEASURED
         from rans.show.figures.svg import svg
+        from validation.peers.unmeasured import UNMEASURED
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {

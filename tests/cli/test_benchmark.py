@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 import torch
 
-from benchmarks.peers.runner import Peer, PeerResult
 from rans.cli import main
 from rans.cli.benchmark import Benchmark, _measured, _peer
 from rans.tasks import TASKS
 from rans.terminal import Terminal
+from validation.peers.runner import Peer, PeerResult
 from validation.speed.measurement import Measurement
 from validation.speed.ratios import Ratio
 
@@ -78,7 +78,7 @@ def test_peers_that_cannot_be_installed_are_rows_that_say_why(
         python.chmod(0o755)
 
     monkeypatch.setenv("PIP_NO_INDEX", "1")
-    monkeypatch.setattr("benchmarks.peers.runner.venv.create", environment)
+    monkeypatch.setattr("validation.peers.runner.venv.create", environment)
     monkeypatch.setattr(
         "validation.speed.suite.measurements",
         lambda *_: [

@@ -21,7 +21,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
 from rans.pretrained import pretrained_folder
 from tests.support.exports import FAST, exported, remembering, written
-from validation.records.exports import c_compilers
+from validation.speed.exported import c_compilers
 
 if shutil.which("cc") is None:
     pytest.skip("needs a C compiler", allow_module_level=True)

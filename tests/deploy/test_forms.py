@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 
+from campaigns.exports import asked, own_answers, unequal
 from rans.cli import main
 from rans.deploy.contract import contract, golden
 from rans.deploy.export import Form, write_agent
@@ -34,14 +35,14 @@ from rans.scenario import scenarios
 from tests.support.exports import FAST, exported, remembering, shipped, written
 from tests.support.shipped import shipped_agents
 from tests.support.training import scatter, tiny_learner
-from validation.records.exports import ANSWERS, asked, numpy_answer, own_answers, unequal
+from validation.speed.exported import ANSWERS, numpy_answer
 
 FORMS: tuple[Form, ...] = ("onnx", "numpy", "c")
 
 
 @pytest.mark.parametrize("name", shipped_agents())
 def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Path) -> None:
-    """Of 12 steps, more than any remembers; ``python -m validation.records.exports`` asks 100,000 observations."""
+    """Of 12 steps, more than any remembers; ``python -m campaigns.exports`` asks 100,000 observations."""
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 250))

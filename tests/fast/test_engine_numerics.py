@@ -181,7 +181,7 @@ def test_a_quarter_of_a_million_steps_without_nan(
 ) -> None:
     """Random, held, one-sided and full thrust; also a hundred times too much of it.
 
-    `validation.breaking` flies a thousand million.
+    `campaigns.breaking` flies a thousand million.
     """
     own = {"nasty planar": planar_craft, "nasty spatial": spatial_craft}
     craft = stronger(own.get(name) or load_spacecraft(name), factor)

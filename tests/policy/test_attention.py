@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from campaigns.attention import begun, train
 from rans.deploy.export import Form, write_agent
 from rans.deploy.program import agent_program
 from rans.errors import ConfigError
@@ -23,7 +24,6 @@ from rans.policy.network import Network
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy, setup
 from tests.support.training import scatter
-from validation.records.attention import begun, train
 
 
 def attending(craft: Spacecraft, head: str = "on-off") -> Network:

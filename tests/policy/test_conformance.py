@@ -28,7 +28,7 @@ from rans.policy.traced import parameters, policy_program
 from rans.tasks import Dock
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
-from validation.records.exports import ANSWERS
+from validation.speed.exported import ANSWERS
 
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), (), 0.0)

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from campaigns.filtered import corrected, gains
+from campaigns.robustness import rows
 from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.model.fields import Heading, Quat
@@ -23,8 +25,6 @@ from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW
 from tests.support.engines import FLYER, PLATFORM, both_crafts
 from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body
-from validation.records.filtered import corrected, gains
-from validation.records.robustness import rows
 
 FOLLOWED = [
     "go-to-pose",
@@ -171,7 +171,7 @@ def _example(task: Task) -> Any:
 
 
 def test_in_noise_it_is_the_filter_of_states() -> None:
-    """As `validation.records.filtered` has it, in W and with quaternions, of the same readings and commands."""
+    """As `campaigns.filtered` has it, in W and with quaternions, of the same readings and commands."""
     task = GoToPose()
     drift = 1e-3
     body = layout(task, 3).body

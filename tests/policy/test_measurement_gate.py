@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rans
+from campaigns.batch import loaded
 from rans.episode import Setup, World, step
 from rans.evaluation.measure.metrics import solved
 from rans.fast.flights import Flights
@@ -25,7 +26,6 @@ from rans.tasks.derived import layout
 from rans.tasks.observation_terms import AngularVelocity, VectorInW
 from tests.support.engines import PLATFORM, both_crafts
 from tests.support.training import tiny_learner
-from validation.records.batch import loaded
 
 COUNT = 32
 SEED = 5

@@ -25,7 +25,7 @@ from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from rans.tasks import Task
-from validation.records.exports import ANSWERS
+from validation.speed.exported import ANSWERS
 from validation.speed.measurement import Measurement
 
 Policy = Callable[[np.ndarray], np.ndarray]

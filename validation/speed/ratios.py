@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.peers.runner import PEERS, PeerResult, measure_peer
 from rans.fast.learn.recipes import preset
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
+from validation.peers.runner import PEERS, PeerResult, measure_peer
 from validation.speed.engine import engine_rate
 from validation.speed.measurement import Measurement
 from validation.speed.suite import Effort

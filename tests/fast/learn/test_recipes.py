@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.robustness import SINGLE
 from rans.errors import ConfigError
 from rans.fast.learn.config import from_table, to_table
 from rans.fast.learn.curriculum import Ramp
@@ -16,7 +17,6 @@ from rans.pretrained import pretrained_folder, pretrained_names
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
-from validation.records.robustness import SINGLE
 
 
 @pytest.mark.parametrize("name", RECIPES)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.peers.runner import Peer, PeerResult
+from validation.peers.runner import Peer, PeerResult
 from validation.speed import ratios
 from validation.speed.measurement import Measurement
 from validation.speed.ratios import bounds, compare_peers, over_trainer, until_solved

@@ -1,1 +1,0 @@
-"""Published protocols and other simulators, flown and timed beside this package."""

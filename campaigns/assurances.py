@@ -1,0 +1,172 @@
+"""How surely the agents that come with RANS do not fail: each flown a million times.
+
+``python -m campaigns.assurances`` runs what `rans assure` runs for every one of them, on a GPU if there is
+one, keeps docs/validation/assurance/NAME.json and writes the table of docs/assurances.md. Campaigns that are
+there already, of the same code, are not flown again, but their failures are: on a machine with Drake by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from tyro.conf import Positional
+
+from campaigns.markdown import Table
+from rans.evaluation.assure.assurance import made
+from rans.evaluation.assure.bounds import plan
+from rans.evaluation.assure.evidence import sha256
+from rans.evaluation.fly.contestants import agent_folder, judged_separately
+from rans.fast.agent_files.agent import AGENT
+from rans.files import read_json, write_json
+from rans.pretrained import pretrained_names
+from rans.scenario import ASSURANCE_SEED
+from rans.terminal import Terminal, table
+from rans.verdict import Failure
+
+_COMMAND = "python -m campaigns.assurances"
+_HEADINGS = (
+    "agent",
+    "conditions",
+    "flights",
+    "failed",
+    "probability of failure, 99 %",
+    "how they fail",
+    "flown again: fail again in NumPy, Drake",
+)
+_SOURCE = (
+    "Everything about each is in [validation/assurance](validation/assurance). Earlier weights: the "
+    "agent was trained anew after it had been assured."
+)
+_CONFIDENCE = 0.99
+_WORST = 2
+"""Failures of each kind that Drake flies, of the worst and of the first."""
+_SHORT = {
+    Failure.NOT_FINITE: "not finite",
+    Failure.TERMINATED: "declared failed",
+    Failure.LEFT: "left",
+    Failure.UNSETTLED: "never there",
+    Failure.LATE: "late",
+    Failure.VIOLATED: "violated",
+    Failure.UNFINISHED: "unfinished",
+}
+
+
+@dataclass(frozen=True)
+class Assurances:
+    """Assure agents; write the table."""
+
+    agents: Positional[tuple[str, ...]] = ()
+    """Names of agents that come with RANS; none: all of them."""
+    flights: int = 1_000_000
+    """Of each."""
+    seed: int = ASSURANCE_SEED
+    replay: bool = True
+    """Whether to fly failed flights again in NumPy and, where it is installed, in Drake."""
+    docs: Path = Path("docs")
+    """Where assurances.md and validation/assurance are."""
+
+    def run(self) -> int:
+        """Write and print it.
+
+        Raises:
+            ConfigError: there is no such agent, or no place for the table.
+        """
+        for one in _campaigns(self.agents or pretrained_names()):
+            self._assure(*one)
+        found = in_document(self.docs)
+        found.write(self.docs)
+        Terminal(room=120).print(table("Assurances", _HEADINGS, found.rows))
+        return 0
+
+    def _assure(self, spec: str, conditions: str) -> None:
+        assurance = made(
+            spec,
+            conditions,
+            plan(_CONFIDENCE, self.flights, None),
+            self.seed,
+            f"rans assure '{spec}' --conditions {conditions} --episodes {self.flights}",
+        )
+        file = _file(self.docs, spec, conditions)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        assurance.go_on(file)
+        assurance.fly(
+            "cuda" if torch.cuda.is_available() else "cpu",
+            keep=lambda: write_json(file, assurance.to_json()),
+        )
+        if self.replay:
+            assurance.replay(_WORST, _WORST)
+        write_json(file, assurance.to_json())
+
+
+def in_document(docs: Path) -> Table:
+    """The table of assurances.md, from the files of all campaigns that there are."""
+    rows = [
+        _cells(*one, read_json(file))
+        for one in _campaigns(pretrained_names())
+        if (file := _file(docs, *one)).exists()
+    ]
+    return Table("assurances.md", _COMMAND, _HEADINGS, rows, _SOURCE)
+
+
+def _file(docs: Path, spec: str, conditions: str) -> Path:
+    name = f"{spec.removeprefix('pretrained:').replace('#', '-')}-{conditions}"
+    return docs / "validation" / "assurance" / f"{name.removesuffix('-perfect')}.json"
+
+
+def _campaigns(names: tuple[str, ...] | list[str]) -> Iterator[tuple[str, str]]:
+    """Who, in which conditions: those made for another world fly in it too."""
+    for name in names:
+        for spec in judged_separately(f"pretrained:{name}"):
+            yield spec, "perfect"
+        if name.endswith("-robust"):
+            yield f"pretrained:{name}", "lab"
+
+
+def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
+    bound = told["bounds"]["any"]
+    replays = told["replays"]
+    low = ""
+    name = spec.removeprefix("pretrained:")
+    if bound["failures"]:
+        low = f"{bound['at least']:.2g} to "
+    kinds = ", ".join(
+        f"{count:,} {_SHORT[Failure[kind]]}"
+        for kind, count in told["campaign"]["failures"].items()
+        if count
+    )
+    again = "–"  # noqa: RUF001
+    if replays and replays["flown again"]:
+        judged = [
+            one["again"]["drake"] is not None
+            for one in replays["judged"]
+            if "drake" in one["again"]
+        ]
+        again = (
+            f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}"
+        )
+    weights = sha256([(agent_folder(spec) / AGENT).read_bytes()])
+    is_same = weights == told["about"]["hashes"].get(f"weights ({AGENT})")
+    earlier = "" if is_same else " (earlier weights)"
+    return (
+        f"`{name}`{earlier}",
+        conditions,
+        f"{bound['flights']:,}",
+        f"{bound['failures']:,}",
+        f"{low or 'at most '}{bound['at most']:.2g}",
+        kinds or "–",  # noqa: RUF001
+        again,
+    )
+
+
+if __name__ == "__main__":
+    import sys
+
+    import tyro
+
+    from campaigns.command import ended
+
+    sys.exit(ended("python -m campaigns.assurances", tyro.cli(Assurances).run))

@@ -1,0 +1,133 @@
+"""How mission guidance docks with errors of sensors and thrusters: ``python -m campaigns.dock_errors``.
+
+All flights begin at the same held-out starts. The lower bounds of the first of them are those of a perfect world.
+With ``--docs docs`` the command writes docs/validation/dock-errors.json and its table in docs/missions/dock.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from campaigns.command import ended
+from campaigns.markdown import Table
+from campaigns.missions import Row, row_of
+from rans.evaluation.compare.transfers import bounds
+from rans.evaluation.measure.metrics import impulses
+from rans.files import environment, read_json, write_json
+from rans.flight import fly
+from rans.model.actuators import Pulsed
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.mission_guidance import MissionGuidance
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.scenario import EVALUATION_SEED, draws, scenarios
+from rans.tasks import Dock
+from rans.terminal import Terminal
+
+_DEADLINES = (1000.0,)
+"""s"""
+_NOISE = SensorsConditions(
+    position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+)
+_LATE = ThrusterConditions(command_delay=(0.0, 1.0))
+_INEXACT = ThrusterConditions(thrust=(0.95, 1.05))
+_ALL = Conditions(thrusters=replace(_LATE, thrust=_INEXACT.thrust), sensors=_NOISE)
+_PULSED = Pulsed(counts=100)
+"""Pulses of whole tenths of a second in a control period of 10 s."""
+_WORLDS = {
+    "perfect": (Conditions(), None),
+    "command delay 0 to 1 s": (Conditions(thrusters=_LATE), None),
+    "thrust 0.95 to 1.05": (Conditions(thrusters=_INEXACT), None),
+    "noise 5 cm, 1 mm/s": (Conditions(sensors=_NOISE), None),
+    "delay, thrust and noise": (_ALL, None),
+    "pulses of 0.1 s": (Conditions(), _PULSED),
+    "pulses, delay, thrust and noise": (_ALL, _PULSED),
+}
+"""Conditions and valves by what the table calls them; valves None: throttles."""
+_HEADINGS = ("", "errors", "docked, %", "limit broken, %", "over the bound", "worst", "spent")
+
+
+@dataclass(frozen=True)
+class DockErrors:
+    """Fly every world, write the evidence, and print the table."""
+
+    episodes: int = 1024
+    """Held-out starts."""
+    bounded: int = 32
+    """The first of them, whose bounds are found."""
+    seed: int = EVALUATION_SEED
+    """Of the starts and of the errors."""
+    docs: Path | None = None
+    """Folder of the documents whose table and evidence are written; by default nothing is."""
+
+    def run(self) -> int:
+        """Print and write."""
+        rows = [*self._rows()]
+        Terminal().show(f"dock, seed {self.seed}", _HEADINGS, [_cells(row) for row in rows])
+        if self.docs is not None:
+            evidence = {
+                "seed": self.seed,
+                "episodes": self.episodes,
+                "bounded": self.bounded,
+                "environment": environment(),
+                "rows": [vars(row) for row in rows],
+            }
+            write_json(self.docs / "validation" / "dock-errors.json", evidence)
+            in_document(self.docs).write(self.docs)
+        return 0
+
+    def _rows(self) -> Iterator[Row]:
+        craft = load_spacecraft("afrl-deputy")
+        for deadline in _DEADLINES:
+            task = Dock(deadline=(deadline, deadline)).for_evaluation()
+            assert isinstance(task, Dock)
+            starts = scenarios(task, craft, self.seed, self.episodes)
+            few = scenarios(task, craft, self.seed, self.bounded)
+            lower = np.full(self.episodes, np.nan)
+            lower[: self.bounded] = [answer.lower for answer in bounds(craft, task, few, deadline)]
+            for name, (conditions, valves) in _WORLDS.items():
+                flown = craft if valves is None else replace(craft, actuators=valves)
+                guidance = MissionGuidance(flown, task, task.timing, conditions)
+                drawn = draws(self.seed, self.episodes)
+                flight = fly(
+                    flown,
+                    task,
+                    guidance,
+                    starts,
+                    task.timing,
+                    conditions=conditions.or_none,
+                    draws=drawn if conditions.or_none else None,
+                )
+                yield row_of(f"{deadline:,.0f} s", name, flight, impulses(flight), lower)
+
+
+def _cells(row: Row) -> list[str]:
+    """Without the number of starts, which is the same everywhere."""
+    cells = row.cells("N s")
+    return cells[:2] + cells[3:]
+
+
+def in_document(docs: Path) -> Table:
+    """The table of dock's page, of the evidence in docs/validation."""
+    evidence = read_json(docs / "validation" / "dock-errors.json")
+    return Table(
+        "missions/dock.md",
+        "python -m campaigns.dock_errors --docs docs",
+        _HEADINGS,
+        [_cells(Row(**row)) for row in evidence["rows"]],
+        f"Each row has {evidence['episodes']:,} starts; bounds are those of the first {evidence['bounded']}. "
+        "The values are in [dock-errors.json](../validation/dock-errors.json).",
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("dock errors", lambda: tyro.cli(DockErrors).run()))

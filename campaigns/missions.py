@@ -1,0 +1,407 @@
+"""What a mission's agents and opponents are worth: ``python -m campaigns.missions MISSION``.
+
+MISSION is one of dock, hold, rendezvous, land, avoid, dock-port. All contestants fly from the same held-out starts.
+Of missions on an orbit and of landings, proven bounds of the first of these starts stand beside them, ratio by
+ratio. With ``--docs docs`` the command writes docs/validation/mission-MISSION.json and the table of
+docs/missions/MISSION.md.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+import tyro
+
+from campaigns.command import ended
+from campaigns.markdown import Table
+from rans.errors import ConfigError, SolverFailed
+from rans.evaluation.compare.transfers import bounds
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.measure.metrics import impulses, solved
+from rans.files import environment, read_json, write_json
+from rans.flight import Controller, Flight, fly
+from rans.model.body import Body
+from rans.model.fields import map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.convex_guidance import ConvexGuidance
+from rans.optimal.control.guidance import VelocityToGain
+from rans.optimal.control.landing_guidance import LandingGuidance
+from rans.optimal.control.lqr import LQR
+from rans.optimal.control.mission_guidance import MissionGuidance
+from rans.optimal.convex.landing import Descent, Lander, best_landing, thrust_offset
+from rans.pretrained import pretrained_names
+from rans.reference.flight import fly_in_drake
+from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
+from rans.tasks import TASKS, Task
+from rans.tasks.land import Land
+from rans.tasks.orbital import OrbitalMission
+from rans.terminal import Terminal
+
+Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]
+
+_DEADLINES = {
+    "dock": (600.0, 700.0, 800.0, 1000.0, 1500.0, 2000.0),
+    "hold": (600.0, 1000.0, 1900.0),
+    "rendezvous": (4000.0, 5000.0, 7000.0),
+}
+"""By which missions on an orbit are to be won, s."""
+_HEADINGS = ("", "who", "starts", "won, %", "limit broken, %", "over the bound", "worst", "spent")
+_VARIED: dict[str, dict[str, dict[str, Any]]] = {
+    "avoid": {
+        "default zones": {},
+        "fixed zones": {"zone_speed": (0.0, 0.0)},
+        "all at 0.04 m/s": {"zone_speed": (0.04, 0.04)},
+    },
+    "dock-port": {
+        "default rates": {},
+        "at rest": {"port_rate": (0.0, 0.0)},
+        **{f"{rate} deg/s": {"port_rate": (math.radians(rate),) * 2} for rate in (1, 2, 3)},
+    },
+    "land": {"": {}},
+}
+"""Settings of the task by what the table calls them."""
+
+_LANDED: dict[str, dict[str, Any]] = {
+    "": {},
+    "moon": {
+        "gravity": 1.62,
+        "start_distance": (100.0, 300.0),
+        "start_away": (0.0, 5.0),
+        "start_across": (0.0, 5.0),
+        "start_descent": (40.0, 60.0),
+    },
+}
+"""Settings of landings that guidance flies, by what the table calls them."""
+
+_DEAD = "one engine dead"
+"""What the table calls landings without one engine."""
+_NUMBERS = ("won", "violated", "ratio", "worst", "spent")
+"""Fields of a row that a file may not know: "nan" there."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one contestant is worth under one condition."""
+
+    condition: str
+    who: str
+    starts: int
+    won: float
+    """Share."""
+    violated: float
+    """Share that broke a limit before the end."""
+    ratio: float
+    """Mean of what was spent over the bound of the same start, of those that won; NaN: no bound is known."""
+    worst: float
+    """The largest of these ratios."""
+    spent: float
+    """Mean of those that won: N s, of landings kg."""
+
+    def cells(self, unit: str) -> list[str]:
+        """As text."""
+        known = np.isfinite(self.ratio)
+        return [
+            self.condition,
+            self.who,
+            f"{self.starts:,}",
+            f"{100.0 * self.won:.1f}",
+            f"{100.0 * self.violated:.1f}",
+            f"{self.ratio:.3f}" if known else "-",
+            f"{self.worst:.3f}" if known else "-",
+            f"{float(f'{self.spent:.3g}'):,g} {unit}" if np.isfinite(self.spent) else "-",
+        ]
+
+
+@dataclass(frozen=True)
+class Missions:
+    """Fly everybody, write the evidence, and print the table."""
+
+    mission: Annotated[Mission, tyro.conf.Positional]
+    """Which mission."""
+    agents: tuple[str, ...] = ()
+    """Run folders or pretrained:NAME that fly too, beside those that come with RANS."""
+    episodes: int = 1024
+    """Held-out starts of agents and of guidance that needs no program."""
+    bounded: int = 32
+    """The first of them, whose bounds are found and which convex guidance and LQR fly."""
+    drake: int = 0
+    """The first of them that agents fly in Drake too."""
+    seed: int = EVALUATION_SEED
+    """Seed of the starts."""
+    only: str = ""
+    """Measure the rows of one condition of land alone, "one engine dead". Others are kept as they are in the
+    evidence."""
+    docs: Path | None = None
+    """Folder of the documents whose table and evidence are written; by default nothing is."""
+
+    def run(self) -> int:
+        """Print and write."""
+        rows = [*self._rows()]
+        cells = [row.cells(_unit(self.mission)) for row in rows]
+        Terminal().show(f"{self.mission}, seed {self.seed}", _HEADINGS, cells)
+        if self.docs is not None:
+            evidence = {
+                "mission": self.mission,
+                "seed": self.seed,
+                "episodes": self.episodes,
+                "bounded": self.bounded,
+                "drake": self.drake,
+                "environment": environment(),
+                "rows": [vars(row) for row in rows],
+            }
+            file = self.docs / "validation" / f"mission-{self.mission}.json"
+            if self.only:
+                before = read_json(file)
+                others = [r for r in before["rows"] if not r["condition"].startswith(self.only)]
+                evidence = before | {"rows": [*others, *evidence["rows"]]}
+            write_json(file, evidence)
+            in_document(self.docs, self.mission).write(self.docs)
+        return 0
+
+    def _rows(self) -> Iterator[Row]:
+        """Rows of all conditions, or of the one that is to be measured alone."""
+        if self.only:
+            if (self.mission, self.only) != ("land", _DEAD):
+                raise ConfigError(f"only takes {_DEAD!r}, of land, got {self.only!r}.")
+            return self._with_a_dead_engine(Land())
+        return self._orbital() if self.mission in _DEADLINES else self._others()
+
+    def _specs(self) -> list[str]:
+        """Agents of this mission that come with RANS, and those that are named."""
+        ours = [name for name in pretrained_names() if _mission_of(name) == self.mission]
+        return [*(f"pretrained:{name}" for name in ours), *self.agents]
+
+    def _orbital(self) -> Iterator[Row]:
+        """Missions on an orbit: every deadline, everybody."""
+        mission = TASKS[self.mission]().for_evaluation()
+        assert isinstance(mission, OrbitalMission)
+        assert mission.spacecraft is not None
+        craft = load_spacecraft(mission.spacecraft)
+        agents = {spec: contestant(spec).controller for spec in self._specs()}
+        for deadline in _DEADLINES[self.mission]:
+            task = replace(mission, deadline=(deadline, deadline))
+            condition = f"{deadline:,.0f} s"
+            starts = scenarios(task, craft, self.seed, self.episodes)
+            few = scenarios(task, craft, self.seed, self.bounded)
+            lower = np.full(self.episodes, np.nan)
+            lower[: self.bounded] = [answer.lower for answer in bounds(craft, task, few, deadline)]
+            with warnings.catch_warnings():
+                # That they do not know the limits is what the table shows.
+                warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
+                for who, agent in agents.items():
+                    yield from self._flown(condition, who, craft, task, agent, starts, lower)
+                makers: dict[str, tuple[Callable[[], Controller], Scenario]] = {
+                    "guidance": (
+                        lambda task=task: VelocityToGain(craft, task, task.timing),
+                        starts,
+                    ),
+                    "mission guidance": (
+                        lambda task=task: MissionGuidance(craft, task, task.timing),
+                        starts,
+                    ),
+                    "convex guidance": (
+                        lambda task=task: ConvexGuidance(craft, task, task.timing),
+                        few,
+                    ),
+                    "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
+                }
+                if not MissionGuidance.keeps_limits(task):
+                    del makers["mission guidance"]
+                for who, (made, flown) in makers.items():
+                    flight = fly(craft, task, made(), flown, task.timing)
+                    yield row_of(condition, who, flight, impulses(flight), lower)
+
+    def _flown(
+        self,
+        condition: str,
+        who: str,
+        craft: Spacecraft,
+        task: Task,
+        agent: Controller,
+        starts: Scenario,
+        lower: np.ndarray,
+    ) -> Iterator[Row]:
+        """An agent in our engine, and in Drake where that is asked for."""
+        flight = fly(craft, task, agent, starts, task.timing)
+        yield row_of(condition, who, flight, _spent(flight), lower)
+        if self.drake:
+            few = scenarios(task, craft, self.seed, self.drake)
+            flight = fly_in_drake(craft, task, agent, few, task.timing)
+            yield row_of(condition, f"{who}, in Drake", flight, _spent(flight), lower)
+
+    def _others(self) -> Iterator[Row]:
+        """Missions without a deadline: every variant of the task, every agent."""
+        known: np.ndarray | None = None
+        for spec in self._specs():
+            run = contestant(spec)
+            controller, craft, timing = run.controller, run.craft, run.timing
+            task = run.task.for_evaluation()
+            lower = np.full(self.episodes, np.nan)
+            if task.optimal_problem == "landing":
+                known = self._least_propellant(craft, cast(Land, task)) if known is None else known
+                lower[: self.bounded] = known
+            for condition, settings in _VARIED[self.mission].items():
+                varied: Any = replace(cast(Any, task), **settings)
+                starts = scenarios(varied, craft, self.seed, self.episodes)
+                flight = fly(craft, varied, controller, starts, timing)
+                yield row_of(condition, spec, flight, _spent(flight), lower)
+                if self.drake:
+                    few = scenarios(varied, craft, self.seed, self.drake)
+                    flight = fly_in_drake(craft, varied, controller, few, timing)
+                    yield row_of(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
+        if self.mission == "land":
+            for condition, settings in _LANDED.items():
+                yield from self._guided(condition, Land(**settings), None if settings else known)
+            yield from self._with_a_dead_engine(Land())
+
+    def _guided(self, condition: str, task: Land, known: np.ndarray | None) -> Iterator[Row]:
+        """Landing guidance from the first starts, whose bounds may be known."""
+        assert task.spacecraft is not None
+        craft = load_spacecraft(task.spacecraft)
+        lower = self._least_propellant(craft, task) if known is None else known
+        for who, flying, count in (
+            ("landing guidance", fly, self.bounded),
+            ("landing guidance, in Drake", fly_in_drake, min(self.drake, self.bounded)),
+        ):
+            if count:
+                starts = scenarios(task, craft, self.seed, count)
+                guidance = LandingGuidance(craft, task, task.timing)
+                flight = flying(craft, task, guidance, starts, task.timing)
+                yield row_of(condition, who, flight, _spent(flight), lower)
+
+    def _with_a_dead_engine(self, task: Land) -> Iterator[Row]:
+        """Landing guidance from those of the first starts that may have a landing without the first engine.
+
+        The bound is that of a craft that turns at once, whose thrust is tilted by as much more as it is off the
+        craft's axis. From starts without one nothing lands.
+        """
+        assert task.spacecraft is not None
+        craft = load_spacecraft(task.spacecraft)
+        dead = (0,)
+        lander = Lander.of(craft, dead)
+        descent = Descent.of(task)
+        descent = replace(descent, tilt=descent.tilt + thrust_offset(craft, dead))
+        starts = scenarios(task, craft, self.seed, self.bounded)
+        found: dict[int, float] = {}
+        for k, one in enumerate(each(starts)):
+            start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
+            best = best_landing(lander, descent, start, task.timing.control_period, "bound")
+            if best is not None:
+                found[k] = best.propellant
+        rows = np.array(list(found))
+        lower = np.array(list(found.values()))
+        nominal = Body.of(craft)
+        body = replace(nominal, gain=(0.0, *nominal.gain[1:]))
+        guidance = LandingGuidance(craft, task, task.timing, dead=dead)
+        for who, flying, count in (
+            ("landing guidance", fly, len(rows)),
+            ("landing guidance, in Drake", fly_in_drake, min(self.drake, len(rows))),
+        ):
+            if count:
+                few = map_leaves(
+                    lambda x, kept=rows[:count]: np.broadcast_to(x, self.bounded)[kept], starts
+                )
+                flight = flying(craft, task, guidance, few, task.timing, body=body)
+                yield row_of(
+                    f"{_DEAD}, {len(rows)} of {self.bounded}",
+                    who,
+                    flight,
+                    _spent(flight),
+                    lower,
+                )
+
+    def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
+        """Propellant below which the craft, which has to turn, does not land, kg, from each of the first starts."""
+        lander = Lander.of(craft)
+        descent = Descent.of(task, craft=craft)
+        period = task.timing.control_period
+        found = []
+        for one in each(scenarios(task, craft, self.seed, self.bounded)):
+            start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
+            best = best_landing(lander, descent, start, period, "bound")
+            if best is None:
+                raise SolverFailed("a start of the evaluation has no landing.")
+            found.append(best.propellant)
+        return np.array(found)
+
+
+def in_document(docs: Path, mission: str) -> Table:
+    """The table of a mission's page, of the evidence in docs/validation."""
+    name = f"mission-{mission}.json"
+    evidence = read_json(docs / "validation" / name)
+    rows = [
+        Row(
+            **{
+                **row,
+                **{key: float(row[key] if row[key] is not None else "nan") for key in _NUMBERS},
+            }
+        )
+        for row in evidence["rows"]
+    ]
+    return Table(
+        f"missions/{mission}.md",
+        _command(mission, evidence),
+        _HEADINGS,
+        [row.cells(_unit(mission)) for row in rows],
+        f"The values are in [{name}](../validation/{name}).",
+    )
+
+
+def _command(mission: str, evidence: dict[str, Any]) -> str:
+    """What measured it, with the options that were not left at their defaults."""
+    usual = Missions(mission=cast(Mission, mission))
+    options = [
+        f" --{name} {evidence[name]}"
+        for name in ("episodes", "bounded", "drake")
+        if evidence.get(name, getattr(usual, name)) != getattr(usual, name)
+    ]
+    return f"python -m campaigns.missions {mission} --docs docs{''.join(options)}"
+
+
+def _unit(mission: str) -> str:
+    """Unit of what a mission spends."""
+    return "kg" if mission == "land" else "N s"
+
+
+def _mission_of(name: str) -> str:
+    """The mission of an agent that comes with RANS, from its name such as dock-port-2d-atmos."""
+    return name.partition("-2d")[0].partition("-3d")[0]
+
+
+def _spent(flight: Flight) -> np.ndarray:
+    """(N,) propellant, kg, of craft that have some and lose it; else impulse, N s."""
+    if not flight.craft.propellant:
+        return impulses(flight)
+    left = np.asarray(flight.states.stores[0])
+    lengths = flight.lengths
+    assert lengths is not None
+    return left[0] - left[lengths, np.arange(left.shape[1])]
+
+
+def row_of(condition: str, who: str, flight: Flight, spent: np.ndarray, lower: np.ndarray) -> Row:
+    """A flight's row, beside the bounds that are known of its starts."""
+    violated = flight.violated()
+    won = solved(flight) & ~violated
+    ratios = (spent / lower[: len(spent)])[won]
+    ratios = ratios[np.isfinite(ratios)]
+    return Row(
+        condition,
+        who,
+        len(won),
+        float(won.mean()),
+        float(violated.mean()),
+        float(ratios.mean()) if len(ratios) else float("nan"),
+        float(ratios.max()) if len(ratios) else float("nan"),
+        float(spent[won].mean()) if won.any() else float("nan"),
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("missions", lambda: tyro.cli(Missions).run()))

@@ -1,0 +1,84 @@
+"""What Clohessy-Wiltshire leaves out of two-body gravity, by mission: ``python -m campaigns.orbits``.
+
+Free coasts from random states near the target, flown by RANS's equations and by `validation.two_body`; and the
+starts of dock as the benchmark's code draws them, counted above the speed limit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import tyro
+
+from campaigns.command import ended
+from rans.model.fields import Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import EVALUATION_SEED, scenarios
+from rans.tasks import Dock
+from rans.tasks.hold import Hold
+from rans.tasks.inspect import Inspect
+from rans.tasks.rendezvous import Rendezvous
+from rans.terminal import Terminal
+from validation.two_body import relative_motion
+
+_COASTS: tuple[tuple[str, Any, float, tuple[float, ...]], ...] = (
+    ("dock, 150 m", Dock(), 150.0, (600.0, 2000.0)),
+    ("hold, 300 m", Hold(), 300.0, (600.0, 2000.0)),
+    ("rendezvous, 1 km", Rendezvous(), 1000.0, (4000.0, 10000.0)),
+    ("inspect, 100 m", Inspect(), 100.0, (6118.0, 12236.0)),
+    ("inspect, 800 m", Inspect(), 800.0, (6118.0, 12236.0)),
+)
+"""Missions with a distance from the target, m, and the times of coasts from there, s."""
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """Print both tables."""
+
+    coasts: int = 256
+    """Coasts of each mission, in random directions, at up to 1.6 n times the distance, as inspect starts."""
+    starts: int = 4096
+    """Starts of dock."""
+    seed: int = EVALUATION_SEED
+    """Of both."""
+
+    def run(self) -> int:
+        """Print."""
+        rows = []
+        for name, task, distance, times in _COASTS:
+            n = task.mean_motion
+            random = np.random.default_rng(self.seed)
+            p, v = (self._directions(random) for _ in range(2))
+            p = p * distance
+            v = v * (distance * n * random.uniform(0.0, 1.6, (self.coasts, 1)))
+            exact, _ = relative_motion(n, p, v, times)
+            for time, truth in zip(times, exact, strict=True):
+                linear, _ = task.drift.carry(Vec3(*p.T), Vec3(*v.T), time)
+                gap = np.linalg.norm(np.stack(linear.columns(), axis=1) - truth, axis=1)
+                rows.append([name, f"{time:,.0f} s", _metres(np.median(gap)), _metres(gap.max())])
+        headings = ("coast from", "for", "median error", "largest error")
+        Terminal().show(
+            f"Clohessy-Wiltshire against two-body gravity, seed {self.seed}", headings, rows
+        )
+        task = replace(Dock(), starts_as_coded=True)
+        drawn: Any = scenarios(task, load_spacecraft("afrl-deputy"), self.seed, self.starts)
+        above = task.constraints(drawn.start, drawn.goal)["speed"] < 0.0
+        cells = [[f"{self.starts:,}", f"{100.0 * above.mean():.1f} %"]]
+        Terminal().show("dock, starts_as_coded=true", ("starts", "above the speed limit"), cells)
+        return 0
+
+    def _directions(self, random: np.random.Generator) -> np.ndarray:
+        """Uniform unit vectors, (coasts, 3)."""
+        vectors = random.normal(size=(self.coasts, 3))
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _metres(x: float) -> str:
+    """With two digits."""
+    return f"{float(f'{x:.2g}'):g} m"
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("orbits", lambda: tyro.cli(Orbits).run()))

@@ -1,0 +1,253 @@
+"""What agents hold under every perturbation alone, and under all of `lab`.
+
+``python -m campaigns.robustness AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a
+row, on a GPU if there is one, prints the table and writes docs/validation/robustness.json; with ``--lqr``
+the LQR beside them. ``python -m campaigns.figures`` then writes the table of docs/robustness.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tyro.conf import Positional
+
+from campaigns.batch import Found, Rows, loaded, study
+from campaigns.markdown import Table
+from rans.episode import Setup
+from rans.evaluation.fly.controllers import controller
+from rans.evaluation.measure.metrics import settling_times, solved
+from rans.evaluation.measure.statistics import share
+from rans.fast.flights import Flights
+from rans.files import number, read_json
+from rans.flight import fly
+from rans.policy.network import Network
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.randomization.conditions_file import load_conditions
+from rans.scenario import EVALUATION_SEED, draws, scenarios
+from rans.verdict import last_fifth
+
+_FINE = SensorConditions(noise=(0.0, 0.03))
+_COARSE = SensorConditions(noise=(0.0, math.radians(3.0)))
+SINGLE: dict[str, Conditions] = {
+    "latency": Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2))),
+    "delay": Conditions(thrusters=ThrusterConditions(command_delay=(0.0, 0.2))),
+    "rise": Conditions(thrusters=ThrusterConditions(rise=(0.0, 0.1))),
+    "least on-time": Conditions(thrusters=ThrusterConditions(least_on=0.4)),
+    "mass": Conditions(body=BodyConditions(mass=(0.7, 2.0))),
+    "inertia": Conditions(body=BodyConditions(inertia=(0.5, 2.0))),
+    "centre of mass": Conditions(body=BodyConditions(centre=(0.0, 0.03))),
+    "force": Conditions(disturbances=DisturbanceConditions(force=(0.0, 0.3))),
+    "torque": Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.1))),
+    "noise": Conditions(sensors=SensorsConditions(_FINE, _COARSE, _FINE, _COARSE)),
+}
+"""Single disturbances, each over the whole range in which it broke agents that were trained without any."""
+_LQR_EPISODES = 256
+_COMMAND = "python -m campaigns.robustness"
+_TOLD = {
+    "none": "none",
+    "lab": "`lab`, all at once",
+    "latency": "latency of valves and commands 0 to 200 ms",
+    "rise": "thrust rises in 0 to 100 ms",
+    "least on-time": "valves open at least 0.4 s",
+    "mass": "mass x 0.7 to 2",
+    "inertia": "inertia x 0.5 to 2",
+    "centre of mass": "centre of mass 0 to 3 cm off",
+    "force": "force 0 to 0.3 N",
+    "torque": "torque 0 to 0.1 N m",
+    "noise": "noise 0 to 3 cm, 3 degrees, 3 cm/s, 3 degrees/s",
+    "noise, worst": "noise, all of it",
+    "inertia halved": "inertia x 0.5",
+    "spin missed": "30 % of the angular velocities missed",
+    "all missed": "30 % of every reading missed",
+    "outages": "no readings for 1 s every 5 s",
+    "lab-dropouts": "`lab-dropouts`",
+    "latency 220 ms": "latency 220 ms",
+    "latency 260 ms": "latency 260 ms",
+    "thruster dead": "one thruster dead",
+}
+"""What the document calls its rows."""
+
+
+def rows() -> dict[str, Conditions]:
+    """What is flown in: nominal conditions, `lab`, every perturbation over its range and at its end."""
+    # Late commands and late valves add up to one latency: two rows would be one twice.
+    single = {name: found for name, found in SINGLE.items() if name != "delay"}
+    worst = {
+        f"{name}, worst": _at_worst(found)
+        for name, found in single.items()
+        if name not in ("least on-time", "inertia")
+    }
+    halved = Conditions(body=BodyConditions(inertia=0.5))
+    missed = SensorConditions(dropout=0.3)
+    sensors = {
+        "spin missed": SensorsConditions(spin=missed),
+        "all missed": SensorsConditions(missed, missed, missed, missed),
+        "outages": SensorsConditions(outage=1.0, outage_every=5.0),
+    }
+    return {
+        "none": Conditions(),
+        "lab": load_conditions("lab"),
+        **single,
+        **worst,
+        "inertia halved": halved,
+        **{name: Conditions(sensors=x) for name, x in sensors.items()},
+        "lab-dropouts": load_conditions("lab-dropouts"),
+        **_beyond(),
+    }
+
+
+def _beyond() -> dict[str, Conditions]:
+    """Conditions that no training of a robust agent had: where they stop."""
+    latencies = {f"latency {ms} ms": ThrusterConditions(latency=ms / 1000.0) for ms in (220, 260)}
+    dead = FaultConditions(count=1.0, kinds=("dead",))
+    return {
+        **{name: Conditions(thrusters=x) for name, x in latencies.items()},
+        "thruster dead": Conditions(faults=dead),
+    }
+
+
+def _at_worst(given: Any) -> Any:
+    """The same with every range at its largest."""
+    values = {one.name: getattr(given, one.name) for one in fields(given)}
+    return replace(
+        given,
+        **{
+            name: _at_worst(x) if is_dataclass(x) else x[1]
+            for name, x in values.items()
+            if is_dataclass(x) or (isinstance(x, tuple) and set(map(type, x)) == {float})
+        },
+    )
+
+
+def flown_by_agent(
+    network: Network, setup: Setup, conditions: Conditions, episodes: int, seed: int, device: str
+) -> dict[str, Any]:
+    """What is said of an agent in one world, from the outcomes of whole flights."""
+    world = setup._replace(conditions=conditions.or_none)
+    found = Flights(network, world, device).fly(0, episodes, seed)
+    held = share(np.arange(found.flights) >= found.unsolved)
+    return {
+        "held": {key: 100.0 * x for key, x in asdict(held).items()},
+        "settling time": found.settling_step() * setup.timing.control_period,
+        "duty at rest": 100.0 * found.sums["duty at rest"].mean,
+    }
+
+
+def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> dict[str, Any]:
+    """What is said of the LQR, as it is tuned; it is slower to fly."""
+    starts = scenarios(setup.task, setup.craft, seed, _LQR_EPISODES)
+    flight = fly(
+        *setup[:2],
+        controller("lqr", setup),
+        starts,
+        setup.timing,
+        conditions=conditions.or_none,
+        draws=draws(seed, _LQR_EPISODES),
+    )
+    rest = flight.commands[-last_fifth(len(flight.commands)) :]
+    none = np.zeros(_LQR_EPISODES)
+    duty = rest.mean(axis=(0, 2))
+    return _said(Found(solved(flight), settling_times(flight), duty, none, none, none, none))
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """Fly agents under every perturbation; write the table."""
+
+    agents: Positional[tuple[str, ...]]
+    """Run folders, or pretrained:NAME; all of one task and spacecraft."""
+    lqr: bool = False
+    """Whether the LQR flies too, 256 episodes a row."""
+    episodes: int = 10_000
+    seed: int = EVALUATION_SEED
+    output: Path = Path("docs/validation/robustness.json")
+
+    def run(self) -> dict[str, Rows]:
+        """By agent and row.
+
+        Raises:
+            ConfigError: there is no such agent.
+        """
+
+        def told(network: Network, setup: Setup, device: str) -> Rows:
+            return {
+                row: flown_by_agent(network, setup, found, self.episodes, self.seed, device)
+                for row, found in rows().items()
+            }
+
+        extra: dict[str, Rows] = {}
+        if self.lqr:
+            _, setup = loaded(self.agents[0], "cpu")
+            extra["lqr"] = {
+                row: flown_by_lqr(setup, found, self.seed) for row, found in rows().items()
+            }
+        return study(self.agents, told, self.episodes, self.seed, self.output, extra)
+
+
+def in_document(docs: Path) -> Table:
+    """The table of robustness.md: of every figure the worst training, in the plane and in space."""
+    found = [
+        read_json(docs / "validation" / f"{name}.json")["agents"].values()
+        for name in ("robustness", "robustness-space")
+    ]
+    rows = [
+        (told, *(cell for agents in found for cell in _worst([agent[row] for agent in agents])))
+        for row, told in _TOLD.items()
+    ]
+    return Table(
+        "robustness.md",
+        _COMMAND,
+        ("perturbation", *("plane: held", "settles", "duty"), *("space: held", "settles", "duty")),
+        rows,
+        "",
+    )
+
+
+def _worst(said: list[dict[str, Any]]) -> tuple[str, str, str]:
+    settles = max(number(one["settling time"]) for one in said)
+    return (
+        f"{min(one['held']['value'] for one in said):.2f}",
+        f"{settles:.1f}" if math.isfinite(settles) else "never",
+        f"{max(one['duty at rest'] for one in said):.1f}",
+    )
+
+
+def _said(found: Found) -> dict[str, Any]:
+    return found.said() | {"duty at rest": 100.0 * float(found.duty.mean())}
+
+
+def main() -> None:
+    """Print the table: held in % with its 95 % interval, median settling time in s, duty at rest in %."""
+    import tyro
+    from rich.console import Console
+    from rich.table import Table
+
+    result = tyro.cli(Robustness).run()
+    table = Table("perturbation", *result)
+    for row in rows():
+        cells = [result[name][row] for name in result]
+        table.add_row(
+            row,
+            *(
+                f"{x['held']['value']:.2f} ({x['held']['low']:.2f} to {x['held']['high']:.2f}), "
+                f"{x['settling time']:.1f} s, {x['duty at rest']:.1f}"
+                for x in cells
+            ),
+        )
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

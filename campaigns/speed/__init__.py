@@ -1,0 +1,1 @@
+"""Campaigns behind the figures of speed that documents give."""

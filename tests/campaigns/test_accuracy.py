@@ -1,0 +1,35 @@
+"""Any craft: six random ones against DOP853, and that the comparison finds what it looks for."""
+
+from __future__ import annotations
+
+import pytest
+
+from campaigns.accuracy import BOUND, integrated, random_craft, row
+from rans.flight import fly
+from rans.model.timing import Timing
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+from validation.study.sampling import Restless, gap
+
+
+@pytest.mark.parametrize("number", [2, 5, 11, 13, 71, 98])
+def test_a_random_stiff_craft_is_accurate(number: int) -> None:
+    found = row(number)
+    assert found.error < BOUND / 3, str(found)
+
+
+def test_one_step_would_not_do() -> None:
+    """So the comparison sees what it looks for: craft 11 under bang-bang control takes four."""
+    craft, period = random_craft(11)
+    starts = scenarios(GoToPose(), craft, 11, 1)
+    pilot = Restless(craft, 11, share=0.0)
+    flight = fly(craft, GoToPose(), pilot, starts, Timing(period, 1, 78))
+    assert gap(flight.states, integrated(flight))["attitude"] > BOUND
+
+
+def test_the_random_craft_differ_in_everything() -> None:
+    crafts = [random_craft(number) for number in range(40)]
+    assert {craft.dimension for craft, _ in crafts} == {2, 3}
+    assert {craft.thrust_sharing for craft, _ in crafts} == {"none", "split"}
+    assert {craft.actuators.kind for craft, _ in crafts} == {"on-off", "throttle", "pulsed"}
+    assert len({period for _, period in crafts}) == 40

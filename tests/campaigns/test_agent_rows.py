@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from campaigns.agent_rows import ROWS, Row
+from rans.tasks import TASKS
+
+
+def test_every_row_names_a_task_and_its_dimension() -> None:
+    for row in ROWS:
+        task, dimension, _ = re.split(r"-(2d|3d)", row.agent)
+        assert TASKS[task]
+        assert dimension in ("2d", "3d")
+        assert row.title.startswith({"2d": "3DoF", "3d": "6DoF"}[dimension])
+
+
+def test_shares_of_good_episodes_are_floors_and_all_else_are_ceilings() -> None:
+    """Precision and success may be higher, errors, times and thrust lower."""
+    shares = r"[PO]T\d|reach|settled|held"
+    for row in ROWS:
+        for goal in row.goals:
+            found = {
+                bool(re.match(shares, name)) and name != "settling time" for name in goal.metrics
+            }
+            assert found == {goal.at_least}, (row.title, goal)
+
+
+def test_every_goal_has_a_target_a_figure_or_takes_it_from_the_optimum() -> None:
+    for row in ROWS:
+        for goal in row.goals:
+            assert len(goal.targets) == (0 if goal.slack else len(goal.metrics)), (row.title, goal)
+            assert all(0.0 < target <= 100.0 for target in goal.targets)
+            assert goal.unit in ("%", "s", "m/s", "rad/s", "cm", "deg", "m", "N s")
+
+
+def test_targets_from_certificates() -> None:
+    """A tenth more than 5.33 s, and twice 2.03 N s; one of eight valves open one period in five is 2.5 %."""
+    targets = {
+        goal.metrics[0]: goal.targets[0]
+        for row in ROWS
+        for goal in row.goals
+        if row.agent in ("go-to-pose-2d-fast", "go-to-pose-2d-thrifty")
+    }
+    assert targets == pytest.approx(
+        {"settled": 100.0, "settling time": 5.863, "impulse": 4.06, "duty at rest": 100 / 8 / 5}
+    )
+
+
+@pytest.mark.parametrize(
+    ("row", "command"),
+    [
+        (Row("", "a", ()), "rans evaluate pretrained:a"),
+        (Row("", "a", (), "paper"), "rans evaluate pretrained:a --protocol paper"),
+        (Row("", "a", (), path="circle"), "rans follow pretrained:a --path circle"),
+    ],
+)
+def test_commands_that_repeat_a_row(row: Row, command: str) -> None:
+    assert row.command == command

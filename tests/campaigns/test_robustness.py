@@ -1,0 +1,83 @@
+"""The table of troubles, against the flights that evaluations are made of."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from campaigns import robustness
+from campaigns.batch import Found, flown, loaded
+from campaigns.robustness import Robustness, _said, rows
+from rans.evaluation.fly.agent import Agent
+from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
+from rans.fast.agent_files.agent import AGENT as AGENT_FILE
+from rans.fast.agent_files.agent import read_policy
+from rans.flight import fly
+from rans.pretrained import pretrained_folder
+from rans.randomization.conditions import Conditions, ThrusterConditions, largest
+from rans.scenario import scenarios
+
+AGENT = "pretrained:go-to-pose-2d"
+
+
+def test_flights_are_those_of_evaluations() -> None:
+    """In the engine in float32 and one by one in float64; a perfect world leaves no room for chaos."""
+    network, setup = loaded(AGENT, "cpu")
+    found = flown(network, setup, Conditions(), 16, 7, "cpu")
+    policy = read_policy(pretrained_folder("go-to-pose-2d") / AGENT_FILE).network
+    starts = scenarios(setup.task, setup.craft, 7, 16)
+    flight = fly(*setup[:2], Agent(policy, "agent"), starts, setup.timing)
+    assert found.held.all()
+    assert solved(flight).all()
+    # Commands near a tie differ in rounding, and a flight by a period or two then.
+    np.testing.assert_allclose(found.settled, settling_times(flight), atol=0.5)
+    assert found.duty.mean() == pytest.approx(last_fifth(flight.commands).mean(), abs=0.01)
+
+
+def test_troubles_count() -> None:
+    """A nominal agent does not hold its goal with valves 0.2 s late (audit: 0 %)."""
+    network, setup = loaded(AGENT, "cpu")
+    found = flown(network, setup, rows()["latency, worst"], 16, 7, "cpu")
+    assert found.held.mean() < 0.2
+    assert np.isinf(found.settled[~found.held]).mean() > 0.5
+
+
+def test_rows_are_what_they_are_called() -> None:
+    found = rows()
+    assert found["none"].or_none is None
+    assert largest(found["latency"].thrusters.latency) == 0.2
+    assert found["latency, worst"].thrusters.latency == 0.2
+    assert found["noise, worst"].sensors.attitude.noise == pytest.approx(np.radians(3.0))
+    assert largest(found["noise, worst"].faults.count) == 0
+
+
+def test_what_is_said_by_hand() -> None:
+    none = np.zeros(4)
+    said = _said(
+        Found(
+            np.array([True, True, False, True]),
+            np.array([1.0, 2.0, np.inf, 4.0]),
+            np.array([0.0, 0.1, 0.2, 0.1]),
+            none,
+            none,
+            none,
+            none,
+        )
+    )
+    assert said["held"]["value"] == 75.0
+    assert said["settling time"] == 3.0
+    assert said["duty at rest"] == pytest.approx(10.0)
+
+
+def test_the_lqr_flies_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It holds its goal with valves 0.1 s late, where the agent does not (audit: 100 %, 0 %)."""
+    late = Conditions(thrusters=ThrusterConditions(latency=0.1))
+    monkeypatch.setattr(robustness, "_LQR_EPISODES", 8)
+    monkeypatch.setattr(robustness, "rows", lambda: {"latency": late})
+    found = Robustness((AGENT,), lqr=True, episodes=8, output=tmp_path / "found.json").run()
+    assert found["lqr"]["latency"]["held"]["value"] > 70.0
+    assert found[AGENT]["latency"]["held"]["value"] < 30.0
+    assert json.loads((tmp_path / "found.json").read_text())["agents"]["lqr"] == found["lqr"]

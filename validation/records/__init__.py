@@ -1,1 +1,0 @@
-"""Campaigns whose figures the documents print: each writes a file in docs/validation."""
