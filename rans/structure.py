@@ -20,6 +20,8 @@ from rans.renamed import with_present_names
 T = TypeVar("T")
 Range = float | tuple[float, float]
 """A number, or the bounds of a uniform distribution."""
+Number = int | float
+"""A number of which a whole one stays an integer, which a `float` would not."""
 
 
 LARGEST_TOML = 2**24
@@ -121,6 +123,10 @@ def structure(table: Any, cls: type[T], where: str) -> T:
     )
     for kind in (bool, int, float, str):
         converter.register_structure_hook(kind, _strict)
+    converter.register_structure_hook_func(
+        lambda kind: kind == Number,
+        lambda value, _: _strict(value, int if type(value) is int else float),
+    )
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
     converter.register_structure_hook_func(ranges, partial(_range, converter))
     try:

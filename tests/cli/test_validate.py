@@ -71,8 +71,10 @@ def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) 
     assert not all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
 
 
-def test_a_seed_below_zero_is_a_seed() -> None:
-    assert main(["validate", "--quick", "--layer", "commands", "--seed", "-1"]) == 0
+def test_a_seed_below_zero_is_refused(capsys) -> None:
+    """As `rans train` does: one rule for all commands."""
+    assert main(["validate", "--quick", "--layer", "commands", "--seed", "-1"]) == 2
+    assert "--seed must be a whole number >= 0, got -1." in capsys.readouterr().err
 
 
 def test_an_unknown_layer_is_one_sentence(capsys) -> None:

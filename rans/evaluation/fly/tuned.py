@@ -15,7 +15,7 @@ from rans.files import distinct, inside, read_json, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label, to_toml
 from rans.randomization.conditions_file import conditions_text
-from rans.structure import structure
+from rans.structure import Number, structure
 from rans.tasks import Task, registered_name
 
 SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
@@ -37,7 +37,7 @@ class Tuned:
     """Control period, s."""
     spacecraft: str
     """Spacecraft as TOML."""
-    settings: dict[str, float]
+    settings: dict[str, Number]
     """Settings by the names of the controller's ``tunable``."""
     candidates: int
     """Number of settings that were flown, the default ones included."""

@@ -116,7 +116,7 @@ def test_own_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     own.write(OWN / "mine.json")
     assert tuned("lqr", SETUP) == own
     (OWN / "mine.json").write_text('{"controller": "lqr"}')
-    with pytest.raises(ConfigError, match=r"mine\.json is damaged: .*missing"):
+    with pytest.raises(ConfigError, match=r"mine\.json\.task: .*missing.* Delete it"):
         tuned("lqr", SETUP)
 
 
