@@ -5,7 +5,6 @@ Thousands of periods add up what one period hides, and they show how accurate th
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -24,7 +23,7 @@ from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose
 from validation.study.checks import Check, Curve, Skipped
 from validation.study.dynamics import VALIDATION_SUBSTEPS
-from validation.study.sampling import Restless, gap_checks, growth, reach, rollout
+from validation.study.sampling import Restless, any_spin, gap_checks, growth, reach, rollout
 
 _OPTIMAL_STARTS = 4
 _HARDER = 4.0
@@ -37,7 +36,8 @@ def flight_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curv
     timing = Timing()
     task = GoToPose()
     starts = scenarios(task, craft, seed, count)
-    flight = fly(craft, task, Restless(craft, seed), starts, timing)
+    with any_spin():
+        flight = fly(craft, task, Restless(craft, seed), starts, timing)
     coarse, fine = (
         drake_states(craft, starts.start, flight.commands, timing, step) for step in (0.01, 0.005)
     )
@@ -54,9 +54,7 @@ def bang_bang_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | C
     timing = Timing()
     task = GoToPose()
     starts = scenarios(task, craft, seed + 1, count)
-    with warnings.catch_warnings():
-        # What a spin costs that substeps are not chosen for is measured here.
-        warnings.filterwarnings("ignore", message=".*its motion is accurate up to")
+    with any_spin():
         commands = fly(craft, task, Restless(craft, seed, share=0.0), starts, timing).commands
     drake = drake_states(craft, starts.start, commands, timing, 0.005)
     return _accuracy("bang-bang", craft, starts.start, commands, drake, timing, _HARDER)

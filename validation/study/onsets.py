@@ -25,6 +25,7 @@ from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from validation.study.chance import even_check, uniform_check
 from validation.study.checks import Check
+from validation.study.sampling import any_spin
 
 _FLIGHTS = 16
 _PERIOD = 0.2
@@ -199,15 +200,16 @@ def _flown(
 ) -> Flight:
     """From rest."""
     timing = Timing(control_period=_PERIOD, episode_steps=steps)
-    return fly(
-        craft,
-        _TASK,
-        pilot,
-        scenarios(_TASK, craft, seed, count),
-        timing,
-        conditions=conditions,
-        draws=draws(seed, count),
-    )
+    with any_spin():
+        return fly(
+            craft,
+            _TASK,
+            pilot,
+            scenarios(_TASK, craft, seed, count),
+            timing,
+            conditions=conditions,
+            draws=draws(seed, count),
+        )
 
 
 def _columns(vector: Any) -> np.ndarray:

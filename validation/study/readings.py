@@ -26,7 +26,7 @@ from validation.study.chance import (
     uniform_check,
 )
 from validation.study.checks import Check
-from validation.study.sampling import Restless
+from validation.study.sampling import Restless, any_spin
 
 _FLIGHTS = 64
 _PERIODS = 40
@@ -198,15 +198,16 @@ def _told(
     task = GoToPose(fail_distance=1e6, fail_spin=1e6)
     starts = scenarios(task, craft, seed, _FLIGHTS)
     pilot = _Listening(craft, seed)
-    flight = fly(
-        craft,
-        task,
-        pilot,
-        starts,
-        Timing(episode_steps=periods),
-        conditions=Conditions(sensors=sensors),
-        draws=draws(seed, _FLIGHTS),
-    )
+    with any_spin():
+        flight = fly(
+            craft,
+            task,
+            pilot,
+            starts,
+            Timing(episode_steps=periods),
+            conditions=Conditions(sensors=sensors),
+            draws=draws(seed, _FLIGHTS),
+        )
     readings = [_vectors(state) for state in pilot.told]
     truth = [part[:-1] for part in _vectors(flight.states)]
     return Told([np.stack(part) for part in zip(*readings, strict=True)], truth)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -25,6 +27,14 @@ FASTEST = 1.0
 
 _GENTLE = 10.0
 """rad/s^2: turns a spacecraft by 0.2 rad in a control period; 8 is what the free flyer can do."""
+
+
+@contextmanager
+def any_spin() -> Iterator[None]:
+    """Flights without the warning of spins beyond the accuracy, where the study measures it or compares engines."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*its motion is accurate up to")
+        yield
 
 
 def random_states(dimension: Literal[2, 3], seed: int, count: int) -> Any:
