@@ -1,0 +1,254 @@
+"""Problems of `rans prove`: plant, start set, horizon and property, as read from a TOML file."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError, brief
+from rans.files import read_text
+from rans.structure import read_toml
+
+MOST_STATES = 12
+"""Largest number of states."""
+MOST_STEPS = 10_000
+"""Largest number of control periods."""
+
+
+@dataclass(frozen=True)
+class SpeedLimit:
+    """|velocity| <= base + slope |position| at all times; vectors of any number of states."""
+
+    position: tuple[int, ...]
+    velocity: tuple[int, ...]
+    base: float
+    """m/s."""
+    slope: float
+    """1/s."""
+
+    def margins(self, states: np.ndarray) -> np.ndarray:
+        """Margins (N,) of states (N, n); negative where the property is broken."""
+        speed = np.linalg.norm(states[:, list(self.velocity)], axis=1)
+        distance = np.linalg.norm(states[:, list(self.position)], axis=1)
+        return self.base + self.slope * distance - speed
+
+
+@dataclass(frozen=True)
+class Avoid:
+    """The state is never in a box."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def margins(self, states: np.ndarray) -> np.ndarray:
+        """Distances (N,) of states (N, n) from the box along the best axis; negative inside."""
+        below = np.array(self.lower) - states
+        above = states - np.array(self.upper)
+        return np.maximum(below, above).max(axis=1)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Closed loop of a network, and what it is to keep."""
+
+    name: str
+    derivative: tuple[str, ...]
+    """Derivative of each state by time, a polynomial of x0, x1, ... and the commands u0, u1, ..."""
+    commands: int
+    """Number of commands, which are held for a control period."""
+    period: float
+    """Control period, s."""
+    steps: int
+    """Number of control periods from the start during which the property must hold."""
+    lower: tuple[float, ...]
+    """Lowest start."""
+    upper: tuple[float, ...]
+    """Highest start."""
+    keep: SpeedLimit | Avoid
+    text: str = ""
+    """Text of the file."""
+
+    @property
+    def states(self) -> int:
+        """Number of states."""
+        return len(self.derivative)
+
+    def rates(self, states: Sequence[Any], commands: Sequence[Any]) -> list[Any]:
+        """Derivatives, of whatever can be added and multiplied."""
+        known = {f"x{i}": x for i, x in enumerate(states)}
+        known |= {f"u{i}": u for i, u in enumerate(commands)}
+        return [evaluate(one, known) for one in self.derivative]
+
+    def linear(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one."""
+        states = self.states
+        columns = [
+            _Linear(row) for row in np.eye(states + self.commands, states + self.commands + 1)
+        ]
+        try:
+            rates = self.rates(columns[:states], columns[states:])
+        except _NotLinear:
+            return None
+        rows = np.array([_as_row(one, states + self.commands + 1) for one in rates])
+        if rows[:, -1].any():
+            return None
+        return rows[:, :states], rows[:, states:-1]
+
+
+class _NotLinear(Exception):
+    """A product of two variables."""
+
+
+class _Linear:
+    """Linear function of all variables, whose last coefficient is the constant."""
+
+    def __init__(self, row: np.ndarray) -> None:
+        self.row = row
+
+    def __add__(self, other: Any) -> _Linear:
+        return _Linear(self.row + _as_row(other, len(self.row)))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> _Linear:
+        return _Linear(-self.row)
+
+    def __sub__(self, other: Any) -> _Linear:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> _Linear:
+        return -self + other
+
+    def __mul__(self, other: Any) -> _Linear:
+        if isinstance(other, _Linear):
+            raise _NotLinear
+        return _Linear(other * self.row)
+
+    __rmul__ = __mul__
+
+
+def _as_row(value: Any, width: int) -> np.ndarray:
+    if isinstance(value, _Linear):
+        return value.row
+    row = np.zeros(width)
+    row[-1] = value
+    return row
+
+
+def evaluate(text: str, known: Mapping[str, Any]) -> Any:
+    """Value of a polynomial: numbers, names, +, - and *; no other syntax is executed.
+
+    Raises:
+        ConfigError: the text is something else.
+    """
+    try:
+        tree = ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ConfigError(f"{brief(text)} is no formula.") from None
+    return _value(tree, known, text, 0)
+
+
+def _value(node: ast.expr, known: Mapping[str, Any], text: str, depth: int) -> Any:
+    if depth > 50:
+        raise ConfigError(f"{brief(text)} is nested too deep.")
+
+    def inner(one: ast.expr) -> Any:
+        return _value(one, known, text, depth + 1)
+
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
+        case ast.Name(id=name) if name in known:
+            return known[name]
+        case ast.UnaryOp(op=ast.USub(), operand=one):
+            return -inner(one)
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            return inner(left) + inner(right)
+        case ast.BinOp(left=left, op=ast.Sub(), right=right):
+            return inner(left) - inner(right)
+        case ast.BinOp(left=left, op=ast.Mult(), right=right):
+            return inner(left) * inner(right)
+    raise ConfigError(
+        f"{brief(text)} is no polynomial: formulas have numbers, {', '.join(known)}, +, - and *."
+    )
+
+
+def read_problem(file: Path) -> Problem:
+    """Read a problem.
+
+    Raises:
+        ConfigError: the file is missing, has a wrong or unknown key, or a number out of range.
+    """
+    text = read_text(file)
+    return problem_of(text, file)
+
+
+def problem_of(text: str, where: object = "the problem") -> Problem:
+    """Problem of a TOML text; raises as `read_problem`."""
+    table = read_toml(text)
+    known = {"name", "period", "steps", "derivative", "commands", "start", "keep"}
+    if table.keys() != known:
+        raise ConfigError(
+            f"{where} must have the keys {', '.join(sorted(known))}, and has {', '.join(table)}."
+        )
+    derivative = tuple(str(one) for one in table["derivative"])
+    count = len(derivative)
+    commands = table["commands"]
+    steps = table["steps"]
+    period = table["period"]
+    if not (1 <= count <= MOST_STATES and isinstance(commands, int) and 1 <= commands <= count):
+        raise ConfigError(f"{where}: a problem has 1 to {MOST_STATES} states and 1 to as many commands.")
+    if not (isinstance(steps, int) and 1 <= steps <= MOST_STEPS):
+        raise ConfigError(f"{where}: steps must be a whole number from 1 to {MOST_STEPS}, got {steps}.")
+    if not (isinstance(period, int | float) and 0.0 < period <= 1e4):
+        raise ConfigError(f"{where}: period must be above 0 and at most 10,000 s, got {period}.")
+    lower, upper = (_numbers(table["start"].get(end), count, where) for end in ("lower", "upper"))
+    if any(low > high for low, high in zip(lower, upper, strict=True)):
+        raise ConfigError(f"{where}: start.lower must not be above start.upper.")
+    problem = Problem(
+        str(table["name"]),
+        derivative,
+        commands,
+        float(period),
+        steps,
+        lower,
+        upper,
+        _property(table["keep"], count, where),
+        text,
+    )
+    problem.rates([1.0] * count, [1.0] * commands)
+    return problem
+
+
+def _property(table: dict[str, Any], count: int, where: object) -> SpeedLimit | Avoid:
+    match table:
+        case {"speed_limit": dict() as limit} if limit.keys() == {
+            "position",
+            "velocity",
+            "base",
+            "slope",
+        }:
+            indices = [tuple(limit["position"]), tuple(limit["velocity"])]
+            if not all(isinstance(i, int) and 0 <= i < count for one in indices for i in one):
+                raise ConfigError(f"{where}: a speed limit names states from 0 to {count - 1}.")
+            base, slope = _numbers([limit["base"], limit["slope"]], 2, where)
+            if slope < 0.0:
+                raise ConfigError(f"{where}: keep.speed_limit.slope must be >= 0, got {slope}.")
+            return SpeedLimit(indices[0], indices[1], base, slope)
+        case {"avoid": dict() as box} if box.keys() == {"lower", "upper"}:
+            return Avoid(_numbers(box["lower"], count, where), _numbers(box["upper"], count, where))
+    raise ConfigError(
+        f"{where}: keep is speed_limit with position, velocity, base and slope, or avoid with lower and upper."
+    )
+
+
+def _numbers(values: Any, count: int, where: object) -> tuple[float, ...]:
+    good = isinstance(values, list) and len(values) == count
+    if not good or not all(isinstance(x, int | float) and abs(x) < 1e9 for x in values):
+        raise ConfigError(f"{where}: {brief(values)} must be {count} numbers below 1e9.")
+    return tuple(float(x) for x in values)
