@@ -180,6 +180,7 @@ EXTRAS = {
     "llvmlite": "cpu",
     "onnx": "onnx",
     "onnxruntime": "onnx",
+    "flint": "proof",
     "imageio_ffmpeg": "video",
     "moviepy": "video",
     "cyclonedds": "robot",

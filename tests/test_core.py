@@ -99,7 +99,12 @@ def test_a_missing_package_is_a_sentence(module: str, command: str, tmp_path: Pa
 
 def test_extras_install_what_they_are_for() -> None:
     """The names of modules and of packages differ; every extra of the table is one of pyproject.toml."""
-    packages = {"PIL": "pillow", "pydrake": "drake", "zenoh": "eclipse-zenoh"}
+    packages = {
+        "PIL": "pillow",
+        "pydrake": "drake",
+        "zenoh": "eclipse-zenoh",
+        "flint": "python-flint",
+    }
     text = (ROOT / "pyproject.toml").read_text("utf-8")
     for module, extra in EXTRAS.items():
         declared = re.search(rf"^{extra} = \[(.*?)\]", text, re.MULTILINE | re.DOTALL)

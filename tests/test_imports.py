@@ -40,7 +40,7 @@ LAYERS: list[set[str]] = [
     {"rans.environment"},
     {"rans.policy"},
     {"rans.compile"},
-    {"rans.fast", "rans.reference", "rans.optimal", "rans.guard"},
+    {"rans.fast", "rans.reference", "rans.optimal", "rans.guard", "rans.proof"},
     {"rans.evaluation"},
     {"rans.deploy"},
     {"rans.show"},

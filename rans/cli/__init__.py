@@ -39,6 +39,7 @@ COMMANDS = (
     "compare",
     "stress",
     "assure",
+    "prove",
     "report",
     "export",
     "fly",

@@ -21,7 +21,7 @@ _QUOTED = re.compile(r"`[^`\n]{1,30}`")
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Train": ("train", "sweep", "tune"),
-    "Judge": ("evaluate", "compare", "stress", "assure", "follow"),
+    "Judge": ("evaluate", "compare", "stress", "assure", "prove", "follow"),
     "Show": ("view", "report"),
     "Limits": ("optimal", "faults"),
     "Deploy": ("export", "fly", "twin", "replay"),
@@ -67,6 +67,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "assure": (
         "rans assure runs/first --failure-below 1e-3",
         "rans assure runs/first --conditions lab --search lab",
+    ),
+    "prove": (
+        "rans prove --onnx network.onnx --problem docking.toml",
+        "rans prove --onnx network.onnx --check docking.certificate.json",
     ),
     "follow": ("rans follow pretrained:track-velocity-2d --path lemniscate",),
     "view": (

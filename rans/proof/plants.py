@@ -13,8 +13,8 @@ from rans.proof.relaxation import Planes, Zonotope
 
 _UNIT = 2.0**-53
 _EXPONENTIAL = 64.0
-"""Errors of a computed matrix exponential, in units of rounding of that of the absolute matrix (Higham, "The scaling
-and squaring method revisited", 2005, finds a few; norms here are below 1)."""
+"""Errors of a computed matrix exponential, in units of rounding of that of the absolute matrix: Higham, "The
+scaling and squaring method revisited", 2005, finds a few where norms are about 1, as those of a period are."""
 
 
 class Piece(NamedTuple):

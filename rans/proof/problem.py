@@ -202,9 +202,13 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
     steps = table["steps"]
     period = table["period"]
     if not (1 <= count <= MOST_STATES and isinstance(commands, int) and 1 <= commands <= count):
-        raise ConfigError(f"{where}: a problem has 1 to {MOST_STATES} states and 1 to as many commands.")
+        raise ConfigError(
+            f"{where}: a problem has 1 to {MOST_STATES} states and 1 to as many commands."
+        )
     if not (isinstance(steps, int) and 1 <= steps <= MOST_STEPS):
-        raise ConfigError(f"{where}: steps must be a whole number from 1 to {MOST_STEPS}, got {steps}.")
+        raise ConfigError(
+            f"{where}: steps must be a whole number from 1 to {MOST_STEPS}, got {steps}."
+        )
     if not (isinstance(period, int | float) and 0.0 < period <= 1e4):
         raise ConfigError(f"{where}: period must be above 0 and at most 10,000 s, got {period}.")
     lower, upper = (_numbers(table["start"].get(end), count, where) for end in ("lower", "upper"))

@@ -95,7 +95,9 @@ def prove(
             low, high = low[:half], high[:half]
         looked += len(low)
         if looked > _MOST_CELLS:
-            raise ConfigError(f"more than {_MOST_CELLS:,} cells are left; the property may be false.")
+            raise ConfigError(
+                f"more than {_MOST_CELLS:,} cells are left; the property may be false."
+            )
         margins, worth = loop.margins(low, high)
         good = margins > 0.0
         proved.append((low[good], high[good], margins[good]))
@@ -247,8 +249,8 @@ class ClosedLoop:
     def _slow(self, piece: Piece, keep: SpeedLimit) -> Tensor:
         """Margin of a speed limit.
 
-        In any direction d, |p| >= d p; and |v| <= max over e of e v / cos(pi / K) for K directions e. The sum of both
-        is linear, so that over the chord of the piece it is largest at an end.
+        In any direction d, |p| >= d p; and |v| <= max over e of e v / cos(pi / K) for K directions e. The sum of
+        both is linear, so that over the chord of the piece it is largest at an end.
         """
         position, velocity = list(keep.position), list(keep.velocity)
         ends = (piece.begin, piece.end)

@@ -1,10 +1,10 @@
 """Linear enclosures of activations and of whole networks over zonotopes, batched in torch.
 
-A zonotope is {c + G s + r t: s in [-1, 1]^m, t in [-1, 1]^n, element by element}. Over it an activation lies between two
-parallel lines (Singh et al., "Fast and effective robustness certification", 2018), so the network between two parallel
-planes of the state. Every result is widened by a bound of its rounding: a sum of N products in double precision errs by
-at most N u / (1 - N u) times the sum of their absolute values, with u = 2^-53 (Higham, "Accuracy and stability of numerical
-algorithms", 3.1).
+A zonotope is {c + G s + r t: s in [-1, 1]^m, t in [-1, 1]^n, element by element}. Over it an activation lies
+between two parallel lines (Singh et al., "Fast and effective robustness certification", 2018), so the network
+between two parallel planes of the state. Every result is widened by a bound of its rounding: a sum of N products in double
+precision errs by at most N u / (1 - N u) times the sum of their absolute values, with u = 2^-53 (Higham, "Accuracy
+and stability of numerical algorithms", 3.1).
 """
 
 from __future__ import annotations
@@ -82,10 +82,8 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
     width = (high - low).clamp(min=1e-9)
     slope = ((torch.tanh(high) - torch.tanh(low)) / width).clamp(0.0, 1.0)
     point = torch.atanh(torch.sqrt(1.0 - slope).clamp(max=1.0 - 1e-16))
-    values = []
-    for z in (low, high, point.clamp(min=low, max=high), (-point).clamp(min=low, max=high)):
-        values.append(torch.tanh(z) - slope * z)
-    corners = torch.stack(values)
+    places = (low, high, point.clamp(min=low, max=high), (-point).clamp(min=low, max=high))
+    corners = torch.stack([torch.tanh(z) - slope * z for z in places])
     least = corners.amin(dim=0)
     most = corners.amax(dim=0)
     size = 1.0 + slope * torch.maximum(low.abs(), high.abs())
@@ -143,7 +141,9 @@ def _passed(
 ) -> Tensor:
     """What errors of earlier activations add up to at the sums of a layer, (B, units)."""
     if number == 0:
-        return torch.zeros((1, len(layers[0].bias)), dtype=torch.float64, device=layers[0].bias.device)
+        return torch.zeros(
+            (1, len(layers[0].bias)), dtype=torch.float64, device=layers[0].bias.device
+        )
     weight = layers[number].weight
     total = errors[number - 1] @ weight.abs().T
     back = weight

@@ -1,0 +1,424 @@
+"""Check of a certificate in ball arithmetic; it shares no code with the prover.
+
+Every number is an interval of FLINT (Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval
+arithmetic", 2017), so that no rounding is argued about. A certificate is accepted if its network is the file at
+hand, its cells cover the start set, and from every cell the property holds at all times with a margin above zero.
+The module reads the network and the problem itself; it needs numpy, onnx and python-flint.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import tomllib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import onnx
+from flint import arb, arb_mat, ctx
+from onnx import numpy_helper
+
+_BITS = 80
+"""Bits of a ball's middle."""
+_SIDES = 48
+"""Sides of the polygon around a circle of speeds."""
+_SUBSTEPS = 12
+"""Taylor steps of a control period of a plant that is not linear."""
+
+
+class Refused(Exception):
+    """The certificate is refused; the message says why."""
+
+
+def check(
+    certificate: bytes,
+    network: bytes,
+    report: Callable[[int, int], object] = lambda done, of: None,
+    only: Sequence[int] | None = None,
+) -> float:
+    """Least margin that this program finds over the cells of a certificate.
+
+    Args:
+        certificate: content of a certificate's file.
+        network: content of the ONNX file.
+        report: called after each cell with the number of cells done and of all.
+        only: numbers of the cells whose flights are checked; None: all. The cover is checked in any case.
+
+    Raises:
+        Refused: it proves nothing, or is of another network.
+    """
+    ctx.prec = _BITS
+    table = json.loads(certificate)
+    if table["network"] != hashlib.sha256(network).hexdigest():
+        raise Refused("it is of another network: the SHA-256 of the file differs.")
+    problem = tomllib.loads(table["problem"])
+    cells = [list(zip(*cell, strict=True)) for cell in table["cells"]]
+    start = list(zip(problem["start"]["lower"], problem["start"]["upper"], strict=True))
+    _cover([(float(a), float(b)) for a, b in start], cells)
+    layers = _layers(network)
+    move = _linear(problem) or _taylor(problem)
+    numbers = range(len(cells)) if only is None else only
+    least = float("inf")
+    for done, k in enumerate(numbers):
+        found = _fly(problem, layers, move, cells[k])
+        if not found > 0.0:
+            raise Refused(f"cell {k} has the margin {found:.3g}.")
+        least = min(least, found)
+        report(done + 1, len(numbers))
+    return least
+
+
+def _cover(box: list[Any], cells: list[Any]) -> None:
+    """Refuse cells that leave a part of a box open. Coordinates are compared, never computed."""
+    stack = [(box, cells)]
+    while stack:
+        box, inside = stack.pop()
+        inside = [
+            cell
+            for cell in inside
+            if all((a < d and c < b) or a == b for (a, b), (c, d) in zip(box, cell, strict=True))
+        ]
+        whole = any(
+            all(c <= a and b <= d for (a, b), (c, d) in zip(box, cell, strict=True))
+            for cell in inside
+        )
+        if whole:
+            continue
+        cuts = [
+            (axis, edge)
+            for cell in inside
+            for axis, ((a, b), ends) in enumerate(zip(box, cell, strict=True))
+            for edge in ends
+            if a < edge < b
+        ]
+        if not cuts:
+            raise Refused(f"its cells do not cover {box}.")
+        axis, edge = cuts[len(cuts) // 2]
+        parts = ((box[axis][0], edge), (edge, box[axis][1]))
+        stack += [([*box[:axis], part, *box[axis + 1 :]], inside) for part in parts]
+
+
+def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
+    """Weight, bias and activation of each layer of a chain."""
+    graph = onnx.load_model_from_string(content).graph
+    tables = {one.name: numpy_helper.to_array(one).astype(float) for one in graph.initializer}
+    layers: list[tuple[Any, Any, str]] = []
+    for node in graph.node:
+        given = [tables[name] for name in node.input if name in tables]
+        kind = node.op_type
+        if kind == "MatMul":
+            layers.append((_matrix(given[0].T), _matrix(np.zeros((given[0].shape[1], 1))), ""))
+        elif kind in ("Conv", "Gemm"):
+            weight = given[0].reshape(len(given[0]), -1)
+            if kind == "Gemm" and not any(a.name == "transB" and a.i for a in node.attribute):
+                weight = given[0].T
+            shift = given[1] if len(given) > 1 else np.zeros(len(weight))
+            layers.append((_matrix(weight), _matrix(shift.reshape(-1, 1)), ""))
+        elif kind in ("Add", "Sub"):
+            shift = _matrix(given[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
+            if not layers or layers[-1][2]:
+                layers.append((_matrix(np.eye(given[0].size)), shift, ""))
+            else:
+                layers[-1] = (layers[-1][0], layers[-1][1] + shift, "")
+        elif kind in ("Tanh", "Sigmoid"):
+            layers[-1] = (*layers[-1][:2], kind)
+        elif kind not in ("Flatten", "Reshape"):
+            raise Refused(f"its network has an operation that is not checked: {kind}.")
+    joined = layers[:1]
+    for weight, shift, kind in layers[1:]:
+        before = joined[-1]
+        if before[2]:
+            joined.append((weight, shift, kind))
+        else:
+            joined[-1] = (weight * before[0], weight * before[1] + shift, kind)
+    return joined
+
+
+def _matrix(values: np.ndarray) -> Any:
+    return arb_mat(*values.shape, [arb(float(x)) for x in values.ravel()])
+
+
+def _sizes(matrix: Any) -> Any:
+    return arb_mat(matrix.nrows(), matrix.ncols(), [abs(x) for x in matrix.entries()])
+
+
+def _row_sums(matrix: Any) -> list[Any]:
+    return [sum((abs(x) for x in row), arb(0)) for row in matrix.tolist()]
+
+
+def _scaled(factors: Sequence[Any], matrix: Any) -> Any:
+    return arb_mat([[f * x for x in row] for f, row in zip(factors, matrix.tolist(), strict=True)])
+
+
+def _column(values: Sequence[Any]) -> Any:
+    return arb_mat(len(values), 1, list(values))
+
+
+def _lines(low: Any, high: Any, kind: str) -> tuple[Any, Any, Any]:
+    """Slope, middle and half distance of parallel lines around an activation from low to high."""
+    scale = arb(1) if kind == "Tanh" else arb("0.5")
+    low = (scale * low).lower()
+    high = (scale * high).upper()
+    slope = arb(0)
+    if (high - low).lower() > 1e-9:
+        slope = ((high.tanh() - low.tanh()) / (high - low)).mid()
+    points = [low, high]
+    if 0 < slope < 1:
+        turn = (1 - slope).sqrt().atanh()
+        points += [z for z in (turn, -turn) if z.upper() >= low and z.lower() <= high]
+    else:
+        points.append(low.union(high))
+    values = [z.tanh() - slope * z for z in points]
+    least = min((x.lower() for x in values), key=float)
+    most = max((x.upper() for x in values), key=float)
+    least = (least - abs(least) * arb(1e-14) - arb(1e-300)).lower()  # as floats order them
+    most = (most + abs(most) * arb(1e-14) + arb(1e-300)).upper()
+    middle = ((least + most) / 2).mid()
+    half = ((most - least) / 2).upper()
+    if kind == "Tanh":
+        return slope, middle, half
+    return slope / 4, arb("0.5") + middle / 2, half / 2
+
+
+def _network(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any, list[Any]]:
+    """Gain, offset and errors: answers to c + G s lie in gain x + offset +- errors."""
+    gain: Any = None
+    offset: Any = None
+    slopes: list[Any] = []
+    errors: list[Any] = []
+    for k, (weight, shift, kind) in enumerate(layers):
+        gain = weight if gain is None else weight * gain
+        offset = shift if offset is None else weight * offset + shift
+        passed = [arb(0)] * weight.nrows()
+        back = weight
+        for j in reversed(range(k)):
+            passed = [
+                a + b
+                for a, b in zip(passed, (_sizes(back) * _column(errors[j])).entries(), strict=True)
+            ]
+            if j:
+                back = _scaled(slopes[j], back.transpose()).transpose() * layers[j][0]
+        if not kind:
+            return gain, offset, passed
+        middle = (gain * centre + offset).entries()
+        reach = [a + b for a, b in zip(_row_sums(gain * spread), passed, strict=True)]
+        lines = [_lines(m - r, m + r, kind) for m, r in zip(middle, reach, strict=True)]
+        slopes.append([one[0] for one in lines])
+        errors.append([one[2] for one in lines])
+        gain = _scaled(slopes[-1], gain)
+        offset = _scaled(slopes[-1], offset) + _column([one[1] for one in lines])
+        last = [s * p + e for s, p, e in zip(slopes[-1], passed, errors[-1], strict=True)]
+    return gain, offset, last
+
+
+def _beside(*matrices: Any) -> Any:
+    return arb_mat(
+        [
+            [x for row in rows for x in row]
+            for rows in zip(*(m.tolist() for m in matrices), strict=True)
+        ]
+    )
+
+
+def _diagonal(values: Sequence[Any]) -> Any:
+    return arb_mat(
+        [[x if i == k else arb(0) for k in range(len(values))] for i, x in enumerate(values)]
+    )
+
+
+def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
+    """Margin over all times of the flights from a cell."""
+    centre = _column([(arb(a) + arb(b)) / 2 for a, b in cell])
+    spread = _diagonal([(arb(b) - arb(a)) / 2 for a, b in cell])
+    least = float("inf")
+    for _ in range(problem["steps"]):
+        for begin, end, sag in move(centre, spread, *_network(layers, centre, spread)):
+            least = min(least, _margin(problem["keep"], begin, end, sag))
+            centre, spread = end
+        if not least > 0.0:
+            break
+    return least
+
+
+def _highest(row: Any, state: tuple[Any, Any]) -> Any:
+    return (row * state[0])[0, 0] + _row_sums(row * state[1])[0]
+
+
+def _margin(keep: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]) -> float:
+    count = len(sag)
+    if "avoid" in keep:
+        margins = []
+        for axis, (low, high) in enumerate(
+            zip(*(keep["avoid"][k] for k in ("lower", "upper")), strict=True)
+        ):
+            row = arb_mat(1, count, [arb(int(i == axis)) for i in range(count)])
+            above = [arb(low) - _highest(row, state) - sag[axis] for state in (begin, end)]
+            below = [-_highest(-1 * row, state) - sag[axis] - arb(high) for state in (begin, end)]
+            margins += [min(float(x.lower()) for x in side) for side in (above, below)]
+        return max(margins)
+    limit = keep["speed_limit"]
+    ahead = [float((begin[0][i, 0] + end[0][i, 0]).mid()) for i in limit["position"]]
+    norm = sum((arb(x) ** 2 for x in ahead), arb(0)).sqrt()
+    worst = float("inf")
+    for side in range(_SIDES):
+        turn = arb(2 * side) / _SIDES
+        around = [turn.cos_pi(), turn.sin_pi()]
+        row = [arb(0)] * count
+        for i, value in zip(limit["velocity"], around, strict=True):
+            row[i] += value / (arb(1) / _SIDES).cos_pi()
+        for i, value in zip(limit["position"], ahead, strict=True):
+            row[i] -= arb(limit["slope"]) * arb(value) / norm
+        line = arb_mat(1, count, row)
+        for state in (begin, end):
+            worst = min(worst, float((arb(limit["base"]) - _highest(line, state)).lower()))
+    bent = [sum((sag[i] ** 2 for i in limit[k]), arb(0)).sqrt() for k in ("velocity", "position")]
+    return worst - float((bent[0] + arb(limit["slope"]) * bent[1]).upper())
+
+
+def _rates(problem: dict[str, Any]) -> list[dict[tuple[int, ...], Any]]:
+    """Polynomials of the derivatives: coefficients by exponents of states and commands."""
+    count = len(problem["derivative"])
+    width = count + problem["commands"]
+
+    def read(node: Any) -> dict[tuple[int, ...], Any]:
+        if isinstance(node, ast.Constant):
+            return {(0,) * width: arb(float(node.value))}
+        if isinstance(node, ast.Name):
+            place = int(node.id[1:]) + (count if node.id[0] == "u" else 0)
+            return {tuple(int(i == place) for i in range(width)): arb(1)}
+        if isinstance(node, ast.UnaryOp):
+            return _plus({}, read(node.operand), -1)
+        left, right = read(node.left), read(node.right)
+        if isinstance(node.op, ast.Mult):
+            return _times(left, right)
+        return _plus(left, right, 1 if isinstance(node.op, ast.Add) else -1)
+
+    return [read(ast.parse(text, mode="eval").body) for text in problem["derivative"]]
+
+
+def _plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any]:
+    result = dict(a)
+    for key, value in b.items():
+        result[key] = result.get(key, arb(0)) + factor * value
+    return result
+
+
+def _times(a: dict[Any, Any], b: dict[Any, Any]) -> dict[Any, Any]:
+    result: dict[Any, Any] = {}
+    for key, value in a.items():
+        for key2, value2 in b.items():
+            both = tuple(x + y for x, y in zip(key, key2, strict=True))
+            result[both] = result.get(both, arb(0)) + value * value2
+    return result
+
+
+def _slope(p: dict[Any, Any], k: int) -> dict[Any, Any]:
+    return {(*e[:k], e[k] - 1, *e[k + 1 :]): e[k] * x for e, x in p.items() if e[k]}
+
+
+def _at(p: dict[Any, Any], values: Sequence[Any]) -> Any:
+    total = arb(0)
+    for key, value in p.items():
+        for exponent, x in zip(key, values, strict=True):
+            if exponent:
+                value = value * x**exponent
+        total += value
+    return total
+
+
+def _linear(problem: dict[str, Any]) -> Any:
+    """Motion of a linear plant by the exponential of its matrix, or None."""
+    rates = _rates(problem)
+    count = len(rates)
+    width = count + problem["commands"]
+    if any(sum(key) != 1 for one in rates for key in one):
+        return None
+    unit = [tuple(int(i == k) for i in range(width)) for k in range(width)]
+    rows = [[one.get(key, arb(0)) for key in unit] for one in rates]
+    both = arb_mat(rows + [[arb(0)] * width] * problem["commands"])
+    h = arb(problem["period"])
+    whole = (both * h).exp()
+    widest = (_sizes(both) * h).exp()
+    second = _sizes(both) * _sizes(both) * widest * (h * h / 8)
+
+    def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
+        state = arb_mat([row[:count] for row in whole.tolist()[:count]])
+        push = arb_mat([row[count:] for row in whole.tolist()[:count]])
+        total = state + push * gain
+        end = total * centre + push * offset, _beside(total * spread, push * _diagonal(errors))
+        sizes = [abs(c) + r for c, r in zip(centre.entries(), _row_sums(spread), strict=True)]
+        forces = (_sizes(gain) * _column(sizes) + _sizes(offset)).entries()
+        sizes += [f + e for f, e in zip(forces, errors, strict=True)]
+        sag = (second * _column(sizes)).entries()[:count]
+        return [((centre, spread), end, sag)]
+
+    return move
+
+
+def _taylor(problem: dict[str, Any]) -> Any:
+    """Motion of a polynomial plant by Taylor steps of order 1 with a bounded rest."""
+    rates = _rates(problem)
+    count = len(rates)
+    width = count + problem["commands"]
+    h = arb(problem["period"]) / _SUBSTEPS
+
+    def along(polynomials: Sequence[Any]) -> list[Any]:
+        results = []
+        for one in polynomials:
+            total: dict[Any, Any] = {}
+            for k, rate in enumerate(rates):
+                total = _plus(total, _times(_slope(one, k), rate))
+            results.append(total)
+        return results
+
+    second = along(rates)
+    third = along(second)
+    unit = [{tuple(int(i == k) for i in range(width)): arb(1)} for k in range(count)]
+    step = [
+        _plus(_plus(x, f, h), g, h * h / 2) for x, f, g in zip(unit, rates, second, strict=True)
+    ]
+    slopes = [[_slope(one, k) for k in range(width)] for one in step]
+
+    def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
+        middle = [*centre.entries(), *(gain * centre + offset).entries()]
+        below = _beside(gain * spread, _diagonal(errors))
+        above = _beside(spread, arb_mat(count, len(errors)))
+        wide = arb_mat(above.tolist() + below.tolist())
+        pieces = []
+        for _ in range(_SUBSTEPS):
+            balls = [
+                arb(c.mid(), (r + c.rad()).upper())
+                for c, r in zip(middle, _row_sums(wide), strict=True)
+            ]
+            grown = [
+                x + arb(0, (3 * h * abs(_at(f, balls))).upper())
+                for x, f in zip(balls, rates, strict=False)
+            ]
+            grown += balls[count:]
+            for x, big, f in zip(balls, grown, rates, strict=False):
+                if not big.contains(x + (arb(0).union(h)) * _at(f, grown)):
+                    raise Refused("its motion has no bound within a Taylor step.")
+            rest = [h**3 / 6 * abs(_at(one, grown)).upper() for one in third]
+            sag = [(h * h / 8 * abs(_at(one, grown))).upper() for one in second]
+            # Mean value theorem: the step is its value at the centre and slopes over the whole set.
+            exact = [x.mid() for x in middle]
+            jacobian = arb_mat([[_at(one, balls) for one in row] for row in slopes])
+            fixed = arb_mat([[x.mid() for x in row] for row in jacobian.tolist()])
+            loose = arb_mat([[arb(x.rad()) for x in row] for row in jacobian.tolist()])
+            reach = [r + arb(c.rad()) for r, c in zip(_row_sums(wide), middle, strict=True)]
+            off = [a + b for a, b in zip((loose * _column(reach)).entries(), rest, strict=True)]
+            new = [_at(one, exact) for one in step]
+            drift = (_sizes(fixed) * _column([arb(c.rad()) for c in middle])).entries()
+            off = [a + b + arb(n.rad()) for a, b, n in zip(off, drift, new, strict=True)]
+            moved = arb_mat((fixed * wide).tolist() + wide.tolist()[count:])
+            extra = arb_mat(_diagonal(off).tolist() + [[arb(0)] * count] * (width - count))
+            begin = (_column(middle[:count]), arb_mat(wide.tolist()[:count]))
+            middle = [n.mid() for n in new] + middle[count:]
+            wide = _beside(moved, extra)
+            end = (_column(middle[:count]), arb_mat(wide.tolist()[:count]))
+            pieces.append((begin, end, sag))
+        return pieces
+
+    return move
