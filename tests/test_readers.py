@@ -64,7 +64,10 @@ CALLS = {
 ENDS = {call.rpartition(".")[2] for call in CALLS}
 
 ALLOWED = {
-    ("rans.proof.check", "json.loads"): "shares no code; the command reads the file before by rans.files",
+    (
+        "rans.proof.check",
+        "json.loads",
+    ): "shares no code; the command reads the file before by rans.files",
     ("rans.proof.check", "tomllib.loads"): "the same, by rans.proof.problem",
     ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",
     (

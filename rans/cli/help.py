@@ -114,6 +114,7 @@ GUIDES = {
     "compare": "comparison",
     "stress": "stress",
     "assure": "assurance",
+    "prove": "proofs",
     "follow": "agents",
     "view": "viewing",
     "report": "viewing",

@@ -137,7 +137,8 @@ def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
 
 
 def _matrix(values: np.ndarray) -> Any:
-    return arb_mat(*values.shape, [arb(float(x)) for x in values.ravel()])
+    rows, columns = values.shape
+    return arb_mat(rows, columns, [arb(float(x)) for x in values.ravel()])
 
 
 def _sizes(matrix: Any) -> Any:
@@ -188,6 +189,7 @@ def _network(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any,
     offset: Any = None
     slopes: list[Any] = []
     errors: list[Any] = []
+    last: list[Any] = []
     for k, (weight, shift, kind) in enumerate(layers):
         gain = weight if gain is None else weight * gain
         offset = shift if offset is None else weight * offset + shift
@@ -284,7 +286,7 @@ def _rates(problem: dict[str, Any]) -> list[dict[tuple[int, ...], Any]]:
 
     def read(node: Any) -> dict[tuple[int, ...], Any]:
         if isinstance(node, ast.Constant):
-            return {(0,) * width: arb(float(node.value))}
+            return {(0,) * width: arb(float(str(node.value)))}
         if isinstance(node, ast.Name):
             place = int(node.id[1:]) + (count if node.id[0] == "u" else 0)
             return {tuple(int(i == place) for i in range(width)): arb(1)}

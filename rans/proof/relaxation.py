@@ -2,9 +2,9 @@
 
 A zonotope is {c + G s + r t: s in [-1, 1]^m, t in [-1, 1]^n, element by element}. Over it an activation lies
 between two parallel lines (Singh et al., "Fast and effective robustness certification", 2018), so the network
-between two parallel planes of the state. Every result is widened by a bound of its rounding: a sum of N products in double
-precision errs by at most N u / (1 - N u) times the sum of their absolute values, with u = 2^-53 (Higham, "Accuracy
-and stability of numerical algorithms", 3.1).
+between two parallel planes of the state. Every result is widened by a bound of its rounding: a sum of N products in
+double precision errs by at most N u / (1 - N u) times the sum of their absolute values, with u = 2^-53 (Higham,
+"Accuracy and stability of numerical algorithms", 3.1).
 """
 
 from __future__ import annotations

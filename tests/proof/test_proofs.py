@@ -137,7 +137,10 @@ def test_a_network_lies_between_its_planes(activation: str, sizes: tuple[int, ..
     centre = random.normal(size=(5, 3))
     generators = 0.2 * random.normal(size=(5, 3, 4))
     box = 0.1 * random.random((5, 3))
-    tensors = [TorchLayer(*(torch.tensor(x) for x in one[:2]), one[2]) for one in network]
+    tensors = [
+        TorchLayer(torch.tensor(one.weight), torch.tensor(one.bias), one.activation)
+        for one in network
+    ]
     planes = enclose(tensors, Zonotope(*map(torch.tensor, (centre, generators, box))))
     for k in range(5):
         s = random.uniform(-1, 1, (2000, 4))
