@@ -1,4 +1,4 @@
-"""How far off readings are, and what Kalman filters make of them (decision 024).
+"""How far off readings are, and what Kalman filters make of them (docs/decisions/robustness.md).
 
 ``python -m campaigns.estimates`` lets spacecraft start at rest and open a few valves at random, and prints
 the root mean square errors of what a policy is shown, of readings and of filters, in noise and in `lab`.

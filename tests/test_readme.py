@@ -41,6 +41,7 @@ from tests.support.random_flights import Random
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 CRAFT = load_spacecraft("floating-platform")
 every_page = pytest.mark.parametrize(
     "page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES]
@@ -241,11 +242,47 @@ def test_links_lead_somewhere(page: Path) -> None:
             assert (page.parent / target).exists(), target
 
 
-def test_every_decision_is_in_the_index() -> None:
+@pytest.mark.parametrize("page", DECISIONS, ids=lambda page: page.name)
+def test_decisions_are_in_the_index_and_have_one_form(page: Path) -> None:
+    text = page.read_text("utf-8")
+    assert text.startswith("---\nnosearch: true\n---\n\n# "), "the site's search leaves them out"
+    head, *sections = re.split(r"^## ", text, flags=re.MULTILINE)
+    title = head.split("# ", 1)[1].splitlines()[0]
     index = (ROOT / "docs" / "README.md").read_text("utf-8")
-    for page in sorted((ROOT / "docs" / "decisions").glob("*.md")):
-        title = page.read_text("utf-8").splitlines()[0].removeprefix("# ")
-        assert f"- [{title}](decisions/{page.name})" in index
+    assert f"- [{title}](decisions/{page.name})" in index
+    for target in re.findall(r"\]\(([^)#]+)", text):
+        assert (page.parent / target).exists(), target
+    assert sections
+    for section in sections:
+        parts = re.findall(r"^- \*\*(\w+)\.\*\*", section, re.MULTILINE)
+        assert parts == ["Question", "Tried", "Decision", "Figure", "Date"], section.splitlines()[0]
+        assert re.search(r"\*\*Date\.\*\* \d{4}-\d\d-\d\d", section), section.splitlines()[0]
+
+
+def headings(page: Path) -> set[str]:
+    """Anchors of a page's headings, as MyST and GitHub make them."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def test_what_names_a_decision_leads_to_one() -> None:
+    """In pages, code and data: the page exists, and so does the heading that a link names."""
+    named = re.compile(r"decisions/([\w-]+\.\w+)(?:#([\w-]+))?")
+    anchors = {page.name: headings(page) for page in DECISIONS}
+    files = [
+        ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "README.md", "SECURITY.md")
+    ]
+    for folder in ("rans", "validation", "campaigns", "docs", "tests", "examples", "benchmarks"):
+        files += [
+            file
+            for end in ("md", "py", "toml")
+            for file in (ROOT / folder).rglob(f"*.{end}")
+            if file != Path(__file__)
+        ]
+    for file in files:
+        for name, heading in named.findall(file.read_text("utf-8")):
+            assert name in anchors, f"{file.relative_to(ROOT)} names docs/decisions/{name}"
+            assert not heading or heading in anchors[name], f"{file.relative_to(ROOT)}: #{heading}"
 
 
 def test_every_page_is_in_the_index() -> None:

@@ -1,7 +1,7 @@
 """A linter of the pages' words: `python docs/_ext/prose.py`, a part of `make lint`.
 
 Pages for users are written in the field's words, so that a search finds them, and at a length that is read. What
-stands in code, in links' targets and in decision records is not read.
+stands in code and in links' targets is not read.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ WORDS = {
 """Words that are private, old or of another spelling, each with what to write instead."""
 
 MOST_WORDS = 800
-"""Largest number of words of a how-to page, without code and tables."""
+"""Largest number of words of a how-to page or a page of decisions, without code and tables."""
 
 NOT_YET = frozenset[str]()
 """Pages that still have such words, or are longer: to be rewritten, and then to be removed from here."""
@@ -64,11 +64,12 @@ REFERENCE = frozenset(
 
 
 def pages() -> list[Path]:
-    """Pages for users: the README, those of docs and docs/missions, and the tutorials."""
+    """Pages that are checked: the README, those of docs, missions and decisions, and the tutorials."""
     return [
         ROOT / "README.md",
         *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL | {"README.md"}),
         *sorted(DOCS.glob("missions/*.md")),
+        *sorted(DOCS.glob("decisions/*.md")),
         *sorted(DOCS.glob("tutorials/*.py")),
     ]
 
@@ -118,7 +119,7 @@ def complaints(page: Path) -> Iterator[str]:
     sentences = re.sub(r"^\|.*$", "", text, flags=re.MULTILINE)
     count = len(re.findall(r"\w[\w'.,-]*", sentences))
     if (
-        page.parent in (DOCS, DOCS / "missions")
+        page.parent in (DOCS, DOCS / "missions", DOCS / "decisions")
         and page.name not in REFERENCE
         and count > MOST_WORDS
     ):

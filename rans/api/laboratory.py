@@ -12,7 +12,7 @@ def enter() -> None:
     """Let ``validation`` be ours from here on, whatever has this name where the user stands.
 
     In a wheel it lies in ``rans/laboratory``, so that the name is not installed; in a working copy
-    beside ``rans`` (decision 015).
+    beside ``rans`` (docs/decisions/security.md).
     """
     here = Path(rans.__file__).parent
     place = str(

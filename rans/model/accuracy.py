@@ -1,7 +1,7 @@
 """Number of integration steps in a control period, chosen from the angular acceleration of the craft.
 
 The error of a step depends on the angle turned in it and on the ratios of the moments of inertia, and grows
-with the seventh power of the step's length (docs/decisions/006-motion-in-space-by-series.md). The spin of a
+with the seventh power of the step's length (docs/decisions/engine.md). The spin of a
 craft depends on its controller. For a controller that holds an attitude it is estimated from alpha (rad): the
 largest angular acceleration of any command times the square of the control period.
 """

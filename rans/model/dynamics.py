@@ -44,10 +44,10 @@ RULES: dict[int, Rule] = {
 NODES = 6
 """Nodes of the Gauss-Legendre rule for planar motion. Over one control period its error relative to the effect
 of the thrust is below 3e-13 for rotations up to 1 rad, and below 3e-11 up to 2 rad
-(docs/decisions/003-planar-motion-by-quadrature.md)."""
+(docs/decisions/engine.md)."""
 _SPATIAL_NODES = 3
 """Nodes of the rule in space: of order six, as the attitude is
-(docs/decisions/006-motion-in-space-by-series.md)."""
+(docs/decisions/engine.md)."""
 
 
 @dataclass(frozen=True)

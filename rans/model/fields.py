@@ -4,7 +4,7 @@ A field is one scalar quantity of one or many spacecraft: a torch tensor ``(N,)`
 NumPy array in a test or the Drake environment, a CasADi ``SX`` in an optimal control problem, or a
 `rans.model.trace.Symbol` while a GPU kernel is generated. Equations over fields are arithmetic on named scalars,
 so the same source runs in all these libraries and compiles into one kernel
-(docs/decisions/001-structure-of-fields.md).
+(docs/decisions/engine.md).
 
 Two rules keep equations traceable. Multiply a vector with ``v.scale(s)``, never ``s * v``: a torch tensor on the
 left takes the operator first. Never branch on a field; use `where`.

@@ -44,12 +44,12 @@ class Architecture:
     """Key of `rans.policy.activations.ACTIVATIONS`."""
     zoom: float = 0.0
     """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
-    see as a metre (decision 008). 0: no second look."""
+    see as a metre (docs/decisions/policies.md). 0: no second look."""
     preprocessor: str = "body"
     """Key of `rans.policy.preprocess.PREPROCESSORS`: which columns the network is given."""
     symmetries: Symmetries | None = None
     """Of the spacecraft: every state is seen from the one of its equivalent sides that has the goal ahead
-    (decision 009)."""
+    (docs/decisions/policies.md)."""
     bf16: bool = False
     """Whether on a GPU the hidden layers' products are of bfloat16."""
     head: str = "on-off"
@@ -68,7 +68,7 @@ class Architecture:
     averages: tuple[float, ...] = ()
     """Besides, exponential moving averages of all of them: the share that each keeps from step to step."""
     filters: Filters | None = None
-    """Besides, what each of a bank of Kalman filters makes of the columns (decision 024)."""
+    """Besides, what each of a bank of Kalman filters makes of the columns (docs/decisions/robustness.md)."""
     units: int = 0
     """Of a recurrent core after the trunk; 0: none."""
     privileged: int = 0

@@ -1,7 +1,7 @@
 """A bank of Kalman filters, which trust the designed craft more or less, as agents keep it.
 
 After Magill, "Optimal adaptive estimation of sampled stochastic processes", 1965; which to believe is left to
-the network (decision 024).
+the network (docs/decisions/robustness.md).
 """
 
 from __future__ import annotations

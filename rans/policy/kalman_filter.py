@@ -2,7 +2,7 @@
 
 Noise in readings hides what a craft is about to do; its mass, its thrust and the commands tell most of it
 (Kalman, "A new approach to linear filtering and prediction problems", 1960). It works on the columns of what
-is observed, in B, so that any task's may be filtered (decision 024).
+is observed, in B, so that any task's may be filtered (docs/decisions/robustness.md).
 """
 
 from __future__ import annotations

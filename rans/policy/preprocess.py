@@ -37,7 +37,7 @@ class Preprocessor(ABC):
 
 
 class BodyFrame(Preprocessor):
-    """Vectors in the frame of the spacecraft, in which its own attitude is the same always (decision 004)."""
+    """Vectors in the frame of the spacecraft, where its own attitude is constant (docs/decisions/policies.md)."""
 
     views_and_filters = True
 

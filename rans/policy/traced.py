@@ -160,7 +160,7 @@ def _filtered(
 
 
 def _looks(program: Program, architecture: Architecture, viewed: str) -> list[str]:
-    """Columns normalised, and a second time magnified (decision 008)."""
+    """Columns normalised, and a second time magnified (docs/decisions/policies.md)."""
     mean, scale = (program.parameter(name, architecture.column_count) for name in ("mean", "scale"))
     results = [
         program.each(lambda x, m, s: normalised(x, m, s, architecture.clip), viewed, mean, scale)
@@ -174,7 +174,7 @@ def _looks(program: Program, architecture: Architecture, viewed: str) -> list[st
 
 @dataclass(frozen=True)
 class _View:
-    """From which of its equivalent sides each spacecraft is seen (decision 009)."""
+    """From which of its equivalent sides each spacecraft is seen (docs/decisions/policies.md)."""
 
     views: Symmetries
     which: str

@@ -89,7 +89,7 @@ class GoToPose(Arrived, SingleTask):
         """Terms exp(-distance / scale) and exp(-angle / scale) of the original system, wider and narrower copies.
 
         Without the wide "turn" term some seeds keep the position with any attitude and remain in that local
-        optimum. Without "approach" training takes twice as long (docs/decisions/005-presets.md).
+        optimum. Without "approach" training takes twice as long (docs/decisions/learners.md).
         """
         distance, angle = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)

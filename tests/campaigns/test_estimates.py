@@ -1,4 +1,4 @@
-"""Errors of readings and of filters, as decision 024 compares them."""
+"""Errors of readings and of filters, which docs/decisions/robustness.md compares."""
 
 from __future__ import annotations
 

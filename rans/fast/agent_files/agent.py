@@ -2,7 +2,7 @@
 
 A training stores its agent in ``agent.safetensors``, an exported agent has that file without critic and
 optimizer. The ``policy.zip`` of an export for Stable-Baselines3 holds it beside pickled files, which RANS does not
-read (decision 014).
+read (docs/decisions/security.md).
 """
 
 from __future__ import annotations

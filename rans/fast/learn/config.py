@@ -82,8 +82,8 @@ class PPOSettings:
     activation: Activation = "tanh"
     """Activation function of the hidden layers."""
     preprocessor: PreprocessorName = "body"
-    """Input columns of the network: "body" has vectors in the frame of the spacecraft (decision 004); "world" has
-    the observed columns, and needs symmetric = false and no filters."""
+    """Input columns of the network: "body" has vectors in the frame of the spacecraft
+    (docs/decisions/policies.md); "world" has the observed columns, and needs symmetric = false and no filters."""
     backbone: BackboneName = "dense"
     """Network from features to commands: "dense" has a last layer; "attention" has a layer of attention over the
     effectors, whose weights apply to any craft."""
@@ -95,10 +95,10 @@ class PPOSettings:
     """Whether the policy is equivariant under the symmetries of the spacecraft."""
     zoom: float = 0.0
     """Magnification of a second copy of all observed columns, for agents that keep the position within millimetres
-    (decision 008). 0: no copy, which learns coarse motion sooner."""
+    (docs/decisions/policies.md). 0: no copy, which learns coarse motion sooner."""
     matmul: Precision = "tf32"
     """Precision of matrix products on a GPU; a CPU always uses float32. With bf16 the gradients of most networks
-    are one kernel (decision 020)."""
+    are one kernel (docs/decisions/kernels.md)."""
     memory: Memory = "none"
     """Memory of the network: "none"; "history" of the last observations and commands; "commands", the last commands
     alone, which suffice beside filters; or "recurrent", a gated recurrent unit."""
@@ -113,7 +113,7 @@ class PPOSettings:
     filters: tuple[float, ...] = ()
     """Kalman filters whose estimates are added to the input: for each the variance of the random walk of
     velocities in a control period, in units of the noise of their readings. They use the spacecraft as designed
-    and the commands of its thrusters (decision 024)."""
+    and the commands of its thrusters (docs/decisions/robustness.md)."""
     filtered_steady: tuple[float, ...] = ()
     """Variance of the constant accelerations that each filter estimates, such as that of a sloping floor, in units
     of the noise of its readings. 0 or empty: none."""

@@ -1,4 +1,4 @@
-"""Gradients of the PPO losses without autograd, for GPUs with bfloat16 products (decision 020).
+"""Gradients of the PPO losses without autograd, for GPUs with bfloat16 products (docs/decisions/kernels.md).
 
 They are computed in one kernel, forward and backward, or for wider networks in matrix products.
 """

@@ -1,4 +1,6 @@
-"""Recipes and presets: training configs known to work, as TOML files in ``rans/data/recipes`` (decision 005).
+"""Recipes and presets: training configs known to work, as TOML files in ``rans/data/recipes``.
+
+docs/decisions/learners.md says how the values of the presets were chosen.
 
 A recipe is a training config in TOML with the keys of `TrainConfig` and three more. ``base`` names a recipe
 that supplies missing values; ``conditions`` is a name (see `load_conditions`); ``[gpu]`` overrides values on a
@@ -243,7 +245,7 @@ _GRADIENT: dict[str, Any] = {
     "n_epochs": 4,
     "learning_rate": 3e-3,
 }
-"""Hyper-parameters of the gradient learner for any throttled spacecraft (decision 026)."""
+"""Hyper-parameters of the gradient learner for any throttled spacecraft (docs/decisions/learners.md)."""
 _GRADIENT_REPORTS = 24
 """Iterations between reports of the gradient learner; as many environment steps as with PPO."""
 

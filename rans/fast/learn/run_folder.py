@@ -27,7 +27,8 @@ class RunFolder:
 
     ``config.json`` repeats it, ``spacecraft.toml`` is the spacecraft at its start, ``metrics.jsonl`` has one
     row per report, ``checkpoint.safetensors`` resumes it, ``agent.safetensors`` is the agent with its critic;
-    that of an exported agent has no critic. Opening these files executes no code from them (decision 014).
+    that of an exported agent has no critic. Opening these files executes no code from them
+    (docs/decisions/security.md).
 
     Args:
         path: the folder; need not exist.
