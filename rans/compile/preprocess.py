@@ -1,7 +1,8 @@
-"""What a network sees of observations, as two straight-line programs instead of hundreds of operations.
+"""Preprocessing of observations as straight-line programs, instead of hundreds of torch's operations.
 
-On a GPU they are a kernel each; where functions are compiled they are part of what torch's compiler fuses,
-and nobody asks for these. On a CPU NumPy runs them.
+There are up to three programs, each a function of one row (`row_programs`). On a GPU each is a CUDA kernel; on a
+CPU machine code runs them over NumPy arrays. Inside a function that torch compiles, torch's own operations are
+used, as torch fuses them.
 """
 
 from __future__ import annotations
@@ -33,18 +34,26 @@ if TYPE_CHECKING:
     from rans.compile.cpu.program import CompiledProgram, Memory
 
 _THREADS = 128
-"""Of a block."""
+"""Threads of a CUDA block: four warps, few enough that small batches still fill several multiprocessors."""
+_MOST_CPU_ROWS = 4096
+"""Rows that the CPU programs take; more, as a whole rollout's, are left to torch, which uses several cores."""
+_REAL_TYPES = {torch.float32: "float", torch.float64: "double"}
+"""Type in CUDA C++ of a tensor's numbers."""
+
 RowProgram = Callable[[Sequence[Symbol]], tuple[list[Symbol], Symbol]]
-"""Numbers and a whole number of the columns of one row."""
-_REALS = {torch.float32: "float", torch.float64: "double"}
+"""Outputs (numbers and one integer) as symbols, from the columns of one row."""
+_IN_BODY = 0
+_VIEWED = 1
+_NEXT_FILTER_MEMORY = 2
+"""Indices into `row_programs`, by the method of `ColumnExecutor` that each computes."""
 
 
 def compiled_preprocessor(
     architecture: Architecture, views: Symmetries | None, like: Tensor
 ) -> ColumnExecutor:
-    """Preprocessor of a network with tensors like this one: programs where they are faster.
+    """Fastest preprocessor for a network whose tensors have the device and dtype of ``like``.
 
-    On a CPU that is nowhere without llvmlite, and in double precision, which is for comparisons.
+    On a CPU without llvmlite, and there in double precision, which only serves comparisons, it is torch's.
     """
     plain = TorchPreprocessor(architecture, views)
     if like.is_cuda:
@@ -57,85 +66,99 @@ def compiled_preprocessor(
 
 
 def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
-    """What changes observations to the body frame, chooses a side, and filters; of how many columns each."""
+    """Programs of one row, each with the number of columns that it reads.
+
+    They compute the body frame of an observation, the view of columns and filters, and, where there are filters,
+    their next memory; in the order of `_IN_BODY`, `_VIEWED` and `_NEXT_FILTER_MEMORY`. The integer of a program is
+    the side of the spacecraft that is viewed, else 0.
+    """
     policy = policy_program(architecture)
     views = ["view"] if policy.has("view") else []
 
-    def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+    def in_body(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         outputs, _ = symbols(policy, {"observation": columns}, ["body"])
         return outputs["body"], Symbol.constant(0)
 
-    def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        known = {
+    def viewed(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        inputs = {
             "body": columns[: architecture.column_count],
             "filters": columns[architecture.column_count :],
         }
-        outputs, _ = symbols(policy, known, ["seen", *views])
+        outputs, _ = symbols(policy, inputs, ["seen", *views])
         return outputs["seen"], outputs["view"][0] if views else Symbol.constant(0)
 
-    def expected(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        parts = {
+    def next_filter_memory(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        widths = {
             "body": architecture.column_count,
             "filters": architecture.filtering,
             "command": architecture.thrusters,
         }
         rest = iter(row)
-        known = {name: list(islice(rest, width)) for name, width in parts.items()}
-        outputs, _ = symbols(policy, known, ["filters_after"])
+        inputs = {name: list(islice(rest, width)) for name, width in widths.items()}
+        outputs, _ = symbols(policy, inputs, ["filters_after"])
         return outputs["filters_after"], Symbol.constant(0)
 
     width = architecture.column_count + architecture.filtering
-    programs = [(turned, architecture.layout.width), (seen, width)]
+    programs = [(in_body, architecture.layout.width), (viewed, width)]
     return (
-        [*programs, (expected, width + architecture.thrusters)]
+        [*programs, (next_filter_memory, width + architecture.thrusters)]
         if architecture.filters
         else programs
     )
 
 
 class CpuPreprocessor(ColumnExecutor):
-    """By NumPy, in single precision; not for two threads at once."""
+    """Preprocessor on a CPU: machine code over NumPy arrays, in single precision; not thread-safe.
 
-    _MOST = 4096
-    """Rows; more, as a whole rollout's, are left to torch, which divides them among a processor's lanes."""
+    Args:
+        architecture: of the network.
+        plain: preprocessor for gradients, for large batches, and for what cannot be compiled.
+    """
 
     def __init__(self, architecture: Architecture, plain: TorchPreprocessor) -> None:
         self._architecture = architecture
         self._plain = plain
-        self._answers: tuple[Tensor, CpuActorCritic | None] | None = None
+        self._actor_critic: tuple[Tensor, CpuActorCritic | None] | None = None
+        """Whole network compiled with the weights of a tensor, and that tensor."""
 
     def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[Architecture, TorchPreprocessor]]:
-        """A copy has memory of its own."""
+        """Pickling leaves out compiled code and scratch memory, which a copy makes anew."""
         return CpuPreprocessor, (self._architecture, self._plain)
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
         return (
-            self._rows(0, observation)[0]
-            if self._works(observation)
+            self._rows(_IN_BODY, observation)[0]
+            if self._can_run(observation)
             else self._plain.in_body(observation)
         )
 
     def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`."""
-        return self._rows(1, rows) if self._works(rows) else self._plain.viewed(rows)
+        return self._rows(_VIEWED, rows) if self._can_run(rows) else self._plain.viewed(rows)
 
-    def expected(self, rows: Tensor) -> Tensor:
+    def next_filter_memory(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return self._rows(2, rows)[0] if self._works(rows) else self._plain.expected(rows)
+        return (
+            self._rows(_NEXT_FILTER_MEMORY, rows)[0]
+            if self._can_run(rows)
+            else self._plain.next_filter_memory(rows)
+        )
 
     def whole(
         self, observation: Tensor, tensors: Mapping[str, Tensor]
     ) -> tuple[Tensor, Tensor] | None:
         """See `ColumnExecutor`."""
         weight = tensors["value_net.weight"]
-        if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
+        if weight.dim() > 2 or torch.is_grad_enabled() or not _is_plain_forward(observation):
             return None
-        if self._answers is None or self._answers[0] is not weight:
-            self._answers = weight, self._answering(tensors)
-        return self._answers[1] and self._answers[1](observation)
+        # Weights are compiled in: new tensors need new code.
+        if self._actor_critic is None or self._actor_critic[0] is not weight:
+            self._actor_critic = weight, self._compiled_actor_critic(tensors)
+        run = self._actor_critic[1]
+        return run and run(observation)
 
-    def _answering(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
+    def _compiled_actor_critic(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
         from rans.compile.cpu.actor_critic import CpuActorCritic  # LLVM, which a GPU does not need
 
         architecture = self._architecture
@@ -144,40 +167,51 @@ class CpuPreprocessor(ColumnExecutor):
                 return CpuActorCritic(architecture, tensors)
         return None
 
-    def _works(self, rows: Tensor) -> bool:
-        return _may(rows) and len(rows) <= self._MOST and self._programs is not None
+    def _can_run(self, rows: Tensor) -> bool:
+        return (
+            _is_plain_forward(rows) and len(rows) <= _MOST_CPU_ROWS and self._programs is not None
+        )
 
     @cached_property
     def _programs(self) -> list[CompiledProgram] | None:
         from rans.compile.cpu.program import CompiledProgram  # LLVM, which a GPU does not need
 
-        made = []
+        compiled = []
         with contextlib.suppress(*UNTRACEABLE):
             for program, width in row_programs(self._architecture):
                 columns = [Symbol.input(f"column_{i}") for i in range(width)]
-                outputs, which = program(columns)
-                made.append(CompiledProgram(columns, [*outputs, which]))
-            return made
+                outputs, side = program(columns)
+                compiled.append(CompiledProgram(columns, [*outputs, side]))
+            return compiled
         return None
 
     @cached_property
     def _memory(self) -> dict[tuple[int, int], Memory]:
+        """Scratch memory by the index of a program and the number of rows."""
         return {}
 
     def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Outputs (N, k) and integers (N,) of a program, by its index, of rows (N, width)."""
         assert self._programs is not None
         if (memory := self._memory.get((number, len(rows)))) is None:
             self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
         memory.give(rows.numpy().T)
-        *outputs, which = memory.run(0)
-        side = torch.from_numpy(np.broadcast_to(which, len(rows)).astype(np.int64))
-        return torch.from_numpy(np.stack(outputs)).T, side
+        *outputs, side = memory.run(0)
+        sides = torch.from_numpy(np.broadcast_to(side, len(rows)).astype(np.int64))
+        return torch.from_numpy(np.stack(outputs)).T, sides
 
 
 class CudaPreprocessor(ColumnExecutor):
-    """By a kernel each on a CUDA device, compiled when they are first asked for.
+    """Preprocessor on a CUDA device: a kernel for each program, compiled at its first use.
 
-    Torch's compiler takes minutes over filters: to it, these kernels are one operation.
+    Torch's compiler takes minutes over filters. So it treats the kernels of an architecture with filters as one
+    operation each, which it does not compile.
+
+    Args:
+        architecture: of the network.
+        plain: preprocessor for gradients, for compiled functions, and for what cannot be compiled.
+        device: a CUDA device.
+        dtype: float32 or float64.
     """
 
     def __init__(
@@ -190,7 +224,7 @@ class CudaPreprocessor(ColumnExecutor):
         self._architecture = architecture
         self._plain = plain
         self._device = device
-        self._real = _REALS[dtype]
+        self._real_type = _REAL_TYPES[dtype]
         self._opaque = (
             opaque(self) if architecture.filters and self._functions is not None else None
         )
@@ -198,27 +232,31 @@ class CudaPreprocessor(ColumnExecutor):
     def in_body(self, observation: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
         return (
-            self.rows(0, observation)[0]
-            if self._works(observation)
+            self.rows(_IN_BODY, observation)[0]
+            if self._can_run(observation)
             else self._plain.in_body(observation)
         )
 
     def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`."""
         if self._opaque is not None:
-            return self._opaque(1, rows)
-        return self.rows(1, rows) if self._works(rows) else self._plain.viewed(rows)
+            return self._opaque(_VIEWED, rows)
+        return self.rows(_VIEWED, rows) if self._can_run(rows) else self._plain.viewed(rows)
 
-    def expected(self, rows: Tensor) -> Tensor:
+    def next_filter_memory(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return self._plain.expected(rows) if self._opaque is None else self._opaque(2, rows)[0]
+        return (
+            self._plain.next_filter_memory(rows)
+            if self._opaque is None
+            else self._opaque(_NEXT_FILTER_MEMORY, rows)[0]
+        )
 
-    def _works(self, rows: Tensor) -> bool:
-        return _may(rows) and self._functions is not None
+    def _can_run(self, rows: Tensor) -> bool:
+        return _is_plain_forward(rows) and self._functions is not None
 
     @cached_property
     def _functions(self) -> Sequence[Function] | None:
-        """None without a compiler, or with a layout that does more than arithmetic on fields."""
+        """Compiled kernels; None without a compiler, or for a layout that does more than arithmetic on fields."""
         try:
             with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
                 capability = torch.cuda.get_device_capability()
@@ -227,49 +265,50 @@ class CudaPreprocessor(ColumnExecutor):
             return None
 
     def sources(self) -> list[str]:
-        """CUDA C++ of the programs."""
+        """CUDA C++ of each program."""
         return [
-            source(program, width, self._real)
+            source(program, width, self._real_type)
             for program, width in row_programs(self._architecture)
         ]
 
     def room(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """For what the program of this number finds of rows."""
+        """Uninitialised tensors for the outputs (N, k) and integers (N,) of a program, by its index."""
         architecture = self._architecture
-        result = rows.new_empty(
-            len(rows),
-            (architecture.column_count, architecture.preprocessed_width, architecture.filtering)[
-                number
-            ],
-        )
-        return result, rows.new_empty(len(rows), dtype=torch.int64)
+        widths = architecture.column_count, architecture.preprocessed_width, architecture.filtering
+        outputs = rows.new_empty(len(rows), widths[number])
+        return outputs, rows.new_empty(len(rows), dtype=torch.int64)
 
     def rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """What it finds: numbers, row by row, and a whole number of each."""
-        outputs, which = self.room(number, rows)
+        """Outputs (N, k) and integers (N,) of a program, by its index, of rows (N, width) of any strides."""
+        outputs, sides = self.room(number, rows)
         self._launch(
-            number, [x.data_ptr() for x in (rows, outputs, which)], [len(rows), *rows.stride()]
+            number, [x.data_ptr() for x in (rows, outputs, sides)], [len(rows), *rows.stride()]
         )
-        return outputs, which
+        return outputs, sides
 
     def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
         assert self._functions is not None
         with torch.cuda.device(self._device):
             stream = torch.cuda.current_stream().cuda_stream
-            self._functions[number].launch(
-                -(-numbers[0] // _THREADS), _THREADS, stream, pointers, numbers
-            )
+            blocks = -(-numbers[0] // _THREADS)
+            self._functions[number].launch(blocks, _THREADS, stream, pointers, numbers)
 
 
 def source(program: RowProgram, width: int, real: str) -> str:
-    """CUDA C++ of a kernel ``rows``: numbers and a whole number of each row of so many columns.
+    """CUDA C++ of a kernel ``rows``, which runs a program for each of N rows.
 
-    Its arguments are the rows, the numbers found, row by row, and the whole ones; how many rows there are,
-    and how far it is in memory to the next row and to the next column.
+    The kernel's arguments are pointers to the rows, to the outputs (N, k) and to the integers (N,); then N, and the
+    strides of the rows by row and by column, in numbers.
+
+    Args:
+        program: of one row.
+        width: columns of a row.
+        real: type of its numbers, "float" or "double".
     """
+    # Read one row into registers, and compute.
     columns = [Symbol.input(f"column_{i}") for i in range(width)]
     lines = Lines()
-    outputs, which = program(columns)
+    outputs, side = program(columns)
     text = [
         "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;",
         "if (i >= count) return;",
@@ -278,7 +317,8 @@ def source(program: RowProgram, width: int, real: str) -> str:
             for k, s in enumerate(columns)
         ),
     ]
-    text += lines.values([*outputs, which])
+    text += lines.values([*outputs, side])
+    # Write its outputs.
     text += [
         f"found[size_t(i) * {len(outputs)} + {k}] = {lines.operand(s)};"
         for k, s in enumerate(outputs)
@@ -290,12 +330,12 @@ def source(program: RowProgram, width: int, real: str) -> str:
             f'extern "C" __global__ void __launch_bounds__({_THREADS}) rows(',
             "    const real* from, real* found, long long* which,",
             "    const int count, const int row, const int column) {",
-            *indented([*text, f"which[i] = {lines.operand(which)};"]),
+            *indented([*text, f"which[i] = {lines.operand(side)};"]),
             "}\n",
         )
     )
 
 
-def _may(rows: Tensor) -> bool:
-    """Whether nobody looks on: torch's compiler, which makes better kernels, or gradients."""
+def _is_plain_forward(rows: Tensor) -> bool:
+    """Whether rows need neither gradients nor torch's compiler, which fuses torch's operations better."""
     return not (torch.compiler.is_compiling() or rows.requires_grad)

@@ -1,8 +1,8 @@
-"""How a craft answers its thrusters: more or less than designed, and how much of it a control period later.
+"""Response of a craft to its thrusters: more or less than designed, and how much of it a period late.
 
-Its mass, its inertia and its thrust decide the one, what valves and commands are late by the other. Least
-squares find both, as they go along (Plackett, "Some theorems in least squares", 1950): of what readings say
-beyond what was expected, on what the last two commands are designed to give.
+Mass, inertia and thrust decide how much comes at once; slow valves and delayed commands, how much comes in the
+period after. Recursive least squares estimate both in flight (Plackett, "Some theorems in least squares", 1950):
+the innovations of a filter are regressed on what the last two commands are designed to give.
 """
 
 from __future__ import annotations
@@ -10,95 +10,117 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rans.model.fields import Field, at_least, where
-from rans.policy.frame_rotation import cross, scaled_sum, turned
+from rans.policy.frame_rotation import cross, scaled_sum, vector_in_rotated_frame
 from rans.tasks.observation_terms import Columns
 
 _WANDER = 1e-4
-"""Variance that answers gain in a period: what is sure stays open to doubt."""
-_MOST = 2.0
-"""Of an answer's size: what readings say beyond is a broken sensor."""
+"""Variance that the coefficients gain in every period: a converged estimate still follows a later change."""
+_LARGEST = 2.0
+"""Largest coefficient: a reading that asks for more comes from a broken sensor."""
 
 
 class Response(NamedTuple):
-    """Of N spacecraft to forces, or to torques; zeros know nothing."""
+    """Response coefficients of N spacecraft to forces, or to torques; all zeros before the first reading."""
 
     more: Field
-    """Share of what a command is designed to give that comes beyond it, at once."""
+    """Part of a command's designed effect that comes at once beyond it; 0 is as designed."""
     late: Field
-    """Share that comes in the period after."""
-    spread: tuple[Field, Field, Field]
-    """Their covariance, by rows without what symmetry tells."""
-    now: Columns
-    """Velocity that the last command is designed to give, m/s or rad/s in B as it is expected."""
-    then: Columns
-    """That of the one before."""
+    """Part of a command's designed effect that comes in the next period."""
+    covariance: tuple[Field, Field, Field]
+    """Covariance of (more, late): its entries (1, 1), (1, 2) and (2, 2)."""
+    last: Columns
+    """Designed effect of the last command: change of velocity, m/s or rad/s, in the B expected now."""
+    previous: Columns
+    """Designed effect of the command before the last."""
 
     @staticmethod
     def width(axes: int) -> int:
-        """Numbers of one of vectors with so many components."""
+        """Fields of a response to vectors with so many components, as `packed` lists them."""
         return 5 + 2 * axes
 
     @classmethod
     def unpacked(cls, memory: Columns) -> Response:
-        """Of what `packed` gave."""
-        more, late, xx, xy, yy, *rest = memory
-        half = len(rest) // 2
-        return cls(more, late, (xx, xy, yy), rest[:half], rest[half:])
+        """Response from the fields that `packed` lists."""
+        more, late, xx, xy, yy, *effects = memory
+        half = len(effects) // 2
+        return cls(more, late, (xx, xy, yy), effects[:half], effects[half:])
 
     def packed(self) -> list[Field]:
-        """Numbers to remember."""
-        return [self.more, self.late, *self.spread, *self.now, *self.then]
+        """All fields in a row, for a policy's memory."""
+        return [self.more, self.late, *self.covariance, *self.last, *self.previous]
 
-    def given(self, command: Columns) -> list[Field]:
-        """What comes in a period that begins with a command which is designed to give this."""
-        return scaled_sum(1.0 + self.more, command, self.late, self.now)
+    def applied(self, designed: Columns) -> list[Field]:
+        """Change of velocity in a period whose command is designed to give ``designed``, m/s or rad/s."""
+        return scaled_sum(1.0 + self.more, designed, self.late, self.last)
 
-    def after(self, command: Columns, half: Columns) -> Response:
-        """A period later, in a B that has turned by twice this since; without it, one that has not."""
-        now, then = (
-            turned(scaled_sum(1.0, x, 1.0, cross(half, x)), half) if half else x
-            for x in (command, self.now)
+    def predicted(self, designed: Columns, half_turn: Columns) -> Response:
+        """Response one period later.
+
+        Args:
+            designed: designed effect of the period's command, m/s or rad/s in B.
+            half_turn: half the rotation of B in the period, rad; empty for effects that do not turn with B.
+        """
+        last, previous = (
+            vector_in_rotated_frame(scaled_sum(1.0, x, 1.0, cross(half_turn, x)), half_turn)
+            if half_turn
+            else x
+            for x in (designed, self.last)
         )
-        xx, xy, yy = self.spread
-        return self._replace(now=now, then=then, spread=(xx + _WANDER, xy, yy + _WANDER))
+        xx, xy, yy = self.covariance
+        return self._replace(
+            last=last, previous=previous, covariance=(xx + _WANDER, xy, yy + _WANDER)
+        )
 
-    def learnt(self, off: Columns, variance: Field) -> Response:
-        """Once a reading, and what was expected, of this variance together, are off by so much."""
+    def updated(self, innovation: Columns, variance: Field) -> Response:
+        """Response after the innovation of a reading, by recursive least squares.
+
+        Args:
+            innovation: velocity as read less velocity as predicted, m/s or rad/s in B.
+            variance: of the innovation's components, the sum of that of the reading and of the prediction.
+        """
+        # Information of this reading: its matrix [[aa, ab], [ab, bb]] and its vector (a, b).
         weight = 1.0 / variance
         aa, ab, bb, a, b = (
             weight * sum(x * y for x, y in zip(*pair, strict=True))
             for pair in (
-                (self.now, self.now),
-                (self.now, self.then),
-                (self.then, self.then),
-                (self.now, off),
-                (self.then, off),
+                (self.last, self.last),
+                (self.last, self.previous),
+                (self.previous, self.previous),
+                (self.last, innovation),
+                (self.previous, innovation),
             )
         )
 
-        # What information A leaves of the covariance P: (I + P A)^-1 P.
-        xx, xy, yy = self.spread
+        # New covariance (I + P A)^-1 P, with P the covariance and A the information matrix.
+        xx, xy, yy = self.covariance
         p = 1.0 + xx * aa + xy * ab
         q = xx * ab + xy * bb
         r = xy * aa + yy * ab
         s = 1.0 + xy * ab + yy * bb
         scale = 1.0 / (p * s - q * r)
         xx, xy, yy = (s * xx - q * xy) * scale, (s * xy - q * yy) * scale, (p * yy - r * xy) * scale
+
+        # New coefficients.
         more = self.more + xx * a + xy * b
         late = self.late + xy * a + yy * b
-        return self._replace(more=_held(more), late=_held(late), spread=(xx, xy, yy))
+        return self._replace(more=_limited(more), late=_limited(late), covariance=(xx, xy, yy))
 
-    def begun(self, first: Field, spread: float) -> Response:
-        """This, or where an episode's first reading is all there is, what is known before any other."""
-        more, late, *rest = (
-            where(first, before, x)
-            for before, x in zip(
-                (0.0, 0.0, spread, 0.0, spread), (self.more, self.late, *self.spread), strict=True
-            )
+    def restarted(self, is_first: Field, variance: float) -> Response:
+        """This response; where an episode begins, the designed one with this prior variance.
+
+        Args:
+            is_first: whether the reading is an episode's first, (N,).
+            variance: prior variance of each coefficient.
+        """
+        prior = (0.0, 0.0, variance, 0.0, variance)
+        more, late, *covariance = (
+            where(is_first, before, x)
+            for before, x in zip(prior, (self.more, self.late, *self.covariance), strict=True)
         )
-        xx, xy, yy = rest
-        return self._replace(more=more, late=late, spread=(xx, xy, yy))
+        xx, xy, yy = covariance
+        return self._replace(more=more, late=late, covariance=(xx, xy, yy))
 
 
-def _held(x: Field) -> Field:
-    return -at_least(-at_least(x, -_MOST), -_MOST)
+def _limited(x: Field) -> Field:
+    """The nearest number from -`_LARGEST` to `_LARGEST`."""
+    return -at_least(-at_least(x, -_LARGEST), -_LARGEST)

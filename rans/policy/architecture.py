@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from rans.errors import ConfigError
 from rans.model.fields import Field
-from rans.policy import measurement_gate as screen
+from rans.policy import measurement_gate
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.attention import EffectorAttention
 from rans.policy.backbones import Backbone, Dense
@@ -151,11 +151,12 @@ class Architecture:
     @property
     def filtering(self) -> int:
         """Those of them that filters remember, which come last."""
-        filters = sum(one.width(self.columns) for one in self._bank)
-        return filters + (screen.Memory.width(self.columns) if self._gated else 0)
+        filters = sum(filter_.width(self.columns) for filter_ in self._bank)
+        gate = measurement_gate.GateMemory.width(self.columns) if self._is_gated else 0
+        return filters + gate
 
     @property
-    def _gated(self) -> bool:
+    def _is_gated(self) -> bool:
         """Whether missed and wild readings are replaced, see `rans.policy.measurement_gate`."""
         return self.filters is not None and self.filters.gate > 0
 
@@ -166,7 +167,7 @@ class Architecture:
     @property
     def extra_columns(self) -> tuple[int, ...]:
         """Numbers beside the columns: as they are read, which is none, then as each filter has them."""
-        return 0, *(one.extra_columns for one in self._bank)
+        return 0, *(filter_.extra_columns for filter_ in self._bank)
 
     @property
     def preprocessed_width(self) -> int:
@@ -193,63 +194,73 @@ class Architecture:
         return self.units or self.layers[-1]
 
     def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
-        """Columns in B as they count, and what each filter makes of them, with their layouts.
+        """The gated reading and the estimate of every filter, each with its layout.
 
         Args:
-            row: columns of a reading in B, then what filters remember.
+            row: columns of a reading in B, then the filters' memory.
         """
         body = self.columns
         read = row[: self.column_count]
         memory = row[self.column_count :]
-        screened = self._screened(read, memory).columns
+        gated = self._gated_reading(read, memory).columns
         return [
-            (body, screened),
+            (body, gated),
             *(
-                (one.layout(body), one.estimate(body, screened, mine))
-                for one, mine in self._remembering(memory)
+                (filter_.layout(body), filter_.estimate(body, gated, own_memory))
+                for filter_, own_memory in self._with_memory(memory)
             ),
         ]
 
-    def expected(self, row: Columns) -> list[Field]:
-        """What filters remember from now on.
+    def next_filter_memory(self, row: Columns) -> list[Field]:
+        """Memory of the filters and of the gate after a reading and a command.
 
         Args:
-            row: columns of a reading in B, what filters remember, and the command that was given.
+            row: columns of a reading in B, the filters' memory, and the command (thrusters,).
         """
         body = self.columns
         read, memory, command = (
             row[a:b]
             for a, b in pairwise((0, self.column_count, self.column_count + self.filtering, None))
         )
-        result = self._screened(read, memory)
-        remembered = list(self._remembering(memory))
+        reading = self._gated_reading(read, memory)
+        with_memory = list(self._with_memory(memory))
         after = [
-            x for one, mine in remembered for x in one.expected(body, result.columns, mine, command)
+            x
+            for filter_, own_memory in with_memory
+            for x in filter_.next_memory(body, reading.columns, own_memory, command)
         ]
-        if not self._gated:
+        if not self._is_gated:
             return after
-        one, mine = remembered[-1]
-        next_one = one.moved_on(body, result.columns, mine, command, result.noisy)
-        return after + self._screen(memory).after(read, result, next_one, command)
+        last, own_memory = with_memory[-1]
+        predicted = last.predicted_reading(
+            body, reading.columns, own_memory, command, reading.noise_evidence
+        )
+        return after + self._gate_memory(memory).after(read, reading, predicted, command)
 
-    def _remembering(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
-        """Each filter with what it remembers."""
-        ends = accumulate((one.width(self.columns) for one in self._bank), initial=0)
-        return ((one, memory[a:b]) for one, (a, b) in zip(self._bank, pairwise(ends), strict=True))
+    def _with_memory(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
+        """Each filter of the bank with its part of the memory."""
+        ends = accumulate((filter_.width(self.columns) for filter_ in self._bank), initial=0)
+        return (
+            (filter_, memory[a:b])
+            for filter_, (a, b) in zip(self._bank, pairwise(ends), strict=True)
+        )
 
-    def _screened(self, read: Columns, memory: Columns) -> screen.Screened:
-        """A reading as it counts: by the last filter, which knows most of how the craft moves."""
-        if self.filters is None or not self._gated:
-            return screen.Screened(list(read), [], 0.0)
+    def _gated_reading(self, read: Columns, memory: Columns) -> measurement_gate.GatedReading:
+        """The reading behind the gate, whose prediction is that of the bank's last filter, the best informed."""
+        if self.filters is None or not self._is_gated:
+            return measurement_gate.GatedReading(list(read), [], 0.0)
         body = self.columns
-        one, mine = list(self._remembering(memory))[-1]
-        begins = one.begins(body, mine)
-        return screen.screened(body, read, self._screen(memory), one, self.filters.gate, begins)
+        last, own_memory = list(self._with_memory(memory))[-1]
+        is_first = last.is_first(body, own_memory)
+        return measurement_gate.gated_reading(
+            body, read, self._gate_memory(memory), last, self.filters.gate, is_first
+        )
 
-    def _screen(self, memory: Columns) -> screen.Memory:
-        """What the screen remembers, which is last in the memory."""
+    def _gate_memory(self, memory: Columns) -> measurement_gate.GateMemory:
+        """The gate's part of the memory, its last fields."""
         body = self.columns
-        return screen.Memory.of(body, memory[-screen.Memory.width(body) :])
+        width = measurement_gate.GateMemory.width(body)
+        return measurement_gate.GateMemory.unpacked(body, memory[-width:])
 
     def modules(self) -> dict[str, nn.Module]:
         """What is learnt before the heads, in the order of SB3, with torch's initial weights."""

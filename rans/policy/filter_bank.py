@@ -1,7 +1,7 @@
-"""A bank of Kalman filters, which trust the designed craft more or less, as agents keep it.
+"""A bank of Kalman filters with different process noise, which trust the designed craft more or less.
 
-After Magill, "Optimal adaptive estimation of sampled stochastic processes", 1965; which to believe is left to
-the network (docs/decisions/robustness.md).
+After Magill, "Optimal adaptive estimation of sampled stochastic processes", 1965; the network weighs their
+estimates itself (docs/decisions/robustness.md).
 """
 
 from __future__ import annotations
@@ -16,27 +16,35 @@ from rans.effectors.commands import allowed, is_identity
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.policy.kalman_filter import Filter
-from rans.policy.kinematic_roles import Share, shares
+from rans.policy.kinematic_roles import Sensitivity, sensitivities
 from rans.tasks.base import Task
 from rans.tasks.observation_terms import Layout
 
 
 class Filters(NamedTuple):
-    """Of one spacecraft and task; what they have in common, and the variances of each, see `Filter`."""
+    """A bank of filters for one spacecraft and task, as agents' files hold it under these names.
+
+    The filters have their period, gains and sensitivities in common and differ in three variances, each with an
+    entry for every filter.
+    """
 
     drift: tuple[float, ...]
+    """(filters,), see `Filter.drift`."""
     period: float
-    """s."""
+    """Control period, s."""
     push: tuple[tuple[float, ...], ...]
+    """(thrusters, axes), m/s, see `Filter.push`."""
     twist: tuple[tuple[float, ...], ...]
-    share: tuple[Share, ...]
+    """(thrusters, axes), rad/s, see `Filter.twist`."""
+    share: tuple[Sensitivity, ...]
+    """(blocks,), see `Filter.sensitivities`."""
     steady: tuple[float, ...] = ()
-    """Without: 0 of each."""
+    """(filters,), see `Filter.steady`; empty: 0 for each."""
     response: tuple[float, ...] = ()
-    """Without: 0 of each."""
+    """(filters,), see `Filter.response`; empty: 0 for each."""
     gate: float = 0.0
-    """Error up to which a reading is believed, see `rans.policy.measurement_gate`; 0: every reading counts
-    as it came, a repeated one too."""
+    """Threshold of a reading's innovation, see `rans.policy.measurement_gate`; 0: no gate, so that every reading
+    counts as it came, a repeated one too."""
 
     @classmethod
     def of(
@@ -49,7 +57,20 @@ class Filters(NamedTuple):
         response: Sequence[float] = (),
         gate: float = 0.0,
     ) -> Filters:
-        """Design the filters of a spacecraft; ConfigError where none can follow its observation or commands."""
+        """Design the filters of a spacecraft.
+
+        Args:
+            craft: whose mass, inertia and thrust the filters rely on.
+            task: whose observation is filtered.
+            period: control period, s.
+            drift: variance of each filter, see `Filter.drift`.
+            steady: variance of each filter, see `Filter.steady`.
+            response: variance of each filter, see `Filter.response`.
+            gate: threshold of a reading's innovation.
+
+        Raises:
+            ConfigError: a filter cannot follow this observation, or commands that are not from 0 to 1.
+        """
         if not is_identity(craft):
             raise ConfigError(
                 f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "
@@ -66,7 +87,7 @@ class Filters(NamedTuple):
             period,
             push,
             twist,
-            tuple(shares(task, craft.dimension)),
+            tuple(sensitivities(task, craft.dimension)),
             steady,
             response,
             float(gate),
@@ -76,14 +97,22 @@ class Filters(NamedTuple):
     def each(self) -> tuple[Filter, ...]:
         """The filters."""
         return tuple(
-            Filter(drift, values, answer, self.period, self.push, self.twist, self.share)
-            for drift, values, answer in zip_longest(
+            Filter(
+                drift=drift,
+                steady=steady,
+                response=response,
+                period=self.period,
+                push=self.push,
+                twist=self.twist,
+                sensitivities=self.share,
+            )
+            for drift, steady, response in zip_longest(
                 self.drift, self.steady, self.response, fillvalue=0.0
             )
         )
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
-        """Whether it has as many rows and numbers as that takes."""
+        """Whether the bank has the sizes that this layout, of an observation in B, and these thrusters need."""
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
         count = len(self.drift)

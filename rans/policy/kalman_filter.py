@@ -1,8 +1,8 @@
-"""A Kalman filter within a policy: what it expects to see next, from what it saw and told the thrusters.
+"""A Kalman filter within a policy: it predicts the next reading from past readings and commands.
 
-Noise in readings hides what a craft is about to do; its mass, its thrust and the commands tell most of it
-(Kalman, "A new approach to linear filtering and prediction problems", 1960). It works on the columns of what
-is observed, in B, so that any task's may be filtered (docs/decisions/robustness.md).
+Noise in readings hides what a craft is about to do; its mass, its thrust and the commands predict most of it
+(Kalman, "A new approach to linear filtering and prediction problems", 1960). The state is made of the observed
+columns in the body frame B, so that the observation of any task may be filtered (docs/decisions/robustness.md).
 """
 
 from __future__ import annotations
@@ -14,8 +14,21 @@ import numpy as np
 
 from rans.model.fields import Field, where
 from rans.policy.actuator_response import Response
-from rans.policy.frame_rotation import cross, scaled_sum, seen_turned, tilt_between, turned
-from rans.policy.kinematic_roles import Share, changing, first_of
+from rans.policy.frame_rotation import (
+    block_in_rotated_frame,
+    cross,
+    scaled_sum,
+    tilt_between,
+    vector_in_rotated_frame,
+)
+from rans.policy.kinematic_roles import (
+    POSITION,
+    SPIN,
+    VELOCITY,
+    Sensitivity,
+    in_units_of,
+    nonzero,
+)
 from rans.tasks.observation_terms import (
     AngularVelocity,
     Block,
@@ -27,72 +40,77 @@ from rans.tasks.observation_terms import (
 )
 
 _Covariance = tuple[Field, Field, Field, Field, Field, Field]
-"""Of a pose, its velocity and a steady acceleration, by rows without what symmetry tells."""
+"""Upper triangle, row by row, of the covariance of a pose x, its velocity v and a steady acceleration a.
+
+All axes share it, in units of the variance of a reading's noise: (xx, xv, xa, vv, va, aa).
+"""
 
 
-class _Known(NamedTuple):
-    """What one filter knows of N spacecraft."""
+class _State(NamedTuple):
+    """State estimate of N spacecraft."""
 
     columns: Columns
-    """Those of a reading."""
-    steady: Columns
-    """Accelerations in B that no command explains, m/s^2 and rad/s^2."""
+    """Observed columns in B."""
+    accelerations: Columns
+    """Steady accelerations in B that no command explains, m/s^2 and rad/s^2."""
     covariance: _Covariance
     responses: tuple[Response, ...] = ()
-    """Of forces and of torques, if they are looked for."""
+    """Responses to forces and to torques; empty if the filter does not estimate them."""
 
 
 class Filter(NamedTuple):
-    """Of one spacecraft and task; readings of poses and velocities are of equal noise.
+    """A Kalman filter for one spacecraft and task, whose poses and velocities are read with equal noise.
 
-    What it remembers, (N, m), is what it knows to expect next. Zeros know nothing.
+    Its memory, (N, m), is the prediction of the next reading with its covariance. Zeros are the memory at an
+    episode's start, before any reading. Variances are in units of that of a reading's noise.
     """
 
     drift: float
-    """Variance by which velocities, and steady accelerations, wander in a control period, in units of the
-    readings' noise."""
+    """Process noise: variance that velocities and steady accelerations gain in a control period."""
     steady: float
-    """Variance of the steady accelerations that are looked for, in units of the noise; 0: none are."""
+    """Prior variance of the steady accelerations; 0: the filter does not estimate them."""
     response: float
-    """Variance of the responses that are looked for, see `rans.policy.actuator_response`, in units
-    of the noise over what the strongest thruster gives; 0: thrusters give what they are designed to."""
+    """Prior variance of the responses (`rans.policy.actuator_response`), in units of the noise over the effect of
+    the strongest thruster; 0: thrusters are taken to act as designed."""
     period: float
-    """s."""
+    """Control period, s."""
     push: tuple[tuple[float, ...], ...]
-    """Velocity in B that each thruster gives in a period, m/s."""
+    """Change of velocity in B by each thruster in a period, (thrusters, axes), m/s."""
     twist: tuple[tuple[float, ...], ...]
-    """Angular velocity in B that it gives, rad/s."""
-    share: tuple[Share, ...]
-    """How much each block of `Layout.body` has of position, velocity and angular velocity."""
+    """Change of angular velocity in B by each thruster in a period, (thrusters, axes), rad/s."""
+    sensitivities: tuple[Sensitivity, ...]
+    """Sensitivity of each block of `Layout.body` to position, velocity and angular velocity."""
+
+    # Sizes and layouts.
 
     @property
     def axes(self) -> int:
-        """Components of the steady accelerations that it tells, of place and turn."""
+        """Components of the estimated steady accelerations, linear and angular together."""
         return len(self.push[0]) + len(self.twist[0]) if self.steady else 0
 
     @property
     def extra_columns(self) -> int:
-        """Numbers that it tells beside columns: steady accelerations and responses."""
+        """Columns of an estimate beyond those of the observation: steady accelerations and responses."""
         return self.axes + (4 if self.response else 0)
 
     @property
-    def _units(self) -> tuple[float, float]:
-        """What the strongest thruster gives in a period, m/s and rad/s."""
+    def _strongest(self) -> tuple[float, float]:
+        """Change of velocity by the strongest thruster in a period, m/s and rad/s."""
         push, twist = (float(np.abs(gains).max()) or 1.0 for gains in (self.push, self.twist))
         return push, twist
 
     def width(self, layout: Layout) -> int:
-        """Numbers that it remembers of columns of this layout, that of the body."""
+        """Fields of the memory for columns of this layout, that of the body frame."""
         responses = sum(
             Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response
         )
-        return self._known(layout) + responses
+        return self._width_without_responses(layout) + responses
 
-    def _known(self, layout: Layout) -> int:
+    def _width_without_responses(self, layout: Layout) -> int:
         return layout.width + self.axes + (6 if self.steady else 3)
 
     def layout(self, layout: Layout) -> Layout:
-        """The layout of an estimate: columns of this one, then steady accelerations and responses."""
+        """Layout of an estimate: these columns, then steady accelerations and responses."""
         extra = (
             (Block(VectorInW, len(self.push[0])), Block(AngularVelocity, len(self.twist[0])))
             if self.steady
@@ -100,215 +118,302 @@ class Filter(NamedTuple):
         )
         return Layout((*layout.blocks, *extra, *(Block(Scalar, 4),) * bool(self.response)))
 
-    def estimate(self, layout: Layout, read: Columns, memory: Columns) -> list[Field]:
-        """What it makes of columns as they were read, see `shown`.
+    # What a policy asks of a filter.
 
-        Of steady accelerations it tells what they give in a period, in units of the strongest thruster's; of
-        forces, then of torques, how much more comes at once than designed, and how much in the period after.
+    def estimate(self, layout: Layout, read: Columns, memory: Columns) -> list[Field]:
+        """State estimate after a reading, in columns of `layout`.
+
+        Steady accelerations are scaled to what they change in a period, in units of the strongest thruster's
+        effect; then follow the coefficients of `Response`, (more, late), of forces and of torques.
+
+        Args:
+            layout: layout of the observed columns in B.
+            read: columns of the reading.
+            memory: what `next_memory` returned a period ago.
         """
-        one = self._corrected(layout, read, self._unpacked(layout, memory))
-        units = [
-            self.period / unit
-            for unit, gains in zip(self._units, (self.push, self.twist), strict=True)
+        state = self._updated(layout, read, self._unpacked(layout, memory))
+        scales = [
+            self.period / strongest
+            for strongest, gains in zip(self._strongest, (self.push, self.twist), strict=True)
             for _ in gains[0]
         ]
         return [
-            *one.columns,
-            *(a * unit for a, unit in zip(one.steady, units, strict=True) if self.steady),
-            *(x for response in one.responses for x in (response.more, response.late)),
+            *state.columns,
+            *(
+                a * scale
+                for a, scale in zip(state.accelerations, scales, strict=True)
+                if self.steady
+            ),
+            *(x for response in state.responses for x in (response.more, response.late)),
         ]
 
-    def expected(
+    def next_memory(
         self, layout: Layout, read: Columns, memory: Columns, command: Columns
     ) -> list[Field]:
-        """What it remembers after columns were read and answered with this command."""
-        one = self._corrected(layout, read, self._unpacked(layout, memory))
-        return self._packed(self._moved(layout, one, command))
+        """Memory after a reading (`estimate`) and a command (thrusters,) from 0 to 1."""
+        state = self._updated(layout, read, self._unpacked(layout, memory))
+        return self._packed(self._predicted(layout, state, command))
 
-    def moved_on(
-        self, layout: Layout, read: Columns, memory: Columns, command: Columns, noisy: Field
+    def predicted_reading(
+        self, layout: Layout, read: Columns, memory: Columns, command: Columns, is_noisy: Field
     ) -> Columns:
-        """Where columns will be a period after they were read and answered with this command.
+        """Columns of the next reading, predicted from this reading itself and the command, not from the estimate.
 
-        It moves the reading itself, not its own estimate, by what thrusters were found to give. Where
-        sensors are not noisy (0), it moves it by that or by what they are designed to give, whichever is
-        less, and not at all where these two disagree about the direction: a perfect sensor that rightly
-        repeats a number is then seldom contradicted.
+        Where sensors are noisy, thrusters are taken to act as the estimated responses say. Where they are perfect,
+        they are taken to act by that or as designed, whichever is less, and not at all where the two disagree
+        about the direction: a perfect sensor that rightly repeats a number is then seldom contradicted.
+
+        Args:
+            layout: see `estimate`.
+            read: see `estimate`.
+            memory: see `estimate`.
+            command: (thrusters,) from 0 to 1.
+            is_noisy: above 0 where sensors are noisy, (N,).
         """
-        one = self._corrected(layout, read, self._unpacked(layout, memory))
-        designed = [_dot(command, gains) for gains in (self.push, self.twist)]
+        state = self._updated(layout, read, self._unpacked(layout, memory))
+        designed = [_effect(command, gains) for gains in (self.push, self.twist)]
         applied = [
-            response.given(mine) for response, mine in zip(one.responses, designed, strict=False)
+            response.applied(effect)
+            for response, effect in zip(state.responses, designed, strict=False)
         ]
-        changes = [
-            [where(noisy > 0.0, b, _lesser(a, b)) for a, b in zip(*pair, strict=True)]
+        effects = [
+            [where(is_noisy > 0.0, b, _smaller(a, b)) for a, b in zip(*pair, strict=True)]
             for pair in zip(designed, applied, strict=False)
         ] or designed
-        return self._carried(layout, read, *changes)[0]
+        return self._propagated(layout, read, *effects)[0]
 
-    def begins(self, layout: Layout, memory: Columns) -> Field:
-        """Whether it knows nothing yet, as at an episode's first reading."""
+    def is_first(self, layout: Layout, memory: Columns) -> Field:
+        """Whether the next reading is an episode's first, of which nothing is predicted, (N,)."""
         return self._unpacked(layout, memory).covariance[0] == 0.0
 
-    def _packed(self, known: _Known) -> list[Field]:
-        responses = [x for response in known.responses for x in response.packed()]
-        if self.steady:
-            return [*known.columns, *known.steady, *known.covariance, *responses]
-        xx, xv, _, vv, *_ = known.covariance
-        return [*known.columns, xx, xv, vv, *responses]
+    # The memory.
 
-    def _unpacked(self, layout: Layout, memory: Columns) -> _Known:
-        size = self._known(layout)
-        force = Response.width(len(self.push[0]))
+    def _packed(self, state: _State) -> list[Field]:
+        """Memory of a state; without steady accelerations their covariance is left out."""
+        responses = [x for response in state.responses for x in response.packed()]
+        if self.steady:
+            return [*state.columns, *state.accelerations, *state.covariance, *responses]
+        xx, xv, _, vv, *_ = state.covariance
+        return [*state.columns, xx, xv, vv, *responses]
+
+    def _unpacked(self, layout: Layout, memory: Columns) -> _State:
+        """State of a memory, the inverse of `_packed`."""
+        size = self._width_without_responses(layout)
         columns = memory[: layout.width]
         rest = memory[layout.width : size]
-        responses = memory[size:]
+        packed = memory[size:]
+        of_forces = Response.width(len(self.push[0]))
         responses = tuple(
-            map(Response.unpacked, (responses[:force], responses[force:]) if responses else ())
+            map(Response.unpacked, (packed[:of_forces], packed[of_forces:]) if packed else ())
         )
         if self.steady:
             xx, xv, xa, vv, va, aa = rest[self.axes :]
-            return _Known(columns, rest[: self.axes], (xx, xv, xa, vv, va, aa), responses)
+            return _State(columns, rest[: self.axes], (xx, xv, xa, vv, va, aa), responses)
         xx, xv, vv = rest
-        none = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
-        return _Known(columns, none, (xx, xv, 0.0, vv, 0.0, 0.0), responses)
+        no_accelerations = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
+        return _State(columns, no_accelerations, (xx, xv, 0.0, vv, 0.0, 0.0), responses)
 
-    def _corrected(self, layout: Layout, read: Columns, expected: _Known) -> _Known:
-        """What was expected, moved towards what was read by Kalman's gains."""
-        # Gains of poses, velocities and accelerations. A reading's noise is the unit: its variance is 1.
-        xx, xv, xa, vv, va, aa = expected.covariance
+    # The update by a reading.
+
+    def _updated(self, layout: Layout, read: Columns, prediction: _State) -> _State:
+        """State after a reading: the prediction, corrected by Kalman's gains times the innovation."""
+        # Gains of poses, velocities and accelerations, each for the innovations of pose and of velocity.
+        # A reading's noise is the unit, so that its variance is 1.
+        xx, xv, xa, vv, va, aa = prediction.covariance
         scale = 1.0 / ((xx + 1.0) * (vv + 1.0) - xv * xv)
-        pose, velocity, steady = (
+        pose_gain, velocity_gain, acceleration_gain = (
             ((p * (vv + 1.0) - v * xv) * scale, (v * (xx + 1.0) - p * xv) * scale)
             for p, v in ((xx, xv), (xv, vv), (xa, va))
         )
-        left = [
+        covariance = [
             value - (gain[0] * p + gain[1] * v)
             for value, gain, p, v in (
-                (xx, pose, xx, xv),
-                (xv, pose, xv, vv),
-                (xa, pose, xa, va),
-                (vv, velocity, xv, vv),
-                (va, velocity, xa, va),
-                (aa, steady, xa, va),
+                (xx, pose_gain, xx, xv),
+                (xv, pose_gain, xv, vv),
+                (xa, pose_gain, xa, va),
+                (vv, velocity_gain, xv, vv),
+                (va, velocity_gain, xa, va),
+                (aa, acceleration_gain, xa, va),
             )
         ]
 
-        # How far off what was expected is: how B is turned, then the rest, as seen in the B expected.
+        # Innovations: first the tilt of B, then all other blocks as they would be read in the predicted B.
         blocks = list(
-            zip(layout.split(read), layout.split(expected.columns), self.share, strict=True)
+            zip(
+                layout.split(read),
+                layout.split(prediction.columns),
+                self.sensitivities,
+                strict=True,
+            )
         )
-        turns = [
-            (now, then)
-            for (block, now), (_, then), _ in blocks
+        rotations = [
+            (columns, predicted)
+            for (block, columns), (_, predicted), _ in blocks
             if issubclass(block.kind, RelativeRotation)
         ]
-        tilt = tilt_between(*turns[0]) if turns else [0.0] * len(self.twist[0])
-        off = [
-            self._off(block, now, then, [-0.5 * x for x in tilt])
-            for (block, now), (_, then), _ in blocks
+        tilt = tilt_between(*rotations[0]) if rotations else [0.0] * len(self.twist[0])
+        innovations = [
+            self._innovation(block, columns, predicted, [-0.5 * x for x in tilt])
+            for (block, columns), (_, predicted), _ in blocks
         ]
-        off_place = first_of(off, self.share, 0)
-        off_velocity = first_of(off, self.share, 1)
-        off_spin = first_of(off, self.share, 2)
+        position = in_units_of(POSITION, innovations, self.sensitivities)
+        velocity = in_units_of(VELOCITY, innovations, self.sensitivities)
+        spin = in_units_of(SPIN, innovations, self.sensitivities)
 
-        # Each block by its own error and by that of its derivative or integral; what no motion changes is as
-        # it is read.
-        half = scaled_sum(0.5 * pose[0], tilt, 0.5 * pose[1], off_spin)
-        gains = pose, velocity[::-1], velocity[::-1]
+        # Correct each block by its own innovation and by that of its derivative or integral. Blocks that no motion
+        # changes become as they are read.
+        half_turn = scaled_sum(0.5 * pose_gain[0], tilt, 0.5 * pose_gain[1], spin)
+        gains = pose_gain, velocity_gain[::-1], velocity_gain[::-1]
+        coupled = velocity, position, tilt  # with position, velocity and spin
         corrected: list[Field] = []
-        for ((block, _), (_, then), share), error in zip(blocks, off, strict=True):
-            for k in changing(share):
-                other = (off_velocity, off_place, tilt)[k]
-                error = scaled_sum(gains[k][0], error, gains[k][1] * share[k], other)
-            corrected += seen_turned(block, scaled_sum(1.0, then, 1.0, error), half)
-        gained = (
-            *scaled_sum(steady[0], off_place, steady[1], off_velocity),
-            *scaled_sum(steady[0], tilt, steady[1], off_spin),
-        )
-        pushed = scaled_sum(1.0, expected.steady, 1.0, gained)
-        pushed = [*turned(pushed[: len(self.push[0])], half), *pushed[len(self.push[0]) :]]
+        for ((block, _), (_, predicted), sensitivity), innovation in zip(
+            blocks, innovations, strict=True
+        ):
+            correction = innovation
+            for k in nonzero(sensitivity):
+                own, other = gains[k]
+                correction = scaled_sum(own, correction, other * sensitivity[k], coupled[k])
+            corrected += block_in_rotated_frame(
+                block, scaled_sum(1.0, predicted, 1.0, correction), half_turn
+            )
 
-        # The first reading of an episode is all there is.
-        first = xx == 0.0
-        fresh = (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
-        columns, pushed, left = (
-            [where(first, a, b) for a, b in zip(*pair, strict=True)]
-            for pair in ((read, corrected), ((0.0,) * len(pushed), pushed), (fresh, left))
+        # Correct the steady accelerations, of which the linear ones turn with B.
+        acceleration_changes = (
+            *scaled_sum(acceleration_gain[0], position, acceleration_gain[1], velocity),
+            *scaled_sum(acceleration_gain[0], tilt, acceleration_gain[1], spin),
         )
-        responses = self._learnt(expected, (off_velocity, off_spin))
-        return _Known(columns, pushed, cast(_Covariance, tuple(left)), responses)
+        accelerations = scaled_sum(1.0, prediction.accelerations, 1.0, acceleration_changes)
+        axes = len(self.push[0])
+        accelerations = [
+            *vector_in_rotated_frame(accelerations[:axes], half_turn),
+            *accelerations[axes:],
+        ]
 
-    def _learnt(self, expected: _Known, off: tuple[Columns, Columns]) -> tuple[Response, ...]:
-        """Responses, if they are looked for, once velocity and spin are off by so much from the expected."""
-        xx, _, _, vv, *_ = expected.covariance
+        # An episode's first reading is taken as it is, with the variance of its noise.
+        is_first = xx == 0.0
+        first_covariance = (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
+        columns, accelerations, covariance = (
+            [where(is_first, a, b) for a, b in zip(*pair, strict=True)]
+            for pair in (
+                (read, corrected),
+                ((0.0,) * len(accelerations), accelerations),
+                (first_covariance, covariance),
+            )
+        )
+        responses = self._updated_responses(prediction, (velocity, spin))
+        return _State(columns, accelerations, cast(_Covariance, tuple(covariance)), responses)
+
+    def _updated_responses(
+        self, prediction: _State, innovations: tuple[Columns, Columns]
+    ) -> tuple[Response, ...]:
+        """Responses after the innovations of velocity and spin; empty if the filter does not estimate them."""
+        xx, _, _, vv, *_ = prediction.covariance
         return tuple(
-            response.learnt(error, (vv + 1.0) * unit**2).begun(xx == 0.0, self.response)
-            for response, error, unit in zip(expected.responses, off, self._units, strict=False)
+            response.updated(innovation, (vv + 1.0) * strongest**2).restarted(
+                xx == 0.0, self.response
+            )
+            for response, innovation, strongest in zip(
+                prediction.responses, innovations, self._strongest, strict=False
+            )
         )
 
     @staticmethod
-    def _off(block: Block, now: Columns, then: Columns, half: Columns) -> Columns:
-        """The error of a block; one that turns with B has none but its tilt."""
+    def _innovation(
+        block: Block, columns: Columns, predicted: Columns, half_turn: Columns
+    ) -> Columns:
+        """Reading less prediction of a block, both in the predicted B; zeros of a rotation, which is the tilt."""
         if issubclass(block.kind, RelativeRotation):
-            return [0.0] * len(then)
-        return [a - b for a, b in zip(seen_turned(block, now, half), then, strict=True)]
+            return [0.0] * len(predicted)
+        turned_back = block_in_rotated_frame(block, columns, half_turn)
+        return [a - b for a, b in zip(turned_back, predicted, strict=True)]
 
-    def _moved(self, layout: Layout, known: _Known, command: Columns) -> _Known:
-        """A period later, of a rigid body on which nothing acts but its thrusters and what is steady.
+    # The prediction over a control period.
 
-        Forces are constant in B; of its turning within the period the first order is kept.
+    def _predicted(self, layout: Layout, state: _State, command: Columns) -> _State:
+        """State a period later of a rigid body on which only thrusters and steady accelerations act.
+
+        Forces are constant in B; its rotation within the period is taken into account to first order.
         """
+        # Changes of velocity and of spin in B, by thrusters and by steady accelerations.
         axes = len(self.push[0])
         period = self.period
-        commanded = [_dot(command, gains) for gains in (self.push, self.twist)]
-        responses = known.responses
+        designed = [_effect(command, gains) for gains in (self.push, self.twist)]
+        responses = state.responses
         applied = (
-            commanded
+            designed
             if not responses
-            else [response.given(mine) for response, mine in zip(responses, commanded, strict=True)]
+            else [
+                response.applied(effect)
+                for response, effect in zip(responses, designed, strict=True)
+            ]
         )
+        accelerations = state.accelerations[:axes], state.accelerations[axes:]
         push, twist = (
-            scaled_sum(1.0, mine, period, pushed)
-            for mine, pushed in zip(
-                applied, (known.steady[:axes], known.steady[axes:]), strict=True
-            )
+            scaled_sum(1.0, effect, period, acceleration)
+            for effect, acceleration in zip(applied, accelerations, strict=True)
         )
-        found, half = self._carried(layout, known.columns, push, twist)
-        steady = *turned(known.steady[:axes], half), *known.steady[axes:]
-        after = tuple(
-            response.after(mine, turn)
-            for response, mine, turn in zip(responses, commanded, (half, ()), strict=False)
-        )  # torques are constant in B
-        aged = _aged(known.covariance, period, self.drift, self.drift if self.steady else 0.0)
-        return _Known(found, steady, aged, after)
 
-    def _carried(
+        # The state: columns, accelerations, responses and covariance.
+        columns, half_turn = self._propagated(layout, state.columns, push, twist)
+        steady = *vector_in_rotated_frame(accelerations[0], half_turn), *accelerations[1]
+        next_responses = tuple(
+            response.predicted(effect, rotation)
+            for response, effect, rotation in zip(
+                responses, designed, (half_turn, ()), strict=False
+            )
+        )  # torques are constant in B
+        covariance = _predicted_covariance(
+            state.covariance, period, self.drift, self.drift if self.steady else 0.0
+        )
+        return _State(columns, steady, covariance, next_responses)
+
+    def _propagated(
         self, layout: Layout, columns: Columns, push: Columns, twist: Columns
     ) -> tuple[list[Field], list[Field]]:
-        """Columns a period later, in which thrusters gave these velocities; and half the turn of B."""
+        """Columns a period later, in the B of then, and half of B's rotation in between, rad.
+
+        Args:
+            layout: layout of the columns.
+            columns: observed columns in B.
+            push: change of velocity in the period, m/s in B.
+            twist: change of angular velocity, rad/s in B.
+        """
         period = self.period
         blocks = list(layout.split(columns))
-        velocity = first_of([mine for _, mine in blocks], self.share, 1)
-        spin = first_of([mine for _, mine in blocks], self.share, 2)
-        half = [(w + 0.5 * more) * (0.5 * period) for w, more in zip(spin, twist, strict=True)]
-        # Of tangents the second term: half the angle is no longer small in a fast turn.
-        half = [x * (1.0 + sum(y * y for y in half) * (1.0 / 3.0)) for x in half]
-        gained = [x + turn for x, turn in zip(push, cross(half, push), strict=True)]
-        way = [(v + 0.5 * more) * period for v, more in zip(velocity, push, strict=True)]
+        velocity = in_units_of(VELOCITY, [part for _, part in blocks], self.sensitivities)
+        spin = in_units_of(SPIN, [part for _, part in blocks], self.sensitivities)
+        # Half the rotation, by the mean spin. Cayley's transform wants the tangent of half the angle; the second
+        # term of its series, x^3 / 3, matters in fast turns.
+        half_turn = [(w + 0.5 * dw) * (0.5 * period) for w, dw in zip(spin, twist, strict=True)]
+        half_turn = [x * (1.0 + sum(y * y for y in half_turn) * (1.0 / 3.0)) for x in half_turn]
+        # Changes of velocity and position: the force turns with B, the velocity is the period's mean.
+        velocity_change = [x + turn for x, turn in zip(push, cross(half_turn, push), strict=True)]
+        displacement = [(v + 0.5 * dv) * period for v, dv in zip(velocity, push, strict=True)]
+        changes = displacement, velocity_change, twist
         results: list[Field] = []
-        for (block, mine), share in zip(blocks, self.share, strict=True):
-            for k in changing(share):
-                mine = scaled_sum(1.0, mine, share[k], (way, gained, twist)[k])
-            results += seen_turned(block, mine, half)
-        return results, half
+        for (block, part), sensitivity in zip(blocks, self.sensitivities, strict=True):
+            moved_part = part
+            for k in nonzero(sensitivity):
+                moved_part = scaled_sum(1.0, moved_part, sensitivity[k], changes[k])
+            results += block_in_rotated_frame(block, moved_part, half_turn)
+        return results, half_turn
 
 
-def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -> _Covariance:
-    """A period later: a pose moved on by its velocity, that by its acceleration, and both have wandered."""
+def _predicted_covariance(
+    covariance: _Covariance, period: float, drift: float, acceleration_drift: float
+) -> _Covariance:
+    """Covariance F P F' + Q a period later, of the model x' = x + t v + t^2/2 a, v' = v + t a.
+
+    Args:
+        covariance: P.
+        period: t, s.
+        drift: process noise of the velocity, which reaches the pose by half a period.
+        acceleration_drift: process noise of the acceleration.
+    """
     t = period
     h = 0.5 * period**2
     xx, xv, xa, vv, va, aa = covariance
+    # Rows x and v of F P, then those of F P F'.
     x = xx + t * xv + h * xa, xv + t * vv + h * va, xa + t * va + h * aa
     v = xv + t * xa, vv + t * va, va + t * aa
     return (
@@ -317,16 +422,17 @@ def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -
         x[2],
         v[1] + t * v[2] + drift,
         v[2],
-        aa + wander,
+        aa + acceleration_drift,
     )
 
 
-def _lesser(a: Field, b: Field) -> Field:
-    """The one nearer to zero, and zero where their signs differ."""
+def _smaller(a: Field, b: Field) -> Field:
+    """The number nearer to zero, and zero where their signs differ."""
     return where(a * b > 0.0, where(a * a > b * b, b, a), a * 0.0)
 
 
-def _dot(command: Columns, gains: Sequence[Sequence[float]]) -> list[Field]:
+def _effect(command: Columns, gains: Sequence[Sequence[float]]) -> list[Field]:
+    """Change of velocity that a command (thrusters,) is designed to give, by gains (thrusters, axes)."""
     return [
         sum(
             (c * gain for c, gain in zip(command, column, strict=True) if gain),

@@ -1,4 +1,4 @@
-"""Which columns of an observation change with the motion, and how: found by moving a task's example."""
+"""Which columns of an observation change with the motion, and how much: measured on a task's example state."""
 
 from __future__ import annotations
 
@@ -22,24 +22,37 @@ from rans.tasks.observation_terms import (
     VectorInW,
 )
 
-Share = tuple[float, float, float]
-"""Of a block of columns: how much it has of position, velocity and angular velocity."""
+POSITION = 0
+VELOCITY = 1
+SPIN = 2
+"""Components of a `Sensitivity`."""
+
+Sensitivity = tuple[float, float, float]
+"""Change of a block of columns by one unit of position, velocity and angular velocity, in that order.
+
+At most one of the three is not zero: a block is a position, a velocity, an angular velocity, or none of them.
+"""
 
 
-def shares(task: Task, dimension: Dimension) -> list[Share]:
-    """How columns of the body's blocks change with position, velocity and angular velocity."""
+def sensitivities(task: Task, dimension: Dimension) -> list[Sensitivity]:
+    """Sensitivity of each block of an observation in the body frame; zeros for the relative rotation.
+
+    Raises:
+        ConfigError: a block mixes position, velocity and angular velocity, or is none of them but changes.
+    """
     state, goal = example_state(task, dimension)
-    entries = typed_observation(task, state, goal).terms
-    moved = [_nudged(state, name) for name in ("p", "v", "w")]
-    changed = [typed_observation(task, one, goal).terms for one in moved]
+    terms = typed_observation(task, state, goal).terms
+    nudged_states = [_nudged(state, name) for name in ("p", "v", "w")]
+    nudged_terms = [typed_observation(task, nudged, goal).terms for nudged in nudged_states]
     return [
-        (0.0, 0.0, 0.0) if issubclass(type(entry), RelativeRotation) else _share(entry, others)
-        for entry, *others in zip(entries, *changed, strict=True)
-        if not isinstance(entry, OwnRotation)
+        (0.0, 0.0, 0.0) if issubclass(type(term), RelativeRotation) else _sensitivity(term, nudged)
+        for term, *nudged in zip(terms, *nudged_terms, strict=True)
+        if not isinstance(term, OwnRotation)
     ]
 
 
 def _nudged(state: State, name: str) -> State:
+    """The state with one of its quantities larger by a unit along its first axis."""
     value = getattr(state, name)
     return replace(
         state,
@@ -51,43 +64,60 @@ def _nudged(state: State, name: str) -> State:
     )
 
 
-def _share(entry: ObservationTerm, others: Sequence[ObservationTerm]) -> Share:
-    """Of one block: what its first column gains by one unit of each, if it is linear in only one of them."""
-    first, *rest = (np.asarray(x, float) for x in entry.columns())
-    results = [
-        float(np.round(np.asarray(one.columns()[0], float) - first, 9).reshape(-1)[0])
-        for one in others
+def _sensitivity(term: ObservationTerm, nudged: Sequence[ObservationTerm]) -> Sensitivity:
+    """Growth of a term's first column when position, velocity and angular velocity are nudged.
+
+    Raises:
+        ConfigError: other columns move too, or the term is not linear in just one of the three.
+    """
+    # Growth of the first column, and whether the others stay.
+    first, *others = (np.asarray(x, float) for x in term.columns())
+    growth = [
+        float(np.round(np.asarray(moved_term.columns()[0], float) - first, 9).reshape(-1)[0])
+        for moved_term in nudged
     ]
-    still = all(
-        np.allclose(np.asarray(b, float), a)
-        for one in others
-        for a, b in zip(rest, one.columns()[1:], strict=True)
+    others_stay = all(
+        np.allclose(np.asarray(after, float), before)
+        for moved_term in nudged
+        for before, after in zip(others, moved_term.columns()[1:], strict=True)
     )
-    fits = (
-        results[:2]
-        if isinstance(entry, VectorInW)
-        else results[2:]
-        if isinstance(entry, AngularVelocity)
+    # A vector may grow with position or velocity, an angular velocity with spin, and nothing else with any.
+    allowed_growth = (
+        growth[:2]
+        if isinstance(term, VectorInW)
+        else growth[2:]
+        if isinstance(term, AngularVelocity)
         else []
     )
-    known = still and len(changing(results)) <= 1 and any(results) == any(fits)
-    if isinstance(entry, TaskDependent) or not known:
+    has_role = others_stay and len(nonzero(growth)) <= 1 and any(growth) == any(allowed_growth)
+    if isinstance(term, TaskDependent) or not has_role:
         raise ConfigError(
-            f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
+            f"filters cannot follow the observed {term.name!r}: it is neither a place, a "
             "velocity nor an angular velocity, but changes with them. Train without "
             "filters, or let the task show it otherwise."
         )
-    return results[0], results[1], results[2]
+    return growth[0], growth[1], growth[2]
 
 
-def changing(share: Sequence[float]) -> list[int]:
-    """Of position, velocity and angular velocity, which change a block: none, or one."""
-    return [k for k, factor in enumerate(share) if factor]
+def nonzero(sensitivity: Sequence[float]) -> list[int]:
+    """Which of `POSITION`, `VELOCITY` and `SPIN` change a block: none of them, or a single index."""
+    return [k for k, factor in enumerate(sensitivity) if factor]
 
 
-def first_of(values: Sequence[Columns], shares: Sequence[Share], which: int) -> Columns:
-    """Of the first block that has a share of it, in its units; zeros if there is none."""
-    for mine, share in zip(values, shares, strict=True):
-        if share[which]:
-            return [x * (1.0 / share[which]) for x in mine]
+def in_units_of(
+    quantity: int, values: Sequence[Columns], sensitivities: Sequence[Sensitivity]
+) -> Columns:
+    """Columns of the first block that changes with a quantity, divided by its sensitivity.
+
+    Args:
+        quantity: `POSITION`, `VELOCITY` or `SPIN`.
+        values: columns of every block.
+        sensitivities: that of every block.
+
+    Returns:
+        The quantity in m, m/s or rad/s in B; zeros if no block changes with it.
+    """
+    for columns, sensitivity in zip(values, sensitivities, strict=True):
+        if sensitivity[quantity]:
+            return [x * (1.0 / sensitivity[quantity]) for x in columns]
     return [0.0] * len(values[0])

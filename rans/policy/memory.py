@@ -75,7 +75,9 @@ class Remembering:
             answered = columns[:, : self.architecture.answered]
             kept.append(continued(history, torch.cat((answered, command), dim=1), self._kept))
         if filters is not None:
-            kept.append(self._preprocessor.expected(torch.cat((columns, filters, command), dim=1)))
+            kept.append(
+                self._preprocessor.next_filter_memory(torch.cat((columns, filters, command), dim=1))
+            )
         return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
 
 

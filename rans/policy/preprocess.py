@@ -94,7 +94,7 @@ class ColumnExecutor(ABC):
         """
 
     @abstractmethod
-    def expected(self, rows: Tensor) -> Tensor:
+    def next_filter_memory(self, rows: Tensor) -> Tensor:
         """What filters remember after such rows, each with the command that was given."""
 
     def whole(
@@ -133,6 +133,6 @@ class TorchPreprocessor(ColumnExecutor):
         columns = [x for layout, block in blocks for x in views.viewed(layout, block, which)]
         return torch.stack(columns, dim=1), which
 
-    def expected(self, rows: Tensor) -> Tensor:
+    def next_filter_memory(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return torch.stack(self._architecture.expected(rows.unbind(dim=1)), dim=1)
+        return torch.stack(self._architecture.next_filter_memory(rows.unbind(dim=1)), dim=1)

@@ -279,7 +279,9 @@ def _expected(
     ):
         symbols += inputs(f"of {name}", width)
         rows += program.single(name, width)
-    result = program.lowered(architecture.expected(symbols), dict(zip(symbols, rows, strict=True)))
+    result = program.lowered(
+        architecture.next_filter_memory(symbols), dict(zip(symbols, rows, strict=True))
+    )
     return program.joined(*result, name="filters_after")
 
 

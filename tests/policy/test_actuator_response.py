@@ -39,11 +39,11 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
         )
         # A filter expects what it knows already, so that it is told what is left.
         left = np.sqrt(variance) * off[-1] - (found.more * now + found.late * then)
-        found = found._replace(now=list(now), then=list(then)).learnt(list(left), variance)
+        found = found._replace(last=list(now), previous=list(then)).updated(list(left), variance)
     told = np.concatenate(rows)
     best = lsq_linear(told, np.concatenate(off)).x
     np.testing.assert_allclose([found.more, found.late], best, rtol=1e-9)
-    xx, xy, yy = found.spread
+    xx, xy, yy = found.covariance
     np.testing.assert_allclose([[xx, xy], [xy, yy]], np.linalg.inv(told.T @ told), rtol=1e-9)
     assert np.abs(best - (0.4, -0.2)).max() < 0.2  # twice the deviation that 36 such readings leave
 
@@ -83,7 +83,7 @@ def test_what_is_not_as_designed_is_found(
     for command in itertools.islice(commands(craft, 0.02), 50):
         read = in_body(craft, task, world.observe(now, own))
         told = found_by.estimate(body, read, memory)[-4:]
-        memory = found_by.expected(body, read, memory, command)
+        memory = found_by.next_memory(body, read, memory, command)
         now = step(world, now, command, own).episode
     found = np.median(np.broadcast_to(told, (4, COUNT)), axis=1)
     # A steady acceleration takes some of what thrusters give for its own, and turning costs a little.
@@ -93,5 +93,5 @@ def test_what_is_not_as_designed_is_found(
 def test_no_answer_is_more_than_twice_what_was_asked() -> None:
     """Beyond design, whatever a broken sensor says."""
     known = Response(0.0, 0.0, (25.0, 0.0, 25.0), [1.0, 0.0], [0.0, 1.0])
-    found = known.learnt([1e6, -1e6], 1.0)
+    found = known.updated([1e6, -1e6], 1.0)
     assert (found.more, found.late) == (2.0, -2.0)

@@ -69,7 +69,7 @@ def test_what_is_expected_is_what_is_seen_next(
             np.testing.assert_allclose(
                 expected, np.broadcast_to(read, expected.shape), rtol=0, atol=8e-3
             )
-        memory = filters.expected(body, read, memory, command)
+        memory = filters.next_memory(body, read, memory, command)
         now = step(world, now, command).episode
         fastest = max(fastest, *(np.abs(w).max() for w in now.state.spin()))
     assert 0.9 < fastest < 1.6
@@ -83,7 +83,7 @@ def test_what_a_thruster_gives_in_a_period() -> None:
     one = made(PLATFORM, GoToPose(), 1.0)
     assert np.abs(one.push) == pytest.approx(np.full((8, 2), 0.0376 * 0.7071), rel=1e-3)
     assert np.abs(one.twist) == pytest.approx(np.full((8, 1), 0.3032), rel=1e-3)
-    assert one.share == ((0, 1, 0), (0, 0, 1), (0, 0, 0), (-1, 0, 0), (0, 0, 0))
+    assert one.sensitivities == ((0, 1, 0), (0, 0, 1), (0, 0, 0), (-1, 0, 0), (0, 0, 0))
 
 
 @pytest.mark.parametrize("drift", [1e-3, 0.03, 1.0])
@@ -97,7 +97,7 @@ def test_covariances_become_those_of_scipy(drift: float) -> None:
     memory = [np.zeros(COUNT)] * filters.width(body)
     shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
     for _ in range(400):
-        memory = filters.expected(body, read, memory, shut)
+        memory = filters.next_memory(body, read, memory, shut)
     pose, both, velocity = (float(x[0]) for x in memory[-3:])
     moves = np.array([[1.0, period], [0.0, 1.0]])
     noise = np.diag([drift * (0.5 * period) ** 2, drift])
@@ -121,7 +121,7 @@ def test_with_steady_accelerations_too(drift: float) -> None:
     memory = [np.zeros(COUNT)] * filters.width(body)
     shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
     for _ in range(400):
-        memory = filters.expected(body, read, memory, shut)
+        memory = filters.next_memory(body, read, memory, shut)
     found = np.zeros((3, 3))
     found[np.triu_indices(3)] = [float(x[0]) for x in memory[-6:]]
     moves = np.array([[1.0, t, 0.5 * t * t], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
@@ -148,7 +148,7 @@ def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
         for command in itertools.islice(commands(craft, 0.0), 60):
             read = in_body(craft, task, world.observe(now, own))
             told = filters.estimate(body, read, memory)[body.width :]
-            memory = filters.expected(body, read, memory, command)
+            memory = filters.next_memory(body, read, memory, command)
             before = now
             now = step(world, now, command, own).episode
         gained = now.state.v - before.state.v  # in a period, in W
@@ -197,7 +197,7 @@ def test_in_noise_it_is_the_filter_of_states() -> None:
         theirs = in_body(FLYER, task, observation(task, state, now.goal))
         ours = filters.estimate(body, read, memory)
         off.append([np.subtract(ours, theirs), np.subtract(read, theirs)])
-        memory = filters.expected(body, read, memory, command)
+        memory = filters.next_memory(body, read, memory, command)
         last = command
         now = step(world, now, command, own).episode
     apart, noise = np.sqrt(np.square(off).mean(axis=(0, 3)))
@@ -228,7 +228,7 @@ def test_a_rotation_stays_one(drift: float, craft: Spacecraft) -> None:
     place = 2 * width + len(spins) + 1
     memory = [still] * filters.width(body)
     for _ in range(300):
-        memory = filters.expected(body, read, memory, [still] * len(craft.thrusters))
+        memory = filters.next_memory(body, read, memory, [still] * len(craft.thrusters))
         # It goes on turning as fast, and is seen where it is expected.
         read = [*read[:place], *memory[place : place + size], *read[place + size :]]
     rotation = np.reshape(memory[place : place + size], (-1, width, COUNT))
@@ -248,7 +248,7 @@ def test_no_reading_makes_it_lose_its_numbers(response: float, drift: float) -> 
     filters = made(FLYER, task, drift, response=response)
     memory = [np.zeros(COUNT)] * filters.width(body)
     for command in (next(commands(FLYER, 0.5, seed)) for seed in range(200)):
-        memory = filters.expected(
+        memory = filters.next_memory(
             body, list(random.normal(0.0, 10.0, (body.width, COUNT))), memory, command
         )
         assert np.isfinite(memory).all()
@@ -283,4 +283,4 @@ def test_what_a_filter_cannot_follow_is_told() -> None:
     ):
         with pytest.raises(ConfigError, match=f"filters cannot follow the observed '{name}'"):
             made(PLATFORM, task, 1.0)
-    assert made(PLATFORM, Constant(), 1.0).share[5] == (0.0, 0.0, 0.0)
+    assert made(PLATFORM, Constant(), 1.0).sensitivities[5] == (0.0, 0.0, 0.0)

@@ -64,7 +64,7 @@ def flown(
         true = wide(seen.in_body(observation(TASK, now.state, now.goal)))
         yield Seen(np.array(told), np.array(counted), np.array(true))
         command = tuple((random.random((len(craft.thrusters), COUNT)) < often).astype(float))
-        memory = agent.expected((*told, *memory, *command))
+        memory = agent.next_filter_memory((*told, *memory, *command))
         now = step(world, now, command, own).episode
 
 

@@ -17,7 +17,7 @@ from rans.fast.flights import Flights
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.policy import measurement_gate as screen
+from rans.policy import measurement_gate
 from rans.policy.architecture import Architecture
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import scenarios
@@ -35,7 +35,7 @@ TIMING = Timing()
 
 
 def policy(craft: Spacecraft) -> Architecture:
-    """One filter that trusts the craft as designed, behind a screen."""
+    """One filter that trusts the craft as designed, behind a gate."""
     return tiny_learner(craft, filters=(0.1,), filtered_gate=GATE).network.architecture
 
 
@@ -63,14 +63,14 @@ def flown(craft: Spacecraft, steps: int, often: float = 0.03) -> Iterator[tuple[
         now = step(world, now, command).episode
 
 
-def screened(given: Architecture, readings: Iterator[tuple[np.ndarray, Any]]) -> list[np.ndarray]:
+def gated(agent: Architecture, readings: Iterator[tuple[np.ndarray, Any]]) -> list[np.ndarray]:
     """What counts of each reading."""
-    memory: Sequence[Any] = [np.zeros(COUNT)] * given.filtering
+    memory: Sequence[Any] = [np.zeros(COUNT)] * agent.filtering
     result = []
     for read, command in readings:
-        (_, columns), *_ = given.filtered([*read, *memory])
+        (_, columns), *_ = agent.filtered([*read, *memory])
         result.append(np.array(columns))
-        memory = given.expected([*read, *memory, *command])
+        memory = agent.next_filter_memory([*read, *memory, *command])
     return result
 
 
@@ -81,7 +81,7 @@ def test_noisy_readings_that_nobody_missed_count_as_they_are(craft: Spacecraft) 
         (read + random.normal(0.0, 0.01, read.shape), command) for read, command in flown(craft, 40)
     ]
     np.testing.assert_array_equal(
-        screened(policy(craft), iter(readings)), [read for read, _ in readings]
+        gated(policy(craft), iter(readings)), [read for read, _ in readings]
     )
 
 
@@ -103,7 +103,7 @@ def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) ->
             yield now, command
 
     truth = [now for now, _ in flown(craft, 40, often=0.2)]
-    found = screened(policy(craft), read())
+    found = gated(policy(craft), read())
     error, believed = (
         np.abs(x - truth[22])[columns_of(craft, AngularVelocity)] for x in (found[22], held[22])
     )
@@ -128,12 +128,12 @@ def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft: Spacecraft)
             yield now, command
 
     truth = [now for now, _ in flown(craft, 40)]
-    once = screened(policy(craft), read([20]))
+    once = gated(policy(craft), read([20]))
     assert np.abs(once[20] - truth[20]).max() < 0.02
     np.testing.assert_allclose(
         once[21], truth[21], rtol=0, atol=1e-9
     )  # rounding of what repeats itself
-    stays = screened(policy(craft), read(range(20, 40)))
+    stays = gated(policy(craft), read(range(20, 40)))
     assert np.abs(stays[21] - truth[21]).max() < 0.05
     # The gate opens by two each time: from 5 x 0.3 rad/s at least, 1,000 pass it after ten readings at most.
     assert np.abs(stays[39] - truth[39])[spin].min() > 999.0
@@ -148,16 +148,22 @@ def test_a_perfect_sensor_may_repeat_itself() -> None:
     wild = rest.copy()
     wild[spin] = 1.0  # within the gate: believed
     readings = [rest] * 5 + [wild] + [rest] * 20
-    found = screened(policy(PLATFORM), iter([(x, shut) for x in readings]))
+    found = gated(policy(PLATFORM), iter([(x, shut) for x in readings]))
     np.testing.assert_array_equal(found[-10:], [rest] * 10)
 
 
-def test_memory_of_a_screen_reads_as_it_was_written() -> None:
+def test_memory_of_a_gate_reads_as_it_was_written() -> None:
     given = policy(PLATFORM)
     body = given.layout.body
-    numbers = list(np.arange(screen.Memory.width(body), dtype=float))
-    memory = screen.Memory.of(body, numbers)
-    assert [*memory.last, *memory.expected, *memory.gates, memory.idle, memory.noisy] == numbers
+    numbers = list(np.arange(measurement_gate.GateMemory.width(body), dtype=float))
+    memory = measurement_gate.GateMemory.unpacked(body, numbers)
+    assert [
+        *memory.last,
+        *memory.predicted,
+        *memory.thresholds,
+        memory.idle,
+        memory.noise_evidence,
+    ] == numbers
 
 
 class WildReading:
@@ -195,7 +201,7 @@ WORLDS = {
 )
 @pytest.mark.parametrize("world", WORLDS)
 def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str) -> None:
-    """97 % with 30 % missed and 95 % with outages are promised; before the screen, 55 and 5 % were held."""
+    """97 % with 30 % missed and 95 % with outages are promised; without the gate, 55 and 5 % were held."""
     network, setup = loaded(f"pretrained:{name}", "cpu")
     found = Flights(network, setup._replace(conditions=WORLDS[world])).fly(0, flights, SEED)
     promised = 0.95 if world == "outages" else 0.97
