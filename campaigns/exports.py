@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 from tyro.conf import Positional
 
-from rans.deploy.contract import observed
+from rans.deploy.contract import recorded
 from rans.deploy.export import write_agent
 from rans.episode import Setup
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
@@ -75,7 +75,8 @@ def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
     A batch is one step of all episodes, so that memories go on from one to the next.
     """
     steps = min(setup.timing.episode_steps, 125)
-    seen = observed(network, setup, count=max(1, count // (2 * steps)))
+    flights, _ = recorded(network, setup, count=max(1, count // (2 * steps)))
+    seen = flights.observations
     yield from seen
     random = np.random.default_rng(_DRAWN_SEED)
     for _ in seen:

@@ -23,8 +23,9 @@ from rans.evaluation.compare.bounds import Amounts, Event
 from rans.files import read_json
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import least_time
-from rans.optimal.certificate.hull import Health, least_settling, settling_set
+from rans.optimal.certificate.hull import Health, settling_set
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.problem import Effort, Problem
@@ -111,16 +112,15 @@ def met(
 
 def bounds(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> np.ndarray:
     """(N,) least times to settle with what each of these episodes has from the start on, s."""
+    craft = setup.craft
     near = setup.task.tolerances()
     period = setup.timing.control_period
-    return np.array(
-        [
-            least_settling(
-                setup.craft, one.start, one.goal, near["position"], near["attitude"], period, health
-            )
-            for one, health in met(setup, faults, episodes, seed)
-        ]
-    )
+    aimed = "position", "velocity", "attitude"
+    times = []
+    for one, health in met(setup, faults, episodes, seed):
+        settled = settling_set(craft, near["position"], near["attitude"], period, health)
+        times.append(hull.least_time(craft, aimed, one.start, one.goal, settled, health))
+    return np.array(times)
 
 
 def certified(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> np.ndarray:

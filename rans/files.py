@@ -334,16 +334,6 @@ def number(value: float | str | None) -> float:
     return math.inf if value is None else float(value)
 
 
-def regular(file: Path, what: str = "") -> Path:
-    """The path, checked to be a regular file.
-
-    Raises:
-        ConfigError: it does not exist, or is a folder, a pipe or a device.
-    """
-    open_regular(file, what).close()
-    return file
-
-
 def open_regular(file: Path, what: str = "") -> BinaryIO:
     """Stream of the bytes of a regular file; `read_bytes` and the like are for files as a whole.
 

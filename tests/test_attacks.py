@@ -20,7 +20,7 @@ from rans.cli import main
 from rans.errors import ConfigError, brief
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import Lock, read_json, read_text, regular, replace_file, write_text
+from rans.files import Lock, open_regular, read_json, read_text, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
 from rans.tasks import TASKS
 from tests.support.engines import NEAR, PLATFORM, SHORT
@@ -152,7 +152,7 @@ def test_a_spacecraft_of_thousands_of_thrusters(capsys: pytest.CaptureFixture[st
 READERS: dict[str, Callable[[Path], object]] = {
     "text": read_text,
     "json": read_json,
-    "any": regular,
+    "any": open_regular,
 }
 
 

@@ -105,22 +105,16 @@ def flown(network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = 
     An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
     failed, all of them are returned.
     """
-    flights, failed = _recorded(network, setup, seed, count)
+    flights, failed = recorded(network, setup, seed, count)
     if failed.all():
         return flights
     return Flights(*map_leaves(lambda x: x[:, ~failed], tuple(flights)))
 
 
-def observed(
-    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = PAIRED
-) -> np.ndarray:
-    """What the network observes when it flies from the starts of training: (T, N, width) float32."""
-    flights, _ = _recorded(network, setup, seed, count)
-    return flights.observations
-
-
-def _recorded(network: Network, setup: Setup, seed: int, count: int) -> tuple[Flights, np.ndarray]:
-    """N flights of a network, and whether each failed, (N,)."""
+def recorded(
+    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+) -> tuple[Flights, np.ndarray]:
+    """N flights of a network from the starts of training, and whether each failed, (N,)."""
     recorder = Recorder(Agent(network, "agent", setup.craft))
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)

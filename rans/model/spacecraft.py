@@ -552,8 +552,9 @@ def is_steerable(craft: Spacecraft) -> bool:
     This is true for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose
     forces positively span the plane or space.
     """
-    wrenches = wrenches_either_way(craft)
-    return _positively_spans(wrenches if can_turn(craft) else wrenches[: craft.dimension])
+    if can_turn(craft):
+        return controls_every_direction(craft)
+    return _positively_spans(wrenches_either_way(craft)[: craft.dimension])
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:

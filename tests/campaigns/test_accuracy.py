@@ -23,7 +23,8 @@ def test_one_step_would_not_do() -> None:
     craft, period = random_craft(11)
     starts = scenarios(GoToPose(), craft, 11, 1)
     pilot = Restless(craft, 11, share=0.0)
-    flight = fly(craft, GoToPose(), pilot, starts, Timing(period, 1, 78))
+    with pytest.warns(UserWarning, match="set timing.substeps to 2 or more"):
+        flight = fly(craft, GoToPose(), pilot, starts, Timing(period, 1, 78))
     assert gap(flight.states, integrated(flight))["attitude"] > BOUND
 
 

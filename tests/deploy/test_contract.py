@@ -23,7 +23,7 @@ from rans.deploy.contract import (
     contract,
     flown,
     golden,
-    observed,
+    recorded,
     wiring,
 )
 from rans.deploy.margins import SEED, margin_lines, margins_around, measure_margins
@@ -275,8 +275,8 @@ def test_a_contract_names_the_filter_that_its_files_lack() -> None:
         config = run.config()
         craft = run.spacecraft()
         network = read_policy(run.agent_file).network
-        observations = observed(network, Setup(craft, config.settings), count=2)
-        about = contract(name, config, craft, "", 0, observations)
+        flights, _ = recorded(network, Setup(craft, config.settings), count=2)
+        about = contract(name, config, craft, "", 0, flights.observations)
         known[name] = json.loads(json.dumps(plain(about)))["safety_filter"]
     assert known["avoid-2d"]["name"] == "flown backup"
     assert known["avoid-2d"]["constraints"] == ["zone 1", "zone 2", "zone 3"]
@@ -331,7 +331,8 @@ def test_valid_ranges_leave_out_flights_that_failed() -> None:
     run = load_agent(folder)
     network = read_policy(folder / "agent.safetensors").network
     setup = Setup(run.craft, GoToPose(fail_spin=2.0), run.timing)
-    spin = np.linalg.norm(observed(network, setup, count=32)[..., 9:12], axis=-1).max(axis=0)
+    every, _ = recorded(network, setup, count=32)
+    spin = np.linalg.norm(every.observations[..., 9:12], axis=-1).max(axis=0)
     kept = np.linalg.norm(flown(network, setup, count=32).observations[..., 9:12], axis=-1)
     assert spin.max() > 2.0
     assert kept.max() <= 2.0

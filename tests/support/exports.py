@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.contract import observed
+from rans.deploy.contract import recorded
 from rans.deploy.export import Form, write_agent
 from rans.episode import Setup
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
@@ -36,7 +36,8 @@ def shipped(name: str) -> tuple[Network, Setup]:
 def remembering() -> tuple[Network, Setup, np.ndarray]:
     """An agent with a history, averages and symmetries, and what it observes on four flights."""
     network, setup = shipped("go-to-pose-2d-faults")
-    return network, setup, observed(network, setup, count=4)
+    flights, _ = recorded(network, setup, count=4)
+    return network, setup, flights.observations
 
 
 def written(folder: Path, network: Network, *forms: Form, title: str = "agent") -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from rans.optimal.convex.landing import Descent, Lander, Landing, best_landing
 from rans.progress import Progress, unseen
 from rans.randomization.parameters import StepInputs
 from rans.reference.flight import DrakeMover
-from rans.scenario import Scenario, each, scenarios
+from rans.scenario import Scenario, each
 from rans.tasks.land import Land
 
 REPLAY_BOUND = 0.1
@@ -208,10 +207,3 @@ def write_landings(folder: Path, about: dict[str, Any], answers: list[LandingAns
         for name in ("p", "v", "mass", "acceleration")
     }
     save_arrays(folder / "optimal.npz", arrays)
-
-
-def single_start(task: Land, craft: Spacecraft, numbers: Sequence[float]) -> Scenario:
-    """One scenario whose craft begins upright at a position, m, and with a velocity, m/s: six numbers."""
-    one = scenarios(task, craft, 0, 1)
-    p, v = (Vec3(*(np.full(1, float(x)) for x in part)) for part in (numbers[:3], numbers[3:]))
-    return Scenario(replace(one.start, p=p, v=v), one.goal)

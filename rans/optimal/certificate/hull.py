@@ -172,20 +172,6 @@ def staying_time(
     return max(braking, within.spin * craft.inertia[2][2] / reach.torque) + 0.5 * period
 
 
-def least_settling(
-    craft: Spacecraft,
-    start: State,
-    goal: State,
-    tolerance: float,
-    angle: float,
-    period: float,
-    health: Health | None = None,
-) -> float:
-    """A time before which nobody has entered that set for good, s, see `settling_set`."""
-    within = settling_set(craft, tolerance, angle, period, health)
-    return least_time(craft, ("position", "velocity", "attitude"), start, goal, within, health)
-
-
 def _least_time(way: float, before: float, after: float, change: float, push: float) -> float:
     """Least T with push T >= change and way <= integral of min(before + push t, after + push (T - t)).
 

@@ -93,6 +93,13 @@ def test_reach_with_faults_is_that_of_every_command(craft: Spacecraft) -> None:
         assert torque.max() == pytest.approx(reach.torque)
 
 
+def least_settling(start: Any, period: float, health: hull.Health | None = None) -> float:
+    """Least time until the platform stays within 5 cm and 0.1 rad of the origin."""
+    settled = hull.settling_set(PLATFORM, 0.05, 0.1, period, health)
+    aimed = "position", "velocity", "attitude"
+    return hull.least_time(PLATFORM, aimed, start, planar(), settled, health)
+
+
 def test_least_settling_by_hand() -> None:
     """2 sqrt(2) N: from 3 m to 5 cm short of the goal, there at most at 2 sqrt(a 5 cm); with one thruster
     left, of 1 N, as much longer as the root of what it has less."""
@@ -101,10 +108,10 @@ def test_least_settling_by_hand() -> None:
     v = 2 * math.sqrt(a * 0.05)
     way = 2.95
     peak = math.sqrt(a * way + v * v / 2)
-    found = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, 0.0)
+    found = least_settling(planar(x=-3.0), 0.0)
     assert found == pytest.approx((2 * peak - v) / a)
     dead = hull.Health((0.0,) * 7 + (1.0,), (0.0,) * 8)
-    alone = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, 0.0, dead)
+    alone = least_settling(planar(x=-3.0), 0.0, dead)
     assert alone == pytest.approx(found * math.sqrt(2 * math.sqrt(2)), rel=1e-9)
 
 
@@ -137,7 +144,7 @@ def test_settling_without_numbers_is_not_bounded(
     tolerance: float, period: float, sentence: str
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        hull.least_settling(PLATFORM, planar(x=-3.0), planar(), tolerance, 0.1, period)
+        hull.settling_set(PLATFORM, tolerance, 0.1, period)
 
 
 def test_least_time_from_rest_is_bang_bang() -> None:
@@ -398,5 +405,6 @@ def test_who_has_no_thruster_left_never_arrives_unless_drifting(craft: Spacecraf
     moving = replace(at(-3.0), v=replace(goal.v, x=0.5))
     assert hull.least_time(craft, aimed, moving, goal, exact, dead) == math.inf
     assert hull.least_time(craft, aimed, moving, goal, loose, dead) == pytest.approx(2.95 / 0.5)
-    assert hull.least_settling(craft, at(-3.0), goal, 0.05, 0.1, 0.2, dead) == math.inf
+    settled = hull.settling_set(craft, 0.05, 0.1, 0.2, dead)
+    assert hull.least_time(craft, aimed[:3], at(-3.0), goal, settled, dead) == math.inf
     assert hull.staying_time(craft, exact, 0.2, dead) == math.inf

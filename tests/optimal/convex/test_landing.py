@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.landings import landings, single_start
+from rans.evaluation.compare.landings import landings
+from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.convex.landing import (
     Descent,
@@ -19,6 +20,7 @@ from rans.optimal.convex.landing import (
     largest_turning,
     thrusts,
 )
+from rans.scenario import Scenario, scenarios
 from rans.tasks.land import Land
 
 CRAFT = load_spacecraft("mars-lander-steered")
@@ -101,7 +103,9 @@ def test_less_propellant_than_it_takes_is_out_of_reach() -> None:
 
 def test_what_is_found_flies_in_our_engine_and_in_drake() -> None:
     """From the published start, within the tolerances; exactly it costs a little more."""
-    starts = single_start(Land(), CRAFT, (*PUBLISHED[0], *PUBLISHED[1]))
+    one = scenarios(Land(), CRAFT, 0, 1)
+    p, v = (Vec3(*(np.full(1, x) for x in part)) for part in PUBLISHED)
+    starts = Scenario(replace(one.start, p=p, v=v), one.goal)
     [answer] = landings(CRAFT, Land(), starts)
     assert answer.good
     assert answer.landing is not None
