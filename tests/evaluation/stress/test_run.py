@@ -73,14 +73,14 @@ def test_a_controller_flies_a_named_world_as_it_was_tuned_for_it() -> None:
 def test_a_controller_that_expects_errors_knows_those_of_each_level(tmp_path: Path) -> None:
     noisy = tmp_path / "noisy.toml"
     noisy.write_text("[sensors.position]\nnoise = 0.05\n\n[sensors.velocity]\nnoise = 0.001\n")
-    stress = small("mission:dock-3d", conditions=(str(noisy),))
+    stress = small("mission:dock-3d", episodes=1, conditions=(str(noisy),))
     stress.effects = []
     stress.fly(workers=1)
     informed = contestant("mission:dock-3d").under(str(noisy))
     for level, conditions in zip(stress.levels, (None, informed.conditions), strict=True):
         expected = controller("mission", informed.judged._replace(conditions=conditions))
         setup = stress.contest.setup._replace(conditions=conditions)
-        flight = fly_episodes(expected, setup, 7, 4).flight
+        flight = fly_episodes(expected, setup, 7, 1).flight
         found = stress.outcomes[level.name, "mission"].errors["position"]
         assert found == pytest.approx(Outcome.of(flight).errors["position"], rel=1e-6)
 
