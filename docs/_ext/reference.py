@@ -66,7 +66,7 @@ API = {
     ),
     "Controllers": (
         "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain MissionGuidance ConvexGuidance "
-        "LandingGuidance Visiting Lookahead ArrivalCost Pilot pretrained_names"
+        "LandingGuidance Visiting Circumnavigation Lookahead ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",
     "Engine and learner": "Engine PPO PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",
