@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import atexit
 import ctypes
 import gc
@@ -9,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from types import FrameType
 from typing import NoReturn
 
@@ -16,6 +18,8 @@ _NEW_OBJECTS = 50_000
 """Between looks for garbage; Python's default is 700 to 2,000."""
 _MOMENT = 0.05
 """Until an interrupt that was lost comes again, s."""
+_ALARMS = (signal.SIGALRM,) if hasattr(signal, "SIGALRM") else ()
+"""Signals by which an interrupt comes again; on Windows, which has none, a thread repeats it."""
 _HELD_BACK = ("_again", "_acquire_restore")
 """Functions, here and of threading.Condition, in which an interrupt would be lost or break what it meets."""
 
@@ -40,7 +44,7 @@ def run() -> NoReturn:
         sys.exit(code)  # which waits for it
     atexit._run_exitfuncs()
     sys.stderr.flush()
-    ctypes.CDLL(None).fflush(None)
+    ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)
     os._exit(code)
 
 
@@ -95,7 +99,7 @@ def _interruptible() -> int:
         for number in (signal.SIGINT, signal.SIGTERM)
         if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
     ]
-    for number in (*heard, signal.SIGALRM):
+    for number in (*heard, *_ALARMS):
         signal.signal(number, _interrupt)
     sys.unraisablehook, before = _again, sys.unraisablehook
     try:
@@ -120,11 +124,11 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     one is seen to (`_again`) another would be lost as well: it waits, as does a second one while the first
     takes a lock of Python's back, which is released by who finds it lost.
     """
-    if number != signal.SIGALRM:  # which repeats another
+    if number not in _ALARMS:  # which repeat another
         _ended_by.append(signal.Signals(number))
     while frame is not None:
         if frame.f_code.co_name in _HELD_BACK:
-            signal.setitimer(signal.ITIMER_REAL, _MOMENT)
+            _in_a_moment()
             return
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             os.write(2, b"\nrans: interrupted.\n")
@@ -138,6 +142,19 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _again(lost: sys.UnraisableHookArgs) -> None:
     """Interrupt once more, a moment later, where Python drops what is raised, as in callbacks of torch."""
     if lost.exc_type is KeyboardInterrupt:
-        signal.setitimer(signal.ITIMER_REAL, _MOMENT)
+        _in_a_moment()
     else:
         sys.__unraisablehook__(lost)
+
+
+def _in_a_moment() -> None:
+    """Call `_interrupt` once more after `_MOMENT`."""
+    if _ALARMS:
+        signal.setitimer(signal.ITIMER_REAL, _MOMENT)
+    else:
+        _thread.start_new_thread(_interrupt_later, ())  # threading's locks may be held here
+
+
+def _interrupt_later() -> None:
+    time.sleep(_MOMENT)
+    _thread.interrupt_main()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import contextlib
-import fcntl
 import glob
 import hashlib
 import json
@@ -24,6 +23,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from rans import system
 from rans.errors import ConfigError
 
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
@@ -66,7 +66,7 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         clear_drafts(file)
-        os.close(_opened(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+        os.close(system.open_safely(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
         write(draft)
         os.replace(draft, file)
         _written.append(file.name)
@@ -113,23 +113,9 @@ def clear_drafts(file: Path, abandoned: float = _ABANDONED) -> None:
             continue
         # The process may run on another machine, where its number has another meaning.
         is_old = time.time() - about.st_mtime > abandoned or not abandoned
-        if is_old and not _is_alive(int(found[1])) and stat.S_ISREG(about.st_mode):
-            draft.unlink(missing_ok=True)
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:  # a process of another user
-        return True
-    return True
-
-
-def _opened(file: Path, flags: int) -> int:
-    """Descriptor of an opened file; OSError for a symbolic link or a pipe without a reader."""
-    return os.open(file, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+        if is_old and not system.is_alive(int(found[1])) and stat.S_ISREG(about.st_mode):
+            with contextlib.suppress(PermissionError):  # on Windows a process has it open
+                draft.unlink(missing_ok=True)
 
 
 def append_text(file: Path, text: str) -> None:
@@ -139,9 +125,8 @@ def append_text(file: Path, text: str) -> None:
         ConfigError: the file is a symbolic link or cannot be written.
     """
     try:
-        with open(
-            _opened(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "a", encoding="utf-8"
-        ) as stream:
+        held = system.open_safely(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        with open(held, "a", encoding="utf-8", newline="\n") as stream:
             stream.write(text)
         _written.append(file.name)
     except OSError as error:
@@ -205,14 +190,14 @@ class Lock:
             return
         _make_folder(self._file.parent)
         try:
-            self._held = _opened(self._file, os.O_RDWR | os.O_CREAT)
+            self._held = system.open_safely(self._file, os.O_RDWR | os.O_CREAT)
         except OSError as error:
             raise ConfigError(
                 f"cannot write {self._file}: {error.strerror or error}; is the disk full or "
                 "read-only, or the file a symbolic link?"
             ) from error
         try:
-            fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            system.lock(self._held, wait=False)
         except BlockingIOError:
             self.release()
             raise ConfigError(refusal) from None
@@ -246,12 +231,12 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
     """
     _make_folder(folder)
     try:
-        held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        held = system.open_for_lock(folder)
     except OSError as error:
         raise ConfigError(f"cannot write into {folder}: {error.strerror or error}.") from error
     try:
         with contextlib.suppress(OSError):
-            fcntl.flock(held, fcntl.LOCK_EX)
+            system.lock(held, wait=True)
         yield
     finally:
         os.close(held)
@@ -312,7 +297,7 @@ def ready_folder(folder: Path) -> Path:
 
 def write_text(file: Path, text: str) -> None:
     """`replace_file` for a text in UTF-8; characters without an encoding are escaped."""
-    replace_file(file, lambda draft: draft.write_text(text, "utf-8", "backslashreplace"))
+    replace_file(file, lambda draft: draft.write_text(text, "utf-8", "backslashreplace", "\n"))
 
 
 def write_json(file: Path, value: Any) -> None:
@@ -341,8 +326,7 @@ def open_regular(file: Path, what: str = "") -> BinaryIO:
         ConfigError: it does not exist, permission is missing, or it is a folder, a pipe or a device.
     """
     try:
-        # Without O_NONBLOCK the open of a pipe waits until somebody writes into it.
-        held = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        held = system.open_safely(file, os.O_RDONLY, follow=True)
     except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot read {what}{file}: {reason}.") from error

@@ -295,23 +295,33 @@ def _end_with_parent() -> None:
 
 
 @contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Context in which new processes inherit that Ctrl-C is blocked; without effect on Windows."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would unblock the signal
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+@contextlib.contextmanager
 def _interrupts_deferred() -> Iterator[None]:
     """Context in which new processes ignore Ctrl-C from their start; this process handles it after the block."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    resource_tracker.ensure_running()  # its start would unblock the signal
     received: list[int] = []
     handler = signal.signal(
         signal.SIGINT, lambda number, _: received.append(number)
     )  # any thread may receive it
-    blocked = signal.pthread_sigmask(
-        signal.SIG_BLOCK, {signal.SIGINT}
-    )  # new processes inherit the mask
     try:
-        yield
+        with _interrupts_blocked():
+            yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         signal.signal(signal.SIGINT, handler)
         if received:
             signal.raise_signal(signal.SIGINT)

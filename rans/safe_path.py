@@ -22,8 +22,9 @@ def leave_out_current_folder() -> None:
     if not began_as_module or sys.flags.safe_path or not sys.path:
         return
     folder = sys.path.pop(0)
-    package = __file__.rpartition("/")[0]
-    home = package.rpartition("/")[0]
+    separator = "\\" if sys.platform == "win32" else "/"
+    package = __file__.rpartition(separator)[0]
+    home = package.rpartition(separator)[0]
     if home == folder and folder not in sys.path:
         sys.path.append(folder)
 

@@ -32,6 +32,44 @@ TINY = (
     "--total-timesteps 64"
 )
 
+WITHOUT_POSIX = """
+import errno, fcntl, os, shutil, signal, subprocess, sys, types
+
+def locking(descriptor, mode, count):
+    assert (mode, count) == (msvcrt.LK_NBLCK, 1)
+    try:
+        flock(descriptor, LOCKED)
+    except BlockingIOError:
+        raise PermissionError(errno.EACCES, "Permission denied") from None
+
+flock, LOCKED = fcntl.flock, fcntl.LOCK_EX | fcntl.LOCK_NB
+msvcrt = sys.modules["msvcrt"] = types.ModuleType("msvcrt")
+msvcrt.LK_NBLCK, msvcrt.locking = 2, locking
+
+def opened(file, flags, mode=0o777, *, dir_fd=None, open_file=os.open):
+    assert not os.path.isdir(file), "Windows opens no folders"
+    return open_file(file, flags, mode, dir_fd=dir_fd)
+
+def kill(process, number, send=os.kill):
+    assert number != 0, "on Windows this is Ctrl-C"
+    send(process, number)
+
+os.open, os.kill, shutil._use_fd_functions = opened, kill, False
+everywhere = {"O_APPEND", "O_CREAT", "O_EXCL", "O_RDONLY", "O_RDWR", "O_TRUNC", "O_WRONLY"}
+everywhere |= {"SIGABRT", "SIGFPE", "SIGILL", "SIGINT", "SIGSEGV", "SIGTERM"}
+everywhere |= {"SIGKILL"}  # Python's own modules send it on this system
+alone = {"fork", "forkpty", "getpgid", "getuid", "geteuid", "killpg", "mkfifo", "nice", "pread", "pwrite"}
+alone |= {"setpgid", "setsid", "statvfs", "alarm", "pause", "setitimer", "getitimer", "sigwait"}
+for module in (os, signal):
+    for name in set(dir(module)) - everywhere:
+        beginnings = "O_", "SIG", "ITIMER", "pthread_", "sched_"
+        if name in alone or name.startswith(beginnings) and not name.startswith(("SIG_DFL", "SIG_IGN")):
+            delattr(module, name)
+for name in ("fcntl", "grp", "pwd", "resource", "termios"):
+    sys.modules.pop(name, None)
+"""
+"""What Windows lacks, or has otherwise, is away; its locks, which the file's opening holds, are this system's."""
+
 
 def said(code: str, *arguments: str, folder: Path) -> tuple[int, str]:
     """Exit code and output of a program in a process of its own."""
@@ -70,6 +108,63 @@ rans.PPO(engine, n_steps=4).learn(32).save("trained.safetensors")
     assert "pip install 'rans[cpu]'" in text
     assert (tmp_path / "page.html").stat().st_size > 10_000
     assert not (tmp_path / "run/tensorboard").exists()
+
+
+def test_the_core_needs_nothing_of_posix(tmp_path: Path) -> None:
+    """Training, evaluation, exports, locks, another process and the command's end, as on Windows."""
+    code = (
+        WITHOUT_POSIX
+        + BLOCK
+        + f"""
+import time
+from pathlib import Path
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.files import Lock, append_text, read_bytes, replace_file
+from rans.processes import beside
+for line in (
+    "train go-to-pose {TINY} --run run",
+    "evaluate run --episodes 4",
+    "export run --output agent --episodes 4 --margins 0",
+):
+    assert main(line.split()) == 0, line
+
+first, second = Lock(Path("lock")), Lock(Path("lock"))
+first.take("free")
+try:
+    second.take("held")
+    raise AssertionError("two hold a lock")
+except ConfigError as error:
+    assert str(error) == "held"
+first.release()
+second.take("free")
+
+Path("outside").write_text("mine")
+Path("link").symlink_to("outside")
+try:
+    append_text(Path("link"), "more")
+    raise AssertionError("a link was followed")
+except ConfigError:
+    assert Path("outside").read_text() == "mine"
+assert read_bytes(Path("link"), 100) == b"mine"
+
+abandoned = Path(f".{{os.getpid()}}.01234567.file")
+abandoned.touch()
+os.utime(abandoned, (0, 0))
+replace_file(Path("file"), lambda draft: draft.write_text("new"))
+assert not abandoned.exists()
+
+with beside(time.sleep, 600.0):
+    pass
+
+import rans_command
+sys.argv = ["rans", "list"]
+rans_command.run()
+"""
+    )
+    blocked = "fcntl,grp,pwd,resource,termios"
+    code_of_exit, text = said(code, blocked, folder=tmp_path)
+    assert code_of_exit == 0, text
 
 
 @pytest.mark.slow

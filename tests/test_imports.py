@@ -26,7 +26,14 @@ HEAVY = {
 }
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.display", "rans.safe_path", "rans.progress", "rans.renamed"},
+    {
+        "rans.errors",
+        "rans.display",
+        "rans.safe_path",
+        "rans.progress",
+        "rans.renamed",
+        "rans.system",
+    },
     {"rans.files", "rans.processes"},
     {"rans.registry", "rans.structure", "rans.archives"},
     {"rans.model", "rans.pretrained"},

@@ -26,6 +26,7 @@ from rans.processes import beside
 from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
+from rans.system import ALARMS, lower_priority, set_alarm
 from rans.tasks.feasible import obstacles
 from rans.terminal import Terminal
 
@@ -344,7 +345,7 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
 
 
 def _watch(run: Path, port: int) -> None:
-    os.nice(19)
+    lower_priority()
     trust_files()  # the training has checked its files
     from rans.show.scene.watch import watch
 
@@ -391,7 +392,7 @@ def _check_unchanged(spacecraft: str, config: Path) -> None:
 class StopGently:
     """Context in which Ctrl-C requests a stop after the iteration; a second Ctrl-C or a long wait interrupts it.
 
-    An interrupt loses only the iteration, because checkpoints are frequent.
+    An interrupt loses only the iteration, because checkpoints are frequent. Windows waits without an end.
     """
 
     requested = False
@@ -399,12 +400,12 @@ class StopGently:
     """Exit code: 0, or once a stop was requested 130 (of Ctrl-C) or 143 (of SIGTERM)."""
 
     def __enter__(self) -> StopGently:
-        signals = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
+        signals = signal.SIGINT, signal.SIGTERM, *ALARMS
         self._before = {number: signal.signal(number, self._ask) for number in signals}
         return self
 
     def __exit__(self, *_: object) -> None:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        set_alarm(0.0)
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
@@ -413,7 +414,7 @@ class StopGently:
             self.requested = True
             self._number = number
             self.code = 128 + number
-            signal.setitimer(signal.ITIMER_REAL, _GENTLE)
+            set_alarm(_GENTLE)
             return
         interrupt = self._before[signal.SIGINT]  # the previous handler may defer it
         (interrupt if callable(interrupt) else signal.default_int_handler)(self._number, frame)

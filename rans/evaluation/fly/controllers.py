@@ -5,6 +5,7 @@ Policies that other libraries trained are controllers too: an SB3 file, an ONNX 
 
 from __future__ import annotations
 
+import os
 import pickle
 import re
 import warnings
@@ -344,8 +345,9 @@ def split_policy(spec: str) -> tuple[str, str]:
         return f"python:{module}:{function}", setup
     if Path(rest).is_file():
         return spec, ""
+    drive, rest = os.path.splitdrive(rest)  # on Windows it has a colon, too
     file, _, setup = rest.partition(":")
-    return f"{kind}:{file}", setup
+    return f"{kind}:{drive}{file}", setup
 
 
 def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -> UserPolicy:
