@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -110,6 +111,7 @@ rans.PPO(engine, n_steps=4).learn(32).save("trained.safetensors")
     assert not (tmp_path / "run/tensorboard").exists()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows itself has nothing of POSIX")
 def test_the_core_needs_nothing_of_posix(tmp_path: Path) -> None:
     """Training, evaluation, exports, locks, another process and the command's end, as on Windows."""
     code = (
