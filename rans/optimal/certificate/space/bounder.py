@@ -17,7 +17,12 @@ from rans.optimal.certificate.goal_set import GoalSet, rounded_up
 from rans.optimal.certificate.problem import Effort, Found, Problem, Unreachable
 from rans.optimal.certificate.space.halves import HalfTrajectories
 from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
-from rans.optimal.certificate.space.search import Wanted, arrived, in_time, with_pulses
+from rans.optimal.certificate.space.search import (
+    ArrivalSearch,
+    is_in_goal_set,
+    search_fixed_pulses,
+    search_fixed_time,
+)
 from rans.optimal.certificate.space.throttled import throttled
 
 _INNER = (0.4, 1.0)
@@ -50,12 +55,12 @@ class SpatialBounder:
     def contains(self, problem: Problem) -> bool:
         """See `Bounder`."""
         start, goal, goal_set, aims = problem
-        return arrived(start, goal, goal_set, "spin" in aims)
+        return is_in_goal_set(start, goal, goal_set, "spin" in aims)
 
     def can_stop(self, problem: Problem) -> bool:
         """See `Bounder`; goals that spin have no bound either."""
         start, goal, goal_set, aims = problem
-        return self.lattice.ends(aims, start, goal, goal_set)
+        return self.lattice.can_end_at_rest(aims, start, goal, goal_set)
 
     def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
@@ -69,15 +74,15 @@ class SpatialBounder:
             raise Unreachable.after(steps, lattice.period)
         dual, nodes = _raised(relaxation, (1.04, 1.04))
         dual = max(loose, dual)
-        lower = lattice.next_fuel(dual, relaxation.last)
+        lower = lattice.next_fuel(dual, relaxation.final_levels)
         halves = HalfTrajectories(lattice, aims, start, goal, goal_set, steps)
         while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
-            lower = lattice.next_fuel(lower + lattice.pulse, relaxation.last)
+            lower = lattice.next_fuel(lower + lattice.pulse, relaxation.final_levels)
 
         # Commands.
-        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.work)
-        pair = 2 if lattice.settled(relaxation.last) else 1
-        result = _fewer(wanted, steps, _pulses(lattice, lower), pair)
+        query = ArrivalSearch(lattice, start, goal, goal_set, "spin" in aims, effort.work)
+        pair = 2 if lattice.fixes_parity(relaxation.final_levels) else 1
+        result = _fewer(query, steps, _pulses(lattice, lower), pair)
         return Found(lower, result, dual, nodes)
 
     def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
@@ -99,19 +104,19 @@ class SpatialBounder:
             lower += 1
 
         # Commands.
-        wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.work)
-        return Found(lower * h, _soonest(wanted, lower, most_steps), loose, nodes)
+        query = ArrivalSearch(lattice, start, goal, goal_set, "spin" in aims, effort.work)
+        return Found(lower * h, _soonest(query, lower, most_steps), loose, nodes)
 
 
-def _fewer(wanted: Wanted, steps: int, least: int, pair: int) -> np.ndarray | None:
+def _fewer(query: ArrivalSearch, steps: int, least: int, pair: int) -> np.ndarray | None:
     """Commands of few pulses that arrive: some more than throttled thrust needs, then ever fewer or more."""
-    best = throttled(wanted.lattice, wanted.start, wanted.goal, wanted.goal_set, steps)
-    shares = [one.shares for one in best] or [np.ones((steps, len(wanted.wrenches)))]
-    first = max(least, _pulses(wanted.lattice, best[0].fuel)) if best else math.ceil(1.5 * least)
+    best = throttled(query.lattice, query.start, query.goal, query.goal_set, steps)
+    duties = [one.duties for one in best] or [np.ones((steps, len(query.wrenches)))]
+    first = max(least, _pulses(query.lattice, best[0].fuel)) if best else math.ceil(1.5 * least)
     pulses = least + pair * math.ceil((first - least) / pair) + pair
     result = None
     while pulses >= least:
-        better = with_pulses(wanted, steps, pulses, shares)
+        better = search_fixed_pulses(query, steps, pulses, duties)
         if better is None and (result is not None or pulses >= 3 * least + 4 * pair):
             break
         result = better
@@ -125,7 +130,7 @@ def _pulses(lattice: SpinLattice, lower: float) -> int:
     return math.ceil(lower / (strongest * lattice.period) - 1e-9)
 
 
-def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
+def _soonest(query: ArrivalSearch, least: int, most: int) -> np.ndarray | None:
     """Commands that arrive after the fewest periods for which some are found, from the least on.
 
     None if that is none of the first few that throttled thrust can meet.
@@ -135,16 +140,14 @@ def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
         if searches == _LEVELS:
             break
         tries = (
-            throttled(
-                wanted.lattice, wanted.start, wanted.goal, _inner(wanted.goal_set, share), steps
-            )
+            throttled(query.lattice, query.start, query.goal, _inner(query.goal_set, share), steps)
             for share in _INNER
         )
-        shares = [one.shares for one in next(filter(None, tries), [])]
-        if not shares:
+        duties = [one.duties for one in next(filter(None, tries), [])]
+        if not duties:
             continue
         searches += 1
-        result = in_time(wanted, shares)
+        result = search_fixed_time(query, duties)
         if result is not None:
             return result
     return None
@@ -167,8 +170,10 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
     """
     from scipy.optimize import minimize
 
-    way = relaxation.way if relaxation.way.any() else relaxation.gain
-    ahead = way / max(float(np.linalg.norm(way)), 1e-300)
+    displacement = (
+        relaxation.displacement if relaxation.displacement.any() else relaxation.velocity_change
+    )
+    ahead = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
     best = -math.inf
     count = 0
 

@@ -1,4 +1,4 @@
-"""The loop over all halves of flights, compiled: see `halves`."""
+"""Enumeration of half flights, compiled: see `halves`."""
 
 from __future__ import annotations
 
@@ -7,118 +7,149 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.space.kernel import rotated, step
+from rans.optimal.certificate.space.kernel import integrate_period, rotated_vector
 
 
 @compiled
 def gained(
-    state: np.ndarray, t: float, ahead: np.ndarray, flight: float, tilt: float, lean: float
+    state: np.ndarray,
+    t: float,
+    direction: np.ndarray,
+    flight: float,
+    tolerance: float,
+    slope: float,
 ) -> float:
-    """Integral of (1 + lean - 2 t / T) times the acceleration ahead, m/s, from rest in the origin.
+    """Weighted velocity gained since rest in the origin, m/s: integral of (1 + slope - 2 t / T) a . n.
 
-    It is 2 p / T + (1 + lean - 2 t / T) v, which coasting keeps. Ahead is the best direction within ``tilt``,
-    rad, of the vector (3,) given.
+    Integrated by parts it is (2 p / T + (1 + slope - 2 t / T) v) . n, which coasting does not change.
+
+    Args:
+        state: (13,) state at time t, with p and v in W.
+        t: time since the half's beginning, s.
+        direction: (3,) unit vector; n is the best direction within ``tolerance`` of it.
+        flight: time T of both halves, s.
+        tolerance: tolerance of the attitude, rad.
+        slope: slope of the weight between the halves.
     """
     along = 0.0
     size = 0.0
     for i in range(3):
-        x = 2.0 * state[i] / flight + (1.0 + lean - 2.0 * t / flight) * state[7 + i]
-        along = along + x * ahead[i]
+        x = 2.0 * state[i] / flight + (1.0 + slope - 2.0 * t / flight) * state[7 + i]
+        along = along + x * direction[i]
         size = size + x * x
     size = math.sqrt(size)
     return size * math.cos(
-        max(0.0, math.acos(min(1.0, max(-1.0, along / max(size, 1e-300)))) - tilt)
+        max(0.0, math.acos(min(1.0, max(-1.0, along / max(size, 1e-300)))) - tolerance)
     )
 
 
 @compiled
-def followed(
+def continue_halves(
     states: np.ndarray,
     periods: np.ndarray,
-    left: np.ndarray,
+    pulses_left: np.ndarray,
     half: int,
     patterns: np.ndarray,
     sizes: np.ndarray,
-    ahead: np.ndarray,
+    direction: np.ndarray,
     flight: float,
-    tilt: float,
-    lean: float,
+    tolerance: float,
+    slope: float,
     h: float,
-    rule: np.ndarray,
+    quadrature: np.ndarray,
     pulse: float,
-    least: float,
-    result: np.ndarray,
-    found_periods: np.ndarray,
-    found_left: np.ndarray,
+    gain_needed: float,
+    new_states: np.ndarray,
+    new_periods: np.ndarray,
+    new_pulses_left: np.ndarray,
 ) -> int:
-    """Every way to go on by one pattern that can still gain enough; how many, -1 if there is no room for all.
+    """Continue halves by one pattern of thrusters in every way that can still gain enough.
+
+    Branches are cut off by upper bounds of the gain, from cheap to exact.
 
     Args:
-        states: (n, 13) at the start of a period, see `spatial_kernel.fly`.
+        states: (n, 13) at the start of a period, see `kernel.integrate_flight`.
         periods: (n,) that period.
-        left: (n,) pulses that are left.
-        half: periods of this half.
+        pulses_left: (n,) pulses that each still has to fire.
+        half: control periods of a half.
         patterns: (P, 6) acceleration and angular acceleration on B, the smallest patterns first.
-        sizes: (P,) pulses of each.
-        ahead: (3,) in W.
+        sizes: (P,) pulses of each pattern.
+        direction: (3,) unit vector in W, see `gained`.
         flight: time of both halves, s.
-        tilt: rad, see `gained`.
-        lean: see `gained`.
+        tolerance: rad, see `gained`.
+        slope: see `gained`.
         h: control period, s.
-        rule: (2, nodes) places and weights on (0, 1).
+        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
         pulse: speed gained by a pulse, m/s.
-        least: what must be gained in the end, m/s.
-        result: (room, 13), written; who has no pulses left is flown to the end of the half.
-        found_periods: (room,), written.
-        found_left: (room,), written.
+        gain_needed: weighted velocity that a half must gain in the end, m/s.
+        new_states: (room, 13) new states, written; those without pulses left are flown to the half's end.
+        new_periods: (room,) their periods, written.
+        new_pulses_left: (room,) pulses that each has left, written.
+
+    Returns:
+        Number of new states; -1 if there are more than ``new_states`` has rows.
     """
     count = 0
     now = np.empty(13)
     new = np.empty(13)
     nothing = np.zeros(6)
-    for x in range(len(states)):
-        now[:] = states[x]
-        for k in range(periods[x], half):
-            first = 1.0 + lean - 2.0 * k * h / flight
-            last = 1.0 + lean - 2.0 * (k + 1) * h / flight
-            # at most, from now on
-            worth = max(abs(first), abs(lean))
-            later = max(abs(last), abs(lean))
-            before = gained(now, k * h, ahead, flight, tilt, lean)
-            if before + left[x] * pulse * worth < least:
+    for row in range(len(states)):
+        now[:] = states[row]
+        for k in range(periods[row], half):
+            first = 1.0 + slope - 2.0 * k * h / flight
+            last = 1.0 + slope - 2.0 * (k + 1) * h / flight
+            # Largest weights of a push in this period, and in later ones.
+            weight = max(abs(first), abs(slope))
+            later_weight = max(abs(last), abs(slope))
+            before = gained(now, k * h, direction, flight, tolerance, slope)
+            if before + pulses_left[row] * pulse * weight < gain_needed:
                 break
-            b0, b1, b2 = rotated((now[3], -now[4], -now[5], -now[6]), ahead[0], ahead[1], ahead[2])
+            b0, b1, b2 = rotated_vector(
+                (now[3], -now[4], -now[5], -now[6]), direction[0], direction[1], direction[2]
+            )
             spin = math.sqrt(now[10] ** 2 + now[11] ** 2 + now[12] ** 2)
-            for s in range(len(sizes)):
-                rest = left[x] - sizes[s]
-                a = patterns[s]
-                if rest < 0:
+            for pattern_index in range(len(sizes)):
+                remaining_pulses = pulses_left[row] - sizes[pattern_index]
+                pattern = patterns[pattern_index]
+                if remaining_pulses < 0:
                     break
-                # a cheap bound first: the period turns by so much at most
-                push = math.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
-                turn = tilt + h * (spin + 0.5 * h * math.sqrt(a[3] ** 2 + a[4] ** 2 + a[5] ** 2))
-                off = math.acos(
-                    min(1.0, max(-1.0, (b0 * a[0] + b1 * a[1] + b2 * a[2]) / max(push, 1e-300)))
+                # A cheap bound first: within the period the craft rotates by so much at most.
+                push = math.sqrt(pattern[0] ** 2 + pattern[1] ** 2 + pattern[2] ** 2)
+                turn = tolerance + h * (
+                    spin + 0.5 * h * math.sqrt(pattern[3] ** 2 + pattern[4] ** 2 + pattern[5] ** 2)
                 )
-                most = worth * h * push
+                angle = math.acos(
+                    min(
+                        1.0,
+                        max(
+                            -1.0,
+                            (b0 * pattern[0] + b1 * pattern[1] + b2 * pattern[2])
+                            / max(push, 1e-300),
+                        ),
+                    )
+                )
+                largest_gain = weight * h * push
                 if last >= 0.0:
-                    most *= math.cos(min(0.5 * math.pi, max(0.0, off - turn)))
-                if before + most + rest * pulse * later < least:
+                    largest_gain *= math.cos(min(0.5 * math.pi, max(0.0, angle - turn)))
+                if before + largest_gain + remaining_pulses * pulse * later_weight < gain_needed:
                     continue
-                step(now, new, a, h, rule)
+                integrate_period(now, new, pattern, h, quadrature)
                 if (
-                    gained(new, (k + 1) * h, ahead, flight, tilt, lean) + rest * pulse * later
-                    < least
+                    gained(new, (k + 1) * h, direction, flight, tolerance, slope)
+                    + remaining_pulses * pulse * later_weight
+                    < gain_needed
                 ):
                     continue
-                if count == len(result):
+                if count == len(new_states):
                     return -1
-                result[count] = new
-                found_periods[count] = k + 1
-                found_left[count] = rest
-                if rest == 0 and k + 1 < half:
-                    step(new, result[count], nothing, (half - k - 1) * h, rule)
+                new_states[count] = new
+                new_periods[count] = k + 1
+                new_pulses_left[count] = remaining_pulses
+                if remaining_pulses == 0 and k + 1 < half:
+                    integrate_period(
+                        new, new_states[count], nothing, (half - k - 1) * h, quadrature
+                    )
                 count += 1
-            step(now, new, nothing, h, rule)
+            integrate_period(now, new, nothing, h, quadrature)
             now[:] = new
     return count

@@ -7,7 +7,11 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.space.kernel import exponential, product, rotated
+from rans.optimal.certificate.space.kernel import (
+    quaternion_product,
+    rotated_vector,
+    rotation_quaternion,
+)
 
 _ITERATIONS = 12
 """Iterations of Gauss and Newton."""
@@ -16,11 +20,11 @@ _LONGEST = 3.0
 
 
 @compiled
-def in_order(when: np.ndarray, order: np.ndarray) -> None:
+def in_order(instants: np.ndarray, order: np.ndarray) -> None:
     """Indices of pulses from the first to the last, written, by insertion: there are few."""
-    for a in range(len(when)):
+    for a in range(len(instants)):
         b = a
-        while b > 0 and when[order[b - 1]] > when[a]:
+        while b > 0 and instants[order[b - 1]] > instants[a]:
             order[b] = order[b - 1]
             b -= 1
         order[b] = a
@@ -28,14 +32,14 @@ def in_order(when: np.ndarray, order: np.ndarray) -> None:
 
 @compiled
 def _off(
-    when: np.ndarray,
-    who: np.ndarray,
+    instants: np.ndarray,
+    thrusters: np.ndarray,
     flight: float,
     wrenches: np.ndarray,
     start: np.ndarray,
     goal: np.ndarray,
     h: float,
-    off: np.ndarray,
+    errors: np.ndarray,
     order: np.ndarray,
     parts: np.ndarray,
 ) -> None:
@@ -46,42 +50,44 @@ def _off(
 
     Parts, (K, 9), written: push, twist and the spin before, in W.
     """
-    in_order(when, order)
+    in_order(instants, order)
     q = (start[3], start[4], start[5], start[6])
     w = start[10:13].copy()
     now = 0.0
     for i in range(3):
-        off[i] = start[i] + flight * start[7 + i] - goal[i]
-        off[3 + i] = start[7 + i] - goal[7 + i]
+        errors[i] = start[i] + flight * start[7 + i] - goal[i]
+        errors[3 + i] = start[7 + i] - goal[7 + i]
     for j in order:
-        d = when[j] - now
-        x = wrenches[who[j]]
-        now = when[j]
-        q = product(q, exponential(d * w[0], d * w[1], d * w[2]))
+        d = instants[j] - now
+        x = wrenches[thrusters[j]]
+        now = instants[j]
+        q = quaternion_product(q, rotation_quaternion(d * w[0], d * w[1], d * w[2]))
         a = h * x[3]
         b = h * x[4]
         c = h * x[5]
-        ahead = product(q, exponential(0.125 * h * a, 0.125 * h * b, 0.125 * h * c))
-        parts[j, 0], parts[j, 1], parts[j, 2] = rotated(ahead, h * x[0], h * x[1], h * x[2])
-        parts[j, 3], parts[j, 4], parts[j, 5] = rotated(q, a, b, c)
-        parts[j, 6], parts[j, 7], parts[j, 8] = rotated(q, w[0], w[1], w[2])
+        ahead = quaternion_product(
+            q, rotation_quaternion(0.125 * h * a, 0.125 * h * b, 0.125 * h * c)
+        )
+        parts[j, 0], parts[j, 1], parts[j, 2] = rotated_vector(ahead, h * x[0], h * x[1], h * x[2])
+        parts[j, 3], parts[j, 4], parts[j, 5] = rotated_vector(q, a, b, c)
+        parts[j, 6], parts[j, 7], parts[j, 8] = rotated_vector(q, w[0], w[1], w[2])
         for i in range(3):
-            off[i] += (flight - now) * parts[j, i]
-            off[3 + i] += parts[j, i]
+            errors[i] += (flight - now) * parts[j, i]
+            errors[3 + i] += parts[j, i]
         w[0], w[1], w[2] = w[0] + a, w[1] + b, w[2] + c
     d = flight - now
-    q = product(q, exponential(d * w[0], d * w[1], d * w[2]))
-    s, x, y, z = product(q, (goal[3], -goal[4], -goal[5], -goal[6]))
+    q = quaternion_product(q, rotation_quaternion(d * w[0], d * w[1], d * w[2]))
+    s, x, y, z = quaternion_product(q, (goal[3], -goal[4], -goal[5], -goal[6]))
     size = math.sqrt(x * x + y * y + z * z)
     angle = math.copysign(2.0 * math.atan2(size, abs(s)), s) / max(size, 1e-12)
-    off[6] = angle * x
-    off[7] = angle * y
-    off[8] = angle * z
+    errors[6] = angle * x
+    errors[7] = angle * y
+    errors[8] = angle * z
 
 
 @compiled
 def _slopes(
-    when: np.ndarray, flight: float, order: np.ndarray, parts: np.ndarray, slopes: np.ndarray
+    instants: np.ndarray, flight: float, order: np.ndarray, parts: np.ndarray, slopes: np.ndarray
 ) -> None:
     """Slopes (9, K), written, of what impulses end off by, by their instants; parts as `_off` leaves them.
 
@@ -105,7 +111,7 @@ def _slopes(
         w0 = parts[j, 6]
         w1 = parts[j, 7]
         w2 = parts[j, 8]
-        left = flight - when[j]
+        left = flight - instants[j]
         c0 = w1 * f2 - w2 * f1
         c1 = w2 * f0 - w0 * f2
         c2 = w0 * f1 - w1 * f0
@@ -127,32 +133,32 @@ def _slopes(
 
 
 @compiled
-def _beyond(off: np.ndarray, radii: np.ndarray) -> float:
+def _beyond(errors: np.ndarray, radii: np.ndarray) -> float:
     """Sum of the squares of what is outside the balls, in radii."""
     value = 0.0
     for g in range(3):
-        size = math.sqrt(off[3 * g] ** 2 + off[3 * g + 1] ** 2 + off[3 * g + 2] ** 2)
+        size = math.sqrt(errors[3 * g] ** 2 + errors[3 * g + 1] ** 2 + errors[3 * g + 2] ** 2)
         value += max(0.0, size / radii[g] - 1.0) ** 2
     return value
 
 
 @compiled
-def _projected(off: np.ndarray, radii: np.ndarray, slopes: np.ndarray) -> None:
+def _projected(errors: np.ndarray, radii: np.ndarray, slopes: np.ndarray) -> None:
     """Errors beyond the balls, in radii, and their slopes, both written in place.
 
     Of d it is (1 - r / |d|) d, whose slope is that share of d's and r / |d| times the part along d.
     """
     for g in range(0, 9, 3):
         r = radii[g // 3]
-        size = math.sqrt(off[g] ** 2 + off[g + 1] ** 2 + off[g + 2] ** 2)
+        size = math.sqrt(errors[g] ** 2 + errors[g + 1] ** 2 + errors[g + 2] ** 2)
         share = max(0.0, 1.0 - r / max(size, 1e-12))
         n0 = 0.0
         n1 = 0.0
         n2 = 0.0
         if share > 0.0:
-            n0 = off[g] / size
-            n1 = off[g + 1] / size
-            n2 = off[g + 2] / size
+            n0 = errors[g] / size
+            n1 = errors[g + 1] / size
+            n2 = errors[g + 2] / size
         for j in range(slopes.shape[1]):
             along = (1.0 - share) * (
                 n0 * slopes[g, j] + n1 * slopes[g + 1, j] + n2 * slopes[g + 2, j]
@@ -161,15 +167,15 @@ def _projected(off: np.ndarray, radii: np.ndarray, slopes: np.ndarray) -> None:
             slopes[g + 1, j] = (share * slopes[g + 1, j] + along * n1) / r
             slopes[g + 2, j] = (share * slopes[g + 2, j] + along * n2) / r
         for i in range(g, g + 3):
-            off[i] *= share / r
+            errors[i] *= share / r
 
 
 @compiled
 def _solved(
-    slopes: np.ndarray, off: np.ndarray, damping: float, a: np.ndarray, y: np.ndarray
+    slopes: np.ndarray, errors: np.ndarray, damping: float, a: np.ndarray, y: np.ndarray
 ) -> None:
     """Write (J J' + damping)^-1 off to y, by Cholesky, in a."""
-    n = len(off)
+    n = len(errors)
     for i in range(n):
         for j in range(i + 1):
             x = damping if i == j else 0.0
@@ -179,7 +185,7 @@ def _solved(
                 x -= a[i, k] * a[j, k]
             a[i, j] = math.sqrt(max(x, 1e-12)) if i == j else x / a[j, j]
     for i in range(n):
-        y[i] = off[i]
+        y[i] = errors[i]
         for k in range(i):
             y[i] -= a[i, k] * y[k]
         y[i] /= a[i, i]
@@ -191,8 +197,8 @@ def _solved(
 
 @compiled
 def refined(
-    when: np.ndarray,
-    who: np.ndarray,
+    instants: np.ndarray,
+    thrusters: np.ndarray,
     flight: float,
     wrenches: np.ndarray,
     start: np.ndarray,
@@ -204,39 +210,39 @@ def refined(
 
     Returns the root of the sum of squares of what is left outside, in radii of position, velocity and angle.
     """
-    count = len(when)
-    off = np.empty(9)
+    count = len(instants)
+    errors = np.empty(9)
     slopes = np.empty((9, count))
     parts = np.empty((count, 9))
     order = np.empty(count, np.int64)
     a = np.empty((9, 9))
     y = np.empty(9)
     trial = np.empty(count)
-    _off(when, who, flight, wrenches, start, goal, h, off, order, parts)
-    value = _beyond(off, radii)
+    _off(instants, thrusters, flight, wrenches, start, goal, h, errors, order, parts)
+    value = _beyond(errors, radii)
     damping = 1.0
     fresh = False
     for _ in range(_ITERATIONS):
         if value < 1e-4 or damping > 1e5:
             break
         if not fresh:
-            _slopes(when, flight, order, parts, slopes)
-            _projected(off, radii, slopes)
-        _solved(slopes, off, damping, a, y)
+            _slopes(instants, flight, order, parts, slopes)
+            _projected(errors, radii, slopes)
+        _solved(slopes, errors, damping, a, y)
         for j in range(count):
             move = 0.0
             for i in range(9):
                 move -= slopes[i, j] * y[i]
             trial[j] = min(
-                flight - 0.5 * h, max(0.5 * h, when[j] + min(_LONGEST, max(-_LONGEST, move)))
+                flight - 0.5 * h, max(0.5 * h, instants[j] + min(_LONGEST, max(-_LONGEST, move)))
             )
-        before = off.copy()
-        _off(trial, who, flight, wrenches, start, goal, h, off, order, parts)
-        new = _beyond(off, radii)
+        before = errors.copy()
+        _off(trial, thrusters, flight, wrenches, start, goal, h, errors, order, parts)
+        new = _beyond(errors, radii)
         fresh = new >= value
         if fresh:  # as it was, more carefully
-            off[:] = before
+            errors[:] = before
             damping = 8.0 * damping
         else:
-            when[:], value, damping = trial, new, max(1e-3, 0.2 * damping)
+            instants[:], value, damping = trial, new, max(1e-3, 0.2 * damping)
     return math.sqrt(value)

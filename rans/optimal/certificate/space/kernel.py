@@ -1,4 +1,7 @@
-"""Loops of the bound and of the search in space, compiled: the only ones that cost time."""
+"""Compiled loops of certificates in space: dynamic program, rigid-body integration and annealing.
+
+States (13,) are p in W, the quaternion of B in W (w, x, y, z), v in W and the angular velocity in B.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,12 @@ import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
 
-_HEAT = 0.05
-"""Temperature of annealing, radii: at three times as much the turn of the first commands is lost."""
+_TEMPERATURE = 0.05
+"""Temperature of annealing, radii: at three times as much the rotation of the first commands is lost."""
 
 
 @compiled
-def stages(
+def period_costs(
     pulls: np.ndarray,
     forces: np.ndarray,
     thrust: np.ndarray,
@@ -24,26 +27,27 @@ def stages(
     price: float,
     period: float,
 ) -> np.ndarray:
-    """Least cost of every period, (N, count, angles), by kind of torque and by the angle turned.
+    """Least cost of every period, (N, count, angles), by kind of torque and by angle of rotation so far.
 
-    A pattern's cost is its thrust's price less the mean, over the period's two ends, of pull . R force, with
-    the best R within the angle of the first attitude; at the last angle any R.
+    The cost of a thruster pattern is the price of its thrust less the mean, over the period's two ends, of
+    pull . R force, with the best rotation R within that angle of the first attitude; at the last angle any R.
 
     Args:
-        pulls: (N + 1, 3) in W.
+        pulls: (N + 1, 3) costates of the velocity in W at the periods' ends.
         forces: (P, 3) of the patterns, N, in W at the first attitude.
         thrust: (P,) N.
-        kinds: (P,) their kinds.
-        count: of kinds.
-        cosine: (angles,) of the angles turned; -2 from half a turn on.
-        sine: (angles,) of them.
-        price: of a newton second.
-        period: s.
+        kinds: (P,) kind of torque of each pattern.
+        count: number of kinds.
+        cosine: (angles,) cosine of each angle; -2 from half a turn on, where every R is allowed.
+        sine: (angles,) sine of each angle.
+        price: cost of a newton second.
+        period: control period, s.
     """
     out = np.full((len(pulls) - 1, count, len(cosine)), np.inf)
     last = len(cosine) - 1
     for k in range(len(pulls) - 1):
         for j in range(len(forces)):
+            # Components of the force along and across the pull at both ends.
             f = forces[j]
             size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
             row = out[k, kinds[j]]
@@ -55,6 +59,7 @@ def stages(
                 full[end] = size * math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
                 along[end] = q[0] * f[0] + q[1] * f[1] + q[2] * f[2]
                 across[end] = math.sqrt(max(0.0, full[end] ** 2 - along[end] ** 2))
+            # The best rotation within each angle brings the force as far towards the pull as it may.
             for r in range(len(cosine)):
                 gain = 0.0
                 for end in range(2):
@@ -67,17 +72,17 @@ def stages(
 
 
 @compiled
-def sweep(
+def least_costs(
     costs: np.ndarray, moves: np.ndarray, turned: np.ndarray, states: int, first: int
 ) -> np.ndarray:
-    """Least cost from a first state at angle 0 to every state, (states,).
+    """Least cost from one state at angle 0 to every state, (states,), by dynamic programming over the periods.
 
     Args:
-        costs: (N, kinds, angles), see `stages`.
+        costs: (N, kinds, angles), see `period_costs`.
         moves: (M, 3) from state, to state, kind.
-        turned: (M,) cells of the angle that a move turns at most; the last cell is for all beyond.
-        states: how many there are.
-        first: the first one.
+        turned: (M,) cells of angle by which a move rotates at most; the last cell is for all beyond.
+        states: number of states.
+        first: index of the first state.
     """
     angles = costs.shape[2]
     value = np.full((states, angles), np.inf)
@@ -98,15 +103,15 @@ def sweep(
 
 
 @compiled
-def exponential(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """Quaternion of a rotation vector."""
+def rotation_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """Quaternion (w, x, y, z) of a rotation vector, rad."""
     angle = math.sqrt(x * x + y * y + z * z)
     s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
     return math.cos(0.5 * angle), s * x, s * y, s * z
 
 
 @compiled
-def product(
+def quaternion_product(
     a: tuple[float, float, float, float], b: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float]:
     """Product of two quaternions."""
@@ -119,10 +124,10 @@ def product(
 
 
 @compiled
-def rotated(
+def rotated_vector(
     q: tuple[float, float, float, float], x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """A vector on B in the world, q from B to W."""
+    """A vector of B in W, by the quaternion q of B in W."""
     w, a, b, c = q
     u = 2.0 * (b * z - c * y)
     v = 2.0 * (c * x - a * z)
@@ -131,26 +136,26 @@ def rotated(
 
 
 @compiled
-def fly(
+def integrate_flight(
     commands: np.ndarray,
     first: int,
     wrenches: np.ndarray,
     h: float,
-    rule: np.ndarray,
+    quadrature: np.ndarray,
     path: np.ndarray,
 ) -> None:
-    """States from a period on, ``path`` (N + 1, 13): p, quaternion, v, w in B, of which [first] is given.
+    """Integrate states ``path`` (N + 1, 13) from period ``first`` on, starting from ``path[first]``.
 
-    Attitudes are of order four in the period (Magnus), the force is integrated by Gauss-Legendre: good to
-    some micrometres, so that what is found is replayed by the engines' equations.
+    Attitudes are of fourth order in the period (Magnus), forces are integrated by Gauss-Legendre quadrature:
+    accurate to some micrometres, so that solutions are replayed by the engines' equations afterwards.
 
     Args:
         commands: (N, thrusters) zeros and ones.
-        first: the period.
+        first: period from which on commands differ from those that ``path`` was computed with.
         wrenches: (thrusters, 6) acceleration and angular acceleration on B.
         h: control period, s.
-        rule: (2, nodes) places and weights on (0, 1).
-        path: written.
+        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
+        path: states, written from index ``first`` + 1 on.
     """
     total = np.empty(6)
     for k in range(first, len(commands)):
@@ -159,12 +164,22 @@ def fly(
             if commands[k, i] != 0:
                 for c in range(6):
                     total[c] += wrenches[i, c]
-        step(path[k], path[k + 1], total, h, rule)
+        integrate_period(path[k], path[k + 1], total, h, quadrature)
 
 
 @compiled
-def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: np.ndarray) -> None:
-    """The state (13,) after h seconds of a steady wrench (6,), written; see `fly`."""
+def integrate_period(
+    now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, quadrature: np.ndarray
+) -> None:
+    """Integrate a state (13,) over h seconds of a steady wrench; accuracy as in `integrate_flight`.
+
+    Args:
+        now: (13,) state at the beginning.
+        new: (13,) state at the end, written.
+        wrench: (6,) acceleration and angular acceleration on B.
+        h: time, s.
+        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
+    """
     fx = wrench[0]
     fy = wrench[1]
     fz = wrench[2]
@@ -176,22 +191,24 @@ def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: n
     w0 = now[10]
     w1 = now[11]
     w2 = now[12]
+    # Commutator w x a of the Magnus expansion: the rotation vector after s is s w + s^2/2 a + s^3/12 (w x a).
     cx = w1 * az - w2 * ay
     cy = w2 * ax - w0 * az
     cz = w0 * ay - w1 * ax
+    # Velocity, and the position that it adds, by quadrature of the rotating force.
     if fx != 0.0 or fy != 0.0 or fz != 0.0:
-        for node in range(rule.shape[1]):
-            s = rule[0, node] * h
-            weight = rule[1, node] * h
+        for node in range(quadrature.shape[1]):
+            s = quadrature[0, node] * h
+            weight = quadrature[1, node] * h
             a = 0.5 * s * s
             b = s * s * s / 12.0
-            turn = product(
+            turn = quaternion_product(
                 q,
-                exponential(
+                rotation_quaternion(
                     s * w0 + a * ax + b * cx, s * w1 + a * ay + b * cy, s * w2 + a * az + b * cz
                 ),
             )
-            px, py, pz = rotated(turn, fx, fy, fz)
+            px, py, pz = rotated_vector(turn, fx, fy, fz)
             new[7], new[8], new[9] = (
                 new[7] + weight * px,
                 new[8] + weight * py,
@@ -203,13 +220,15 @@ def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: n
                 new[1] + weight * py,
                 new[2] + weight * pz,
             )
+    # Attitude at the end.
     if w0 != 0.0 or w1 != 0.0 or w2 != 0.0 or ax != 0.0 or ay != 0.0 or az != 0.0:
         a = 0.5 * h * h
         b = h * h * h / 12.0
-        turn = exponential(
+        turn = rotation_quaternion(
             h * w0 + a * ax + b * cx, h * w1 + a * ay + b * cy, h * w2 + a * az + b * cz
         )
-        new[3], new[4], new[5], new[6] = product(q, turn)
+        new[3], new[4], new[5], new[6] = quaternion_product(q, turn)
+    # Motion at the first velocity, and the spin.
     new[0], new[1], new[2] = new[0] + h * now[7], new[1] + h * now[8], new[2] + h * now[9]
     new[10] = w0 + h * ax
     new[11] = w1 + h * ay
@@ -218,25 +237,29 @@ def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: n
 
 @compiled
 def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
-    """Error of a state in radii of position, velocity and attitude; a quantum of spin counts as 5."""
-    far = 0.0
-    fast = 0.0
-    spin = 0.0
-    same = 0.0
+    """Distance of a state (13,) from the goal set, in radii; 0 within the set.
+
+    It is the sum of what position, velocity and attitude are beyond their radii. Spin beyond its radius adds 5 for
+    every quantum: as much as five radii, since only other thrusters could change it.
+    """
+    position_error = 0.0
+    velocity_error = 0.0
+    spin_error = 0.0
+    cosine = 0.0
     for i in range(3):
-        far += (state[i] - goal[i]) ** 2
-        fast += (state[7 + i] - goal[7 + i]) ** 2
-        spin += (state[10 + i] - goal[10 + i]) ** 2
+        position_error += (state[i] - goal[i]) ** 2
+        velocity_error += (state[7 + i] - goal[7 + i]) ** 2
+        spin_error += (state[10 + i] - goal[10 + i]) ** 2
     for i in range(4):
-        same += state[3 + i] * goal[3 + i]
-    angle = 2.0 * math.acos(min(1.0, abs(same)))
-    spin = math.sqrt(spin)
-    miss = (
-        max(0.0, math.sqrt(far) / radii[0] - 1.0)
-        + max(0.0, math.sqrt(fast) / radii[1] - 1.0)
+        cosine += state[3 + i] * goal[3 + i]
+    angle = 2.0 * math.acos(min(1.0, abs(cosine)))
+    spin_error = math.sqrt(spin_error)
+    total = (
+        max(0.0, math.sqrt(position_error) / radii[0] - 1.0)
+        + max(0.0, math.sqrt(velocity_error) / radii[1] - 1.0)
         + max(0.0, angle / radii[2] - 1.0)
     )
-    return miss if spin <= radii[3] else miss + 5.0 * spin / quantum
+    return total if spin_error <= radii[3] else total + 5.0 * spin_error / quantum
 
 
 @compiled
@@ -249,59 +272,85 @@ def anneal(
     radii: np.ndarray,
     quantum: float,
     h: float,
-    rule: np.ndarray,
-    tries: int,
+    quadrature: np.ndarray,
+    attempts: int,
     random: np.random.Generator,
 ) -> float:
-    """Change commands (N, thrusters) until they end in the goal set.
+    """Change commands until the flight ends in the goal set, by simulated annealing at a constant temperature.
 
-    Simulated annealing at one temperature, so that the first commands should turn as they must. A change
-    opens or shuts two thrusters, mostly so that their torques cancel: at once, a little later or anywhere; or
-    one. Mates, (thrusters, thrusters), are 1 where torques are the same, -1 where opposite, 0 else. What is
-    left in ``commands`` is the best; returned is its miss, 0 within the set.
+    The temperature is low, so that the first commands must already rotate the craft as needed. A change toggles two
+    thrusters whose torques cancel, in the same period, up to three periods apart, or anywhere; or, in 3 % of
+    attempts, a single thruster.
+
+    Args:
+        commands: (N, thrusters) zeros and ones; overwritten by the best.
+        wrenches: (thrusters, 6) acceleration and angular acceleration on B.
+        torque_pairs: (thrusters, thrusters): 1 where torques are the same, -1 where opposite, else 0.
+        start: (13,) initial state.
+        goal: (13,) goal state.
+        radii: (4,) of position, velocity, attitude and spin.
+        quantum: of spin, rad/s.
+        h: control period, s.
+        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
+        attempts: changes that are tried at most.
+        random: generator.
+
+    Returns:
+        Distance of the best commands' end from the goal set, see `miss`.
     """
     steps, count = commands.shape
     path = np.zeros((steps + 1, 13))
-    new = np.zeros((steps + 1, 13))
+    trial = np.zeros((steps + 1, 13))
     best_commands = commands.copy()
     path[0] = start
-    fly(commands, 0, wrenches, h, rule, path)
-    best = value = miss(path[steps], goal, radii, quantum)
-    for _ in range(tries):
-        if best <= 0.0:
+    integrate_flight(commands, 0, wrenches, h, quadrature, path)
+    best_miss = current_miss = miss(path[steps], goal, radii, quantum)
+    for _ in range(attempts):
+        if best_miss <= 0.0:
             break
-        # which thruster, and which with it
-        k = int(steps * random.random())
-        i = int(count * random.random())
+        # Draw a thruster and period to toggle, and a second to toggle with it.
+        period = int(steps * random.random())
+        thruster = int(count * random.random())
         kind = random.random()
-        k2 = k
-        i2 = i if random.random() < 0.3 else int(count * random.random())
+        second_period = period
+        second_thruster = thruster if random.random() < 0.3 else int(count * random.random())
         if kind > 0.45:
-            k2 = k - 3 + int(7.0 * random.random()) if kind < 0.8 else int(steps * random.random())
+            second_period = (
+                period - 3 + int(7.0 * random.random())
+                if kind < 0.8
+                else int(steps * random.random())
+            )
         single = kind > 0.97
-        if k2 < 0 or k2 >= steps or (k2 == k and i2 == i):
+        if (
+            second_period < 0
+            or second_period >= steps
+            or (second_period == period and second_thruster == thruster)
+        ):
             continue
-        change = 1 - 2 * commands[k, i]
-        change2 = 1 - 2 * commands[k2, i2]
-        if not single and torque_pairs[i, i2] != -change * change2:
+        change_first = 1 - 2 * commands[period, thruster]
+        change_second = 1 - 2 * commands[second_period, second_thruster]
+        if not single and torque_pairs[thruster, second_thruster] != -change_first * change_second:
             continue
-        # what comes of it
-        commands[k, i] += change
+        # Fly the changed commands, from the first change on.
+        commands[period, thruster] += change_first
         if not single:
-            commands[k2, i2] += change2
-        first = k if single else min(k, k2)
-        new[first] = path[first]
-        fly(commands, first, wrenches, h, rule, new)
-        changed = miss(new[steps], goal, radii, quantum)
-        if changed <= value or random.random() < math.exp((value - changed) / _HEAT):
-            value = changed
-            path[first:] = new[first:]
-            if value < best:
-                best = value
+            commands[second_period, second_thruster] += change_second
+        first = period if single else min(period, second_period)
+        trial[first] = path[first]
+        integrate_flight(commands, first, wrenches, h, quadrature, trial)
+        trial_miss = miss(trial[steps], goal, radii, quantum)
+        # Accept or undo.
+        if trial_miss <= current_miss or random.random() < math.exp(
+            (current_miss - trial_miss) / _TEMPERATURE
+        ):
+            current_miss = trial_miss
+            path[first:] = trial[first:]
+            if current_miss < best_miss:
+                best_miss = current_miss
                 best_commands[:] = commands
         else:
-            commands[k, i] -= change
+            commands[period, thruster] -= change_first
             if not single:
-                commands[k2, i2] -= change2
+                commands[second_period, second_thruster] -= change_second
     commands[:] = best_commands
-    return best
+    return best_miss

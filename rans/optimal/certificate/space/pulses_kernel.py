@@ -1,10 +1,10 @@
-"""The search for few pulses in space, compiled: which nozzles by annealing, when by least squares.
+"""Search for few pulses in space, compiled: thrusters by simulated annealing, instants by least squares.
 
-A few pulses in a long flight are hard to find one change at a time: moving one by a period turns all that
-comes after it. So pulses are taken for impulses at any instant first. What a flight with given nozzles is
-off by is then a smooth function of the instants, and Gauss and Newton bring it to zero in some
-microseconds wherever that can be done. Annealing changes nozzles only. What comes near is rounded to whole
-periods.
+A few pulses in a long flight are hard to find by single changes, since moving a pulse by a period rotates
+all that follows. So pulses are first taken for impulses at any instant: the final error of a flight with given
+thrusters is then a smooth function of the instants, which Levenberg and Marquardt bring to zero in some
+microseconds where that is possible (`impulses_kernel`). Annealing changes thrusters and restarts instants. Flights
+that come near the goal are rounded to whole periods.
 """
 
 from __future__ import annotations
@@ -15,77 +15,81 @@ import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
 from rans.optimal.certificate.space.impulses_kernel import in_order, refined
-from rans.optimal.certificate.space.kernel import miss, step
+from rans.optimal.certificate.space.kernel import integrate_period, miss
 
 _NEAR = 0.5
-"""Radii off, in the root of the sum of squares, from which on rounding is tried."""
+"""Root of the sum of squared errors, in radii, below which rounding is tried: it moves errors by about as much."""
 _ROUNDINGS = 3000
-"""Changes of a rounding."""
+"""Changes that annealing tries in a rounding."""
 
 
 @compiled
-def ended(
-    when: np.ndarray,
-    who: np.ndarray,
+def final_state(
+    periods: np.ndarray,
+    thrusters: np.ndarray,
     steps: int,
     wrenches: np.ndarray,
     start: np.ndarray,
     h: float,
-    rule: np.ndarray,
+    quadrature: np.ndarray,
     order: np.ndarray,
     path: np.ndarray,
 ) -> np.ndarray:
-    """The state (13,) in which pulses end, by the equations of `spatial_kernel.fly`.
+    """Final state (13,) of a flight whose thrusters fire for single periods, see `kernel.integrate_flight`.
 
     Args:
-        when: (K,) periods.
-        who: (K,) thrusters.
+        periods: (K,) period of each pulse.
+        thrusters: (K,) thruster of each pulse.
         steps: control periods.
         wrenches: (thrusters, 6) acceleration and angular acceleration on B.
-        start: (13,).
+        start: (13,) initial state.
         h: control period, s.
-        rule: (2, nodes) places and weights on (0, 1).
-        order: (K,), written.
-        path: (2, 13), written.
+        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
+        order: (K,) scratch memory.
+        path: (2, 13) scratch memory; its last written row is returned.
     """
-    in_order(when, order)
+    in_order(periods, order)
     path[0] = start
-    now = 0
-    a = 0
-    here = 0
-    total = np.zeros(6)
+    period = 0
+    pulse = 0
+    row = 0
+    wrench = np.zeros(6)
     while True:
-        until = when[order[a]] if a < len(order) else steps
-        if until > now:
-            total[:] = 0.0
-            step(path[here], path[1 - here], total, (until - now) * h, rule)
-            here = 1 - here
-        if a == len(order):
-            return path[here]
-        total[:] = 0.0
-        while a < len(order) and when[order[a]] == until:
+        next_period = periods[order[pulse]] if pulse < len(order) else steps
+        # Coast to the next pulse, or to the end.
+        if next_period > period:
+            wrench[:] = 0.0
+            integrate_period(
+                path[row], path[1 - row], wrench, (next_period - period) * h, quadrature
+            )
+            row = 1 - row
+        if pulse == len(order):
+            return path[row]
+        # Fire all pulses of this period.
+        wrench[:] = 0.0
+        while pulse < len(order) and periods[order[pulse]] == next_period:
             for c in range(6):
-                total[c] += wrenches[who[order[a]], c]
-            a += 1
-        step(path[here], path[1 - here], total, h, rule)
-        here = 1 - here
-        now = until + 1
+                wrench[c] += wrenches[thrusters[order[pulse]], c]
+            pulse += 1
+        integrate_period(path[row], path[1 - row], wrench, h, quadrature)
+        row = 1 - row
+        period = next_period + 1
 
 
 @compiled
-def _twice(when: np.ndarray, who: np.ndarray) -> bool:
+def _opens_twice(periods: np.ndarray, thrusters: np.ndarray) -> bool:
     """Whether a thruster would have to open twice in a period."""
-    for a in range(len(when)):
+    for a in range(len(periods)):
         for b in range(a):
-            if when[a] == when[b] and who[a] == who[b]:
+            if periods[a] == periods[b] and thrusters[a] == thrusters[b]:
                 return True
     return False
 
 
 @compiled
-def rounded(
+def rounded_pulses(
     instants: np.ndarray,
-    who: np.ndarray,
+    thrusters: np.ndarray,
     steps: int,
     wrenches: np.ndarray,
     start: np.ndarray,
@@ -93,94 +97,129 @@ def rounded(
     radii: np.ndarray,
     quantum: float,
     h: float,
-    rule: np.ndarray,
+    quadrature: np.ndarray,
     random: np.random.Generator,
-    best_when: np.ndarray,
+    best_periods: np.ndarray,
 ) -> float:
-    """Whole periods near impulses' instants, written, that end as near to the goal set as is found.
+    """Round impulses' instants to whole periods so that the flight ends as near the goal set as possible.
 
-    Annealing from 0.5 to 0.05 radii moves one to three pulses by a period. Returns the miss of `miss`.
+    Annealing moves one to three pulses by a period at a time, its temperature falling from 0.5 to 0.05 radii.
+
+    Args:
+        instants: (K,) instants of the impulses, s.
+        thrusters: (K,) thruster of each.
+        steps: control periods.
+        wrenches: (thrusters, 6) acceleration and angular acceleration on B.
+        start: (13,) initial state, see `kernel.integrate_flight`.
+        goal: (13,) goal state.
+        radii: (4,) of position, velocity, attitude and spin.
+        quantum: of spin, rad/s.
+        h: control period, s.
+        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
+        random: generator.
+        best_periods: (K,) periods, written.
+
+    Returns:
+        Error of the result, see `kernel.miss`: 0 within the goal set.
     """
-    count = len(who)
+    count = len(thrusters)
     order = np.empty(count, np.int64)
     path = np.empty((2, 13))
-    when = np.empty(count, np.int64)
+    periods = np.empty(count, np.int64)
     for j in range(count):
-        when[j] = min(steps - 1, max(0, round(instants[j] / h - 0.5)))
-    new = when.copy()
-    value = 1e9
-    best = 1e9
+        periods[j] = min(steps - 1, max(0, round(instants[j] / h - 0.5)))
+    trial = periods.copy()
+    current_miss = 1e9
+    best_miss = 1e9
     for attempt in range(_ROUNDINGS):
-        if not _twice(new, who):
-            state = ended(new, who, steps, wrenches, start, h, rule, order, path)
-            changed = miss(state, goal, radii, quantum)
-            heat = 0.5 * 0.1 ** (attempt / _ROUNDINGS)
-            if changed <= value or random.random() < math.exp((value - changed) / heat):
-                value = changed
-                when[:] = new
-                if value < best:
-                    best = value
-                    best_when[:] = when
-                    if best <= 0.0:
+        if not _opens_twice(trial, thrusters):
+            state = final_state(
+                trial, thrusters, steps, wrenches, start, h, quadrature, order, path
+            )
+            trial_miss = miss(state, goal, radii, quantum)
+            temperature = 0.5 * 0.1 ** (attempt / _ROUNDINGS)
+            if trial_miss <= current_miss or random.random() < math.exp(
+                (current_miss - trial_miss) / temperature
+            ):
+                current_miss = trial_miss
+                periods[:] = trial
+                if current_miss < best_miss:
+                    best_miss = current_miss
+                    best_periods[:] = periods
+                    if best_miss <= 0.0:
                         break
-        new[:] = when
+        # Move one to three pulses by a period.
+        trial[:] = periods
         for _ in range(1 + int(3.0 * random.random())):
             j = int(count * random.random())
-            new[j] = min(steps - 1, max(0, new[j] + (1 if random.random() < 0.5 else -1)))
-    return best
+            trial[j] = min(steps - 1, max(0, trial[j] + (1 if random.random() < 0.5 else -1)))
+    return best_miss
 
 
 @compiled
-def _changed(
-    when: np.ndarray,
-    who: np.ndarray,
+def _change_flight(
+    instants: np.ndarray,
+    thrusters: np.ndarray,
     products: np.ndarray,
     flight: float,
     random: np.random.Generator,
 ) -> bool:
-    """Another flight of as many pulses and, nearly always, with the same spin at the end; whether it is one.
+    """Change a flight (K,) in place, keeping its number of pulses and nearly always its final spin.
 
-    A thruster gives way to one of the same torque, two change places, a pair of opposite torques gives way
-    to another, or a pulse moves; seldom a thruster gives way to any.
+    With probability 0.3 a thruster is replaced by another of the same torque, with 0.2 two pulses swap
+    thrusters, with 0.3 a pair of opposite torques is replaced by another pair, with 0.18 a pulse moves to any
+    instant, and with 0.02 a thruster is replaced by any other.
+
+    Returns:
+        Whether the flight changed; false where the drawn change is not allowed.
     """
-    count = len(who)
-    thrusters = len(products)
+    count = len(thrusters)
+    thruster_count = len(products)
     kind = random.random()
     a = int(count * random.random())
     b = int(count * random.random())
-    i = int(thrusters * random.random())
-    j = int(thrusters * random.random())
+    i = int(thruster_count * random.random())
+    j = int(thruster_count * random.random())
     if kind < 0.3:
-        if who[a] == i or products[who[a], who[a]] + products[i, i] != 2 * products[who[a], i]:
+        if (
+            thrusters[a] == i
+            or products[thrusters[a], thrusters[a]] + products[i, i]
+            != 2 * products[thrusters[a], i]
+        ):
             return False
-        who[a] = i
+        thrusters[a] = i
     elif kind < 0.5:
-        if who[a] == who[b]:
+        if thrusters[a] == thrusters[b]:
             return False
-        who[a], who[b] = who[b], who[a]
+        thrusters[a], thrusters[b] = thrusters[b], thrusters[a]
     elif kind < 0.8:
-        if a == b or not _opposite(products, who[a], who[b]) or not _opposite(products, i, j):
+        if (
+            a == b
+            or not _has_opposite_torque(products, thrusters[a], thrusters[b])
+            or not _has_opposite_torque(products, i, j)
+        ):
             return False
-        who[a] = i
-        who[b] = j
+        thrusters[a] = i
+        thrusters[b] = j
         if random.random() < 0.3:
-            when[a] = when[b] = flight * random.random()
+            instants[a] = instants[b] = flight * random.random()
     elif kind < 0.98:
-        when[a] = flight * random.random()
+        instants[a] = flight * random.random()
     else:
-        who[a] = i
+        thrusters[a] = i
     return True
 
 
 @compiled
-def _opposite(products: np.ndarray, i: int, j: int) -> bool:
+def _has_opposite_torque(products: np.ndarray, i: int, j: int) -> bool:
+    """Whether torques of two thrusters cancel, |t_i + t_j|^2 = 0, by their inner products in squared quanta."""
     return products[i, i] + products[j, j] == -2 * products[i, j]
 
 
 @compiled
-def fewest_pulses(
-    now: np.ndarray,
-    now_who: np.ndarray,
+def search_pulses(
+    instants: np.ndarray,
+    thrusters: np.ndarray,
     steps: int,
     wrenches: np.ndarray,
     products: np.ndarray,
@@ -190,64 +229,71 @@ def fewest_pulses(
     inner: np.ndarray,
     quantum: float,
     h: float,
-    rule: np.ndarray,
-    tries: int,
+    quadrature: np.ndarray,
+    attempts: int,
     random: np.random.Generator,
-    when: np.ndarray,
-    who: np.ndarray,
+    best_periods: np.ndarray,
+    best_thrusters: np.ndarray,
 ) -> float:
-    """Look for pulses that end in the goal set, from some; written are periods (K,) and thrusters (K,).
+    """Search for K pulses that end in the goal set, starting from a first guess.
 
-    Annealing from 0.8 to 0.08 radii over what least squares leave; see the module. A quantum of spin that
-    is left counts as 5. Returns the miss, 0 within the set.
+    The temperature of annealing falls from 0.8 to 0.08 radii; its cost is the error that least squares leave,
+    where a quantum of wrong spin counts as 5 radii. See the module.
 
     Args:
-        now: (K,) instants of the first pulses, s, written over.
-        now_who: (K,) their thrusters, written over.
+        instants: (K,) instants of the guess, s, overwritten.
+        thrusters: (K,) thrusters of the guess, overwritten.
         steps: control periods.
         wrenches: (thrusters, 6) acceleration and angular acceleration on B.
         products: (thrusters, thrusters) inner products of torques, in squared quanta.
-        start: (13,), see `spatial_kernel.fly`.
-        goal: (13,).
+        start: (13,) initial state, see `kernel.integrate_flight`.
+        goal: (13,) goal state.
         radii: (4,) of position, velocity, attitude and spin.
-        inner: (3,) of the first three, smaller by what rounding moves.
+        inner: (3,) of the first three, smaller by what rounding to periods may move.
         quantum: of spin, rad/s.
         h: control period, s.
-        rule: (2, nodes) places and weights on (0, 1).
-        tries: changes.
+        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
+        attempts: changes that annealing tries.
         random: generator.
-        when: written.
-        who: written.
+        best_periods: (K,) periods of the best pulses, written.
+        best_thrusters: (K,) their thrusters, written.
+
+    Returns:
+        Error of the best pulses, see `kernel.miss`: 0 within the goal set.
     """
     flight = steps * h
-    best = 1e9
-    value = 1e9
+    best_miss = 1e9
+    current_miss = 1e9
     spin = np.empty(3)
-    new = now.copy()
-    new_who = now_who.copy()
-    periods = np.empty(len(now), np.int64)
-    for attempt in range(tries):
+    trial = instants.copy()
+    trial_thrusters = thrusters.copy()
+    trial_periods = np.empty(len(instants), np.int64)
+    for attempt in range(attempts):
         if attempt > 0:
-            new[:] = now
-            new_who[:] = now_who
-            if not _changed(new, new_who, products, flight, random):
+            trial[:] = instants
+            trial_thrusters[:] = thrusters
+            if not _change_flight(trial, trial_thrusters, products, flight, random):
                 continue
+        # Cost: what least squares leave, and the spin that no instant can change.
         for c in range(3):
             spin[c] = start[10 + c] - goal[10 + c]
-            for j in new_who:
+            for j in trial_thrusters:
                 spin[c] += h * wrenches[j, 3 + c]
-        left = math.sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
-        changed = refined(new, new_who, flight, wrenches, start, goal, h, inner)
-        changed += 5.0 * left / quantum if left > radii[3] else 0.0
-        heat = 0.8 * 0.1 ** (attempt / tries)
-        if changed <= value or random.random() < math.exp((value - changed) / heat):
-            value = changed
-            now[:] = new
-            now_who[:] = new_who
-            if value < _NEAR:
-                off = rounded(
-                    now,
-                    now_who,
+        spin_error = math.sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
+        trial_miss = refined(trial, trial_thrusters, flight, wrenches, start, goal, h, inner)
+        trial_miss += 5.0 * spin_error / quantum if spin_error > radii[3] else 0.0
+        temperature = 0.8 * 0.1 ** (attempt / attempts)
+        if trial_miss <= current_miss or random.random() < math.exp(
+            (current_miss - trial_miss) / temperature
+        ):
+            current_miss = trial_miss
+            instants[:] = trial
+            thrusters[:] = trial_thrusters
+            # Near the goal set: round to whole periods.
+            if current_miss < _NEAR:
+                rounded_miss = rounded_pulses(
+                    instants,
+                    thrusters,
                     steps,
                     wrenches,
                     start,
@@ -255,14 +301,14 @@ def fewest_pulses(
                     radii,
                     quantum,
                     h,
-                    rule,
+                    quadrature,
                     random,
-                    periods,
+                    trial_periods,
                 )
-                if off < best:
-                    best = off
-                    when[:] = periods
-                    who[:] = now_who
-                    if best <= 0.0:
+                if rounded_miss < best_miss:
+                    best_miss = rounded_miss
+                    best_periods[:] = trial_periods
+                    best_thrusters[:] = thrusters
+                    if best_miss <= 0.0:
                         break
-    return best
+    return best_miss

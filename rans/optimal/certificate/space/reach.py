@@ -1,11 +1,12 @@
-"""Bounds of on/off control in space, for craft that turn alike about every axis.
+"""Lower bounds of fuel and time under on/off control in space, for craft with equal principal moments of inertia.
 
-With equal principal moments nothing is gyroscopic: however such a craft moves, its spin in B is w_0 + q n,
-with n a sum of the torques of open thrusters, in quanta. Squared lengths of n are whole numbers m, and a
-period's torque takes m to m' = m + 2 n . t + |t|^2 only: as even or odd as m + |t|^2, and no farther from it
-than 2 |n| |t|. What is relaxed is the attitude. It is anything that a craft with these m can have turned to
-since the start, about any axis, and, in the second half, can still turn to the goal from. docs/certificate.md
-proves it.
+Such a craft has no gyroscopic torque: however it moves, its spin in B is w_0 + q n, with n a sum of the torques of
+open thrusters, in quanta. The level m = |n|^2 is a whole number, and a period's torque t leads from m to
+m' = m + 2 n . t + |t|^2: with the parity of m + |t|^2, and no farther from it than 2 |n| |t|.
+
+The bound is a Lagrangian dual, minimised over levels by dynamic programming, in which the attitude is relaxed: it
+may be any that a craft with these levels can have reached since the start by rotation about any axis and, in the
+second half, any from which the goal can still be reached. docs/certificate.md has the proof.
 """
 
 from __future__ import annotations
@@ -34,23 +35,28 @@ from rans.optimal.trajectory.allocation import inertia
 
 _LARGEST_PRODUCT = 64
 """Largest product of two thrusters' torques, in squared quanta."""
-_EXACT = 1e-12
-"""Difference of such products from whole numbers that is allowed, relative to the largest."""
+_RELATIVE_TOLERANCE = 1e-12
+"""Difference of such products from whole numbers, and of moments from each other, that counts as rounding."""
 _MOST_PATTERNS = 100_000
-_SLOW = 25
-"""Squared spin, in quanta, up to which craft are followed; a faster one is taken to have any attitude."""
-_CELLS = 8
-"""Cells of angle that one quantum of spin turns in a period."""
-_TURNED = 1.3
-"""Angle turned from which on any attitude is taken for reached, rad."""
+"""Patterns of open thrusters that differ, at most: more take minutes for each bound."""
+_MOST_LEVEL = 25
+"""Highest level that is resolved; a craft at a higher one is taken to have any attitude."""
+_CELLS_PER_QUANTUM = 8
+"""Cells of the angle of rotation by which one quantum of spin rotates in a period."""
+_MOST_ROTATION = 1.3
+"""Angle of rotation from which on any attitude is taken to be reached, rad."""
 _ROUNDING = 1e-9
-"""Relative to the sum of all costs' sizes; double precision loses 1e-12 of it in some hundred periods."""
-_HUGE = 1e100
-"""A margin from which on squares of costs might overflow, N s."""
+"""Margin for rounding, relative to the sum of all costs' sizes, of which double precision loses 1e-12."""
+_OVERFLOW_MARGIN = 1e100
+"""Margin from which on squares of costs might overflow, N s."""
 
 
 class SpinLattice:
-    """Spins that on/off thrust can reach in space, and the forces that go with each torque.
+    """Lattice of the spins that on/off thrust can reach in space, and the forces that go with each torque.
+
+    Args:
+        craft: with equal principal moments of inertia and torques on a lattice.
+        period: control period, s.
 
     Raises:
         ConfigError: this spacecraft has no such lattice, or the period is not a positive number.
@@ -66,74 +72,103 @@ class SpinLattice:
         self.torque, self.products = _quantum(craft, wrenches[:, 3:])
         self.spin = self.torque * period / self.moment
         """q: change of spin by one quantum of torque held for one period, rad/s."""
-        self.force, self.square, self.thrust = _patterns(craft, wrenches, self.torque)
+        self.force, self.squared_torques, self.thrust = _patterns(craft, wrenches, self.torque)
 
     @property
-    def odd(self) -> bool:
-        """Whether every pulse changes m from even to odd or back."""
+    def pulses_flip_parity(self) -> bool:
+        """Whether every pulse changes the level m from even to odd or back."""
         return bool((np.diag(self.products) % 2 == 1).all())
 
-    def final(self, aims: Collection[str], start: SpatialState, goal_set: GoalSet) -> range | None:
-        """Squared lengths of n that end at rest, and None where no rest is asked.
+    def final_levels(
+        self, aims: Collection[str], start: SpatialState, goal_set: GoalSet
+    ) -> range | None:
+        """Levels m = |n|^2 with which a flight can end at rest; None where no rest is asked.
 
         |w_0 + q n| <= e needs q |n| to be within e of |w_0|.
         """
         if "spin" not in aims:
             return None
-        first = float(np.linalg.norm(start.w.columns()))
-        e = goal_set.spin + 1e-9
-        least = max(0.0, first - e) / self.spin
-        most = (first + e) / self.spin
-        return range(math.ceil(least**2 - 1e-9), math.floor(most**2 + 1e-9) + 1)
+        initial_spin = float(np.linalg.norm(start.w.columns()))
+        tolerance = goal_set.spin + 1e-9
+        lowest = max(0.0, initial_spin - tolerance) / self.spin
+        highest = (initial_spin + tolerance) / self.spin
+        return range(math.ceil(lowest**2 - 1e-9), math.floor(highest**2 + 1e-9) + 1)
 
-    def ends(
+    def can_end_at_rest(
         self, aims: Collection[str], start: SpatialState, goal: SpatialState, goal_set: GoalSet
     ) -> bool:
-        """Whether pulses can take the start's spin to the goal's rest; False too for goals that spin."""
-        last = self.final(aims, start, goal_set)
-        return not any(goal.w.columns()) and (last is None or len(last) > 0)
+        """Whether pulses can take the start's spin to the goal's rest; false too for goals that spin."""
+        final_levels = self.final_levels(aims, start, goal_set)
+        return not any(goal.w.columns()) and (final_levels is None or len(final_levels) > 0)
 
-    def next_fuel(self, fuel: float, last: range | None) -> float:
-        """Least fuel that pulses can add up to and that is not below this, N s; where not equal, this.
+    def next_fuel(self, fuel: float, final_levels: range | None) -> float:
+        """Smallest fuel, at least this, that a whole number of pulses can use, N s.
 
-        If every pulse changes the parity of m, their number is even or odd as the last m is.
+        Pulses of unequal thrusters have no such step: there it is the fuel itself. If every pulse changes the
+        parity of the level, the number of pulses has the parity of the final level.
+
+        Args:
+            fuel: lower bound, N s.
+            final_levels: levels with which a flight can end, see `final_levels`; None: any.
         """
         if self.pulse is None:
             return fuel
         count = round(rounded_up(fuel, self.pulse) / self.pulse)
-        if last is not None and self.settled(last):
-            count += (count - last[0]) % 2
+        if final_levels is not None and self.fixes_parity(final_levels):
+            count += (count - final_levels[0]) % 2
         return count * self.pulse
 
-    def settled(self, last: range | None) -> bool:
-        """Whether these squared lengths at the end settle if the number of pulses is even or odd."""
-        return self.odd and last is not None and len({m % 2 for m in last}) == 1
+    def fixes_parity(self, final_levels: range | None) -> bool:
+        """Whether these final levels determine if the number of pulses is even or odd."""
+        return (
+            self.pulses_flip_parity
+            and final_levels is not None
+            and len({m % 2 for m in final_levels}) == 1
+        )
 
     @cached_property
     def kinds(self) -> np.ndarray:
-        """(kinds,) squared torques that patterns have, in squared quanta."""
-        return np.unique(self.square)
+        """(kinds,) squared torques |t|^2 that patterns have, in squared quanta."""
+        return np.unique(self.squared_torques)
 
     @cached_property
     def moves(self) -> np.ndarray:
-        """(M, 3) from state, to state, kind: states are m = 0, 1 .. and, last, all that are faster."""
+        """(M, 3) possible moves in a period: from state, to state, kind of torque.
+
+        States are the levels m = 0, 1, ..., `_MOST_LEVEL` and, last, all higher ones together.
+        """
         results = []
-        slow = range(_SLOW + 1)
+        slow = range(_MOST_LEVEL + 1)
         for kind, p in enumerate(self.kinds.tolist()):
+            # Between levels: the parity is that of m + p, and |m' - m - p| <= 2 |n| |t|.
             results += [
                 (m, n, kind)
                 for m in slow
                 for n in slow
                 if (n - m - p) % 2 == 0 and (n - m - p) ** 2 <= 4 * m * p
             ]
-            near = [m for m in slow if math.sqrt(m) + math.sqrt(p) > math.sqrt(_SLOW) - 1e-9]
-            results += [(m, _SLOW + 1, kind) for m in near] + [(_SLOW + 1, m, kind) for m in near]
-            results.append((_SLOW + 1, _SLOW + 1, kind))
+            # To and from higher levels, which is possible where |n| + |t| exceeds the highest.
+            fastest = [
+                m for m in slow if math.sqrt(m) + math.sqrt(p) > math.sqrt(_MOST_LEVEL) - 1e-9
+            ]
+            results += [(m, _MOST_LEVEL + 1, kind) for m in fastest] + [
+                (_MOST_LEVEL + 1, m, kind) for m in fastest
+            ]
+            results.append((_MOST_LEVEL + 1, _MOST_LEVEL + 1, kind))
         return np.array(results)
 
 
 class ReachRelaxation:
-    """The dual problem from one start to one goal at rest, of floats, in N periods.
+    """Dual problem of a flight from one start to one goal at rest in N periods, in floats.
+
+    Args:
+        lattice: spins of the craft.
+        aims: what the goal asks, such as "position".
+        start: of the flight.
+        goal: of the flight, at rest.
+        goal_set: tolerances of the goal.
+        steps: N.
+        fuel: cost of a newton second; 0 where only arrival in time matters.
 
     Raises:
         ConfigError: a number is not finite, the goal spins, no whole number of pulses ends at rest, or numba
@@ -153,7 +188,7 @@ class ReachRelaxation:
         check_finite(start, goal)
         if not {"position", "attitude", "velocity"} <= set(aims):
             raise ConfigError("the on/off bound in space is for tasks that ask for a pose at rest.")
-        if not lattice.ends(aims, start, goal, goal_set):
+        if not lattice.can_end_at_rest(aims, start, goal, goal_set):
             raise ConfigError(
                 "no whole number of pulses takes the start's spin to rest within the "
                 "tolerance; the usual cause is a start or a goal that spins."
@@ -165,67 +200,80 @@ class ReachRelaxation:
         self.goal_set = goal_set
         self.steps = steps
         self.fuel = fuel
-        self.last = lattice.final(aims, start, goal_set)
+        self.final_levels = lattice.final_levels(aims, start, goal_set)
         self.time = steps * lattice.period
-        self.gain = np.array((goal.v - start.v).columns())
-        self.way = np.array((goal.p - start.p - start.v.scale(self.time)).columns())
+        self.velocity_change = np.array((goal.v - start.v).columns())
+        self.displacement = np.array((goal.p - start.p - start.v.scale(self.time)).columns())
         self._forces = [lattice.force @ _matrix(x.attitude).T for x in (start, goal)]
-        self._cells(float(np.linalg.norm(start.w.columns())))
+        self._set_angles(float(np.linalg.norm(start.w.columns())))
 
-    def _cells(self, spin: float) -> None:
-        """Angles, and how many cells of them every move turns at most."""
+    def _set_angles(self, spin: float) -> None:
+        """Set the grid of the angle of rotation, and by how many of its cells every move rotates at most.
+
+        Args:
+            spin: magnitude of the start's spin, rad/s.
+        """
         lattice = self.lattice
         h = self.lattice.period
-        cell = h * lattice.spin / _CELLS * (1.0 + 1e-9)
-        count = math.ceil(_TURNED / cell) + 1
+        cell = h * lattice.spin / _CELLS_PER_QUANTUM * (1.0 + 1e-9)
+        count = math.ceil(_MOST_ROTATION / cell) + 1
         angles = cell * np.arange(count)
-        # the goal's tolerance is turned already, seen from the end
+        # Backwards from the goal, its tolerance counts as rotated already.
         self._angles = [angles, angles + self.goal_set.heading]
-        speed = np.append(spin + lattice.spin * np.sqrt(np.arange(_SLOW + 1)), np.inf)
-        turned = 0.5 * h * (speed[lattice.moves[:, 0]] + speed[lattice.moves[:, 1]]) / cell
-        self._turned = np.ceil(np.minimum(turned, count)).astype(np.int64)
+        speed = np.append(spin + lattice.spin * np.sqrt(np.arange(_MOST_LEVEL + 1)), np.inf)
+        rotation = 0.5 * h * (speed[lattice.moves[:, 0]] + speed[lattice.moves[:, 1]]) / cell
+        self._rotation_cells = np.ceil(np.minimum(rotation, count)).astype(np.int64)
 
     def bound(self, velocity: np.ndarray, position: np.ndarray) -> float:
-        """Cost of every on/off controller that arrives at least, by any multipliers (3,) of v and p.
+        """Lower bound of the cost of all on/off flights that arrive, by any multipliers of the end conditions.
+
+        Args:
+            velocity: (3,) multiplier of the final velocity.
+            position: (3,) multiplier of the final position.
 
         Raises:
             NonFiniteState: numbers are too large, so that infinity might mean an overflow.
         """
         lattice = self.lattice
         mass = self.lattice.craft.mass
-        left = lattice.period * np.arange(self.steps, -1, -1)
+        time_left = lattice.period * np.arange(self.steps, -1, -1)
         half = self.steps // 2
-        with np.errstate(over="ignore", invalid="ignore"):  # what that leaves is refused below
-            pulls = velocity + left[:, None] * position
-            wanted = mass * float(velocity @ self.gain + position @ self.way)
-            spared = mass * float(
+        with np.errstate(over="ignore", invalid="ignore"):  # refused below
+            # Costates of velocity at the periods' ends; what the end conditions require, less their tolerances.
+            pulls = velocity + time_left[:, None] * position
+            required = mass * float(velocity @ self.velocity_change + position @ self.displacement)
+            allowance = mass * float(
                 self.goal_set.velocity * np.linalg.norm(velocity)
                 + self.goal_set.position * np.linalg.norm(position)
             )
             pull = float(np.linalg.norm(pulls, axis=1).max())
-            most = self.time * float(lattice.thrust.max()) * (self.fuel + pull)
-            margin = _ROUNDING * (most + abs(wanted) + spared)
-        if not margin < _HUGE:
+            largest_costs = self.time * float(lattice.thrust.max()) * (self.fuel + pull)
+            margin = _ROUNDING * (largest_costs + abs(required) + allowance)
+        if not margin < _OVERFLOW_MARGIN:
             raise NonFiniteState(
                 "a bound of fuel or time would overflow; the usual cause is a start, goal "
                 "or spacecraft with far too large numbers."
             )
+        # Least cost of both halves that meet in the same state.
         before = self._half(pulls[: half + 1], 0)
         after = self._half(pulls[half:][::-1], 1)
-        return wanted - spared + float((before + after).min()) - margin
+        return required - allowance + float((before + after).min()) - margin
 
     def _half(self, pulls: np.ndarray, end: int) -> np.ndarray:
-        """(states,) least cost of one half by the state at its inner end; 0: from the start, 1: to the goal.
+        """Least cost (states,) of one half of the flight, by the state at its inner end.
 
-        Time runs backwards from the goal: moves may be taken either way.
+        Time runs backwards from the goal, which is allowed since moves are symmetric.
+
+        Args:
+            pulls: (N/2 + 1, 3) costates of velocity, from the outer end on.
+            end: 0 for the half from the start, 1 for that to the goal.
         """
         lattice = self.lattice
         angles = self._angles[end]
-        cosine = np.where(
-            angles < math.pi, np.cos(angles), -2.0
-        )  # no angle is farther than half a turn
-        kinds = np.searchsorted(lattice.kinds, lattice.square)
-        costs = self._kernel.stages(
+        # No attitude is farther than half a turn.
+        cosine = np.where(angles < math.pi, np.cos(angles), -2.0)
+        kinds = np.searchsorted(lattice.kinds, lattice.squared_torques)
+        costs = self._kernel.period_costs(
             np.ascontiguousarray(pulls),
             self._forces[end],
             lattice.thrust,
@@ -239,21 +287,24 @@ class ReachRelaxation:
         first = [0] if end == 0 else self._last_states()
         return np.min(
             [
-                self._kernel.sweep(costs, lattice.moves, self._turned, _SLOW + 2, state)
+                self._kernel.least_costs(
+                    costs, lattice.moves, self._rotation_cells, _MOST_LEVEL + 2, state
+                )
                 for state in first
             ],
             axis=0,
         )
 
     def _last_states(self) -> list[int]:
-        if self.last is None:
-            return list(range(_SLOW + 2))
-        slow = [m for m in self.last if m <= _SLOW]
-        return slow + ([_SLOW + 1] if self.last[-1] > _SLOW else [])
+        """States in which a flight may end."""
+        if self.final_levels is None:
+            return list(range(_MOST_LEVEL + 2))
+        slow = [m for m in self.final_levels if m <= _MOST_LEVEL]
+        return slow + ([_MOST_LEVEL + 1] if self.final_levels[-1] > _MOST_LEVEL else [])
 
 
 def _moment(craft: Spacecraft) -> float:
-    """The one moment of inertia of a craft that has a lattice of spins, kg m^2."""
+    """Moment of inertia about every axis of a craft that has a lattice of spins, kg m^2; else ConfigError."""
     check_certifiable(craft)
     if craft.dimension != 3 or craft.thrust_sharing != "none" or craft.actuators != ON_OFF:
         raise ConfigError(
@@ -262,7 +313,7 @@ def _moment(craft: Spacecraft) -> float:
         )
     tensor = inertia(craft)
     moment = float(np.trace(tensor)) / 3.0
-    if np.abs(tensor - moment * np.eye(3)).max() > _EXACT * moment:
+    if np.abs(tensor - moment * np.eye(3)).max() > _RELATIVE_TOLERANCE * moment:
         raise ConfigError(
             f"spacecraft {craft.name!r}: the on/off bound in space needs equal principal "
             "moments of inertia; with others gyroscopic torques take the spin off its lattice."
@@ -271,16 +322,21 @@ def _moment(craft: Spacecraft) -> float:
 
 
 def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]:
-    """The largest torque whose square divides all inner products of torques, N m, and these quotients."""
+    """Quantum of torque, N m, and inner products (thrusters, thrusters) of torques in squared quanta.
+
+    The quantum is the largest torque whose square divides all these products.
+    """
     gram = torques @ torques.T
     largest = float(gram.max())
     levers = [t.force * math.dist(t.position, craft.centre_of_mass) for t in craft.thrusters]
-    turning = np.abs(gram[np.abs(gram) > _EXACT * max(largest, *(x * x for x in levers))])
+    turning = np.abs(
+        gram[np.abs(gram) > _RELATIVE_TOLERANCE * max(largest, *(x * x for x in levers))]
+    )
     for parts in range(1, _LARGEST_PRODUCT + 1) if len(turning) else ():
         unit = float(turning.min()) / parts
         products = np.round(gram / unit).astype(np.int64)
         if (
-            np.abs(gram - products * unit).max() <= _EXACT * largest
+            np.abs(gram - products * unit).max() <= _RELATIVE_TOLERANCE * largest
             and products.max() <= _LARGEST_PRODUCT
         ):
             return math.sqrt(unit), products
@@ -294,9 +350,13 @@ def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]
 def _patterns(
     craft: Spacecraft, wrenches: np.ndarray, quantum: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Forces (P, 3), squared torques (P,) in squared quanta and thrust (P,), of equal ones the cheapest."""
+    """Forces (P, 3), squared torques (P,) in squared quanta and thrust (P,) of patterns of open thrusters.
+
+    Of patterns with equal force and squared torque only the cheapest is listed.
+    """
     forces = np.array([t.force for t in craft.thrusters])
     tiny = 1e-12 * np.repeat([forces.max(), quantum], 3)
+    # Add thruster by thruster, and drop patterns whose wrench another has for less thrust.
     sums = np.zeros((1, 6))
     thrust = np.zeros(1)
     for wrench, force in zip(wrenches, forces, strict=True):
@@ -311,18 +371,19 @@ def _patterns(
                 f"spacecraft {craft.name!r}: its thrusters have more than {_MOST_PATTERNS} "
                 "different on/off patterns, too many to search."
             )
-    square = np.round(np.sum(sums[:, 3:] ** 2, axis=1) / quantum**2).astype(np.int64)
+    # Of a torque only its square matters.
+    squared_torques = np.round(np.sum(sums[:, 3:] ** 2, axis=1) / quantum**2).astype(np.int64)
     order = np.argsort(thrust, kind="stable")
     _, first = np.unique(
-        np.column_stack([np.round(sums[order, :3] / tiny[:3] / 1e3), square[order]]),
+        np.column_stack([np.round(sums[order, :3] / tiny[:3] / 1e3), squared_torques[order]]),
         axis=0,
         return_index=True,
     )
-    kept = order[first]
-    return sums[kept, :3], square[kept], thrust[kept]
+    cheapest = order[first]
+    return sums[cheapest, :3], squared_torques[cheapest], thrust[cheapest]
 
 
 def _matrix(attitude: Quat) -> np.ndarray:
-    """R of a quaternion of floats, normalised."""
+    """Rotation matrix (3, 3) of a quaternion of floats, which is normalised first."""
     unit = attitude.normalised()
     return np.array([unit.rotate(Vec3(*axis)).columns() for axis in np.eye(3).tolist()]).T

@@ -1,8 +1,8 @@
-"""On/off controls that arrive, in space: with few pulses, and in few periods.
+"""Search for on/off commands that reach the goal set in space: with few pulses, or in few periods.
 
-Both draw their first commands from what thrusters would do that can be throttled (`spatial_shares`). Few
-pulses are found by `pulses_kernel`. For few periods annealing mends what rounding has spoilt, too cold to
-lose how the craft turns. What counts is the replay by the engines' equations.
+Both searches begin with the duty cycles of good flights with throttled thrust (`throttled`). For few pulses see
+`pulses_kernel.search_pulses`. For few periods `kernel.anneal` removes the error of rounding, at a temperature too
+low to lose the rotation of the craft. A solution counts only if a replay by the engines' equations confirms it.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.space.reach import SpinLattice
 
 _INSIDE = 0.999
-"""Share of the tolerances that the search keeps to; its flights are some micrometres off."""
+"""Fraction of the tolerances that the search aims at, as its own integration is off by some micrometres."""
 _SUBSTEPS = 8
 """Substeps of the replay in a period."""
 _ROUNDED = np.array([0.6, 0.94, 0.57])
-"""Shares of the tolerances of position, velocity and attitude that are left before instants of pulses are
-rounded to periods: half a period of one quantum of spin turns the free flyer by 1.7 degrees."""
+"""Fractions of the tolerances of position, velocity and attitude that impulses at any instant must reach, so that
+rounding to periods has the rest: half a period of one quantum of spin turns the free flyer by 1.7 degrees."""
 _TRIES = 4_000
-"""Changes of one search for few pulses."""
+"""Changes that annealing tries in one search for few pulses."""
 _SEARCHES_PER_SECOND = 25
-"""Such searches in a nominal second."""
+"""Searches for few pulses in a nominal second."""
 _DRAWS = 300
-"""Draws of pulses from shares at most, until their torques cancel."""
+"""Draws of pulses from duty cycles at most, until their torques cancel."""
 _JITTER = 1.0
-"""Periods by which drawn pulses are moved at most."""
+"""Periods by which drawn pulses are shifted at most."""
 _ROUNDINGS = 100
-"""Roundings of shares, with the best of which an attempt to arrive in few periods begins."""
+"""Roundings of duty cycles, with the best of which an attempt to arrive in few periods begins."""
 _CHANGES = 20_000
-"""Changes of such an attempt."""
+"""Changes that annealing tries in an attempt to arrive in few periods."""
 _ATTEMPTS_PER_SECOND = 75
-"""Such attempts in a nominal second."""
+"""Attempts to arrive in few periods in a nominal second."""
 
 
-class Wanted(NamedTuple):
-    """Commands that are wanted: from where to where, and how long to search."""
+class ArrivalSearch(NamedTuple):
+    """A search for on/off commands: craft, start, goal set and the work to spend."""
 
     lattice: SpinLattice
     start: SpatialState
     goal: SpatialState
     goal_set: GoalSet
-    spins: bool
-    """Whether the end must be at rest."""
+    rest_asked: bool
+    """Whether the flight must end without spin, within the goal set's tolerance."""
     work: float
     """Work of one search, nominal s (`rans.optimal.certificate.problem.Effort`)."""
 
@@ -73,9 +73,9 @@ class Wanted(NamedTuple):
 
     @property
     def radii(self) -> np.ndarray:
-        """(4,) of position, velocity, attitude and spin, a little inside."""
+        """(4,) tolerances of position, velocity, attitude and spin that the search aims at; SI units, rad."""
         set_ = self.goal_set
-        spin = set_.spin if self.spins else math.inf
+        spin = set_.spin if self.rest_asked else math.inf
         return np.maximum(
             _INSIDE * np.array([set_.position, set_.velocity, set_.heading, spin]), 1e-9
         )
@@ -90,149 +90,177 @@ class Wanted(NamedTuple):
         torque_pairs[(squares[:, None] == 0) & (squares == 0)] = 1
         return torque_pairs
 
-    def reached(self, commands: np.ndarray) -> bool:
+    def is_solution(self, commands: np.ndarray) -> bool:
         """Whether a replay of commands (N, thrusters) ends in the goal set."""
         final = replay(self.lattice.craft, self.start, commands, self.lattice.period, _SUBSTEPS)
-        return arrived(final, self.goal, self.goal_set, self.spins)
+        return is_in_goal_set(final, self.goal, self.goal_set, self.rest_asked)
 
 
-def arrived(state: SpatialState, goal: SpatialState, goal_set: GoalSet, spins: bool) -> bool:
-    """Whether a state of floats is in the set; its spin counts where ``spins``."""
+def is_in_goal_set(
+    state: SpatialState, goal: SpatialState, goal_set: GoalSet, rest_asked: bool
+) -> bool:
+    """Whether a state of floats is in the goal set; its spin counts where ``rest_asked``."""
     spin = np.linalg.norm(np.subtract(state.w.columns(), goal.w.columns()))
     return bool(
         (goal.p - state.p).norm() <= goal_set.position
         and (goal.v - state.v).norm() <= goal_set.velocity
         and state.attitude.normalised().to(goal.attitude.normalised()).magnitude()
         <= goal_set.heading
-        and (not spins or spin <= goal_set.spin + 1e-9)
+        and (not rest_asked or spin <= goal_set.spin + 1e-9)
     )
 
 
-def with_pulses(
-    wanted: Wanted, steps: int, pulses: int, shares: Sequence[np.ndarray]
+def search_fixed_pulses(
+    query: ArrivalSearch, steps: int, pulses: int, duties: Sequence[np.ndarray]
 ) -> np.ndarray | None:
-    """Commands (N, thrusters) of so many pulses that arrive after so many periods; None once the work is done.
+    """On/off commands with a fixed number of pulses that end in the goal set.
 
-    Attempts begin with pulses drawn from one of the shares (N, thrusters) after another.
+    Args:
+        query: what to search for.
+        steps: control periods of the flight, N.
+        pulses: number of pulses, K.
+        duties: duty cycles (N, thrusters) of throttled flights, from which attempts draw first pulses in turn.
+
+    Returns:
+        Commands (N, thrusters) of zeros and ones; None if the work is spent without a solution.
     """
-    from rans.optimal.certificate.space.pulses_kernel import fewest_pulses
+    from rans.optimal.certificate.space.pulses_kernel import search_pulses
 
-    lattice = wanted.lattice
-    radii = wanted.radii
+    lattice = query.lattice
+    radii = query.radii
     nothing = np.zeros((steps, len(lattice.products)), dtype=np.int64)
     if pulses == 0:
-        return nothing if wanted.reached(nothing) else None
+        return nothing if query.is_solution(nothing) else None
     inner = _ROUNDED * radii[:3]
-    when, who = np.zeros((2, pulses), dtype=np.int64)
-    for attempt in range(int(wanted.work * _SEARCHES_PER_SECOND)):
+    start, goal = query.ends
+    periods, thrusters = np.zeros((2, pulses), dtype=np.int64)
+    for attempt in range(int(query.work * _SEARCHES_PER_SECOND)):
         random = np.random.default_rng(attempt)
-        first = _drawn(wanted, shares[attempt % len(shares)], pulses, random)
-        miss = fewest_pulses(
-            *first,
-            steps,
-            wanted.wrenches,
-            lattice.products,
-            *wanted.ends,
-            radii,
-            inner,
-            lattice.spin,
-            lattice.period,
-            gauss(),
-            _TRIES,
-            random,
-            when,
-            who,
+        instants, first_thrusters = _draw_pulses(
+            query, duties[attempt % len(duties)], pulses, random
+        )
+        miss = search_pulses(
+            instants,
+            first_thrusters,
+            steps=steps,
+            wrenches=query.wrenches,
+            products=lattice.products,
+            start=start,
+            goal=goal,
+            radii=radii,
+            inner=inner,
+            quantum=lattice.spin,
+            h=lattice.period,
+            quadrature=gauss(),
+            attempts=_TRIES,
+            random=random,
+            best_periods=periods,
+            best_thrusters=thrusters,
         )
         commands = nothing.copy()
-        commands[when, who] = 1
-        if miss <= 0.0 and wanted.reached(commands):
+        commands[periods, thrusters] = 1
+        if miss <= 0.0 and query.is_solution(commands):
             return commands
     return None
 
 
-def _drawn(
-    wanted: Wanted, shares: np.ndarray, pulses: int, random: np.random.Generator
+def _draw_pulses(
+    query: ArrivalSearch, duties: np.ndarray, pulses: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Instants (K,) and thrusters (K,) of pulses: as many from every stretch of time as its shares say.
+    """Draw pulses from duty cycles (N, thrusters), as evenly as their cumulative sum (systematic sampling).
 
-    Of some draws the one whose torques leave the least spin.
+    Of `_DRAWS` draws it is the first without spin at the end, or that with the least spin.
+
+    Returns:
+        Instants (K,), s, and thrusters (K,).
     """
-    h = wanted.lattice.period
-    (steps, count) = shares.shape
-    turns = h * wanted.wrenches[:, 3:]
-    (start, goal) = wanted.ends
-    passed = np.cumsum(shares) / shares.sum()
-    (periods, who) = np.zeros((2, pulses), dtype=np.int64)
-    left = math.inf
+    h = query.lattice.period
+    (steps, count) = duties.shape
+    spin_changes = h * query.wrenches[:, 3:]
+    (start, goal) = query.ends
+    cumulative = np.cumsum(duties) / duties.sum()
+    (periods, thrusters) = np.zeros((2, pulses), dtype=np.int64)
+    spin_error = math.inf
     for _ in range(_DRAWS):
-        places = np.searchsorted(passed, (np.arange(pulses) + random.random()) / pulses)
-        spin = float(np.linalg.norm(start[10:] - goal[10:] + turns[places % count].sum(axis=0)))
-        if spin < left - 1e-9:
-            who = places % count
-            left = spin
-            periods = places // count
-        if left <= wanted.radii[3]:
+        cells = np.searchsorted(cumulative, (np.arange(pulses) + random.random()) / pulses)
+        spin = float(
+            np.linalg.norm(start[10:] - goal[10:] + spin_changes[cells % count].sum(axis=0))
+        )
+        if spin < spin_error - 1e-9:
+            thrusters = cells % count
+            spin_error = spin
+            periods = cells // count
+        if spin_error <= query.radii[3]:
             break
     instants = (periods + 0.5 + random.uniform(-_JITTER, _JITTER, pulses)) * h
-    return np.clip(instants, 0.5 * h, (steps - 0.5) * h), who
+    return np.clip(instants, 0.5 * h, (steps - 0.5) * h), thrusters
 
 
-def in_time(wanted: Wanted, shares: Sequence[np.ndarray]) -> np.ndarray | None:
-    """Commands (N, thrusters) that arrive after as many periods as shares have; None once the work is done.
+def search_fixed_time(query: ArrivalSearch, duties: Sequence[np.ndarray]) -> np.ndarray | None:
+    """On/off commands of any number of pulses that end in the goal set after a fixed time.
 
-    Attempts begin with roundings of one of the shares (N, thrusters) after another.
+    Args:
+        query: what to search for.
+        duties: duty cycles (N, thrusters) of throttled flights, which attempts round in turn.
+
+    Returns:
+        Commands (N, thrusters) of zeros and ones; None if the work is spent without a solution.
     """
     from rans.optimal.certificate.space.kernel import anneal
 
-    lattice = wanted.lattice
-    for attempt in range(int(wanted.work * _ATTEMPTS_PER_SECOND)):
+    lattice = query.lattice
+    start, goal = query.ends
+    for attempt in range(int(query.work * _ATTEMPTS_PER_SECOND)):
         random = np.random.default_rng(attempt)
-        commands = _rounded(wanted, shares[attempt % len(shares)], random)
+        commands = _round_duties(query, duties[attempt % len(duties)], random)
         miss = anneal(
             commands,
-            wanted.wrenches,
-            wanted.torque_pairs,
-            *wanted.ends,
-            wanted.radii,
-            lattice.spin,
-            lattice.period,
-            gauss(),
-            _CHANGES,
-            random,
+            wrenches=query.wrenches,
+            torque_pairs=query.torque_pairs,
+            start=start,
+            goal=goal,
+            radii=query.radii,
+            quantum=lattice.spin,
+            h=lattice.period,
+            quadrature=gauss(),
+            attempts=_CHANGES,
+            random=random,
         )
-        if miss <= 0.0 and wanted.reached(commands):
+        if miss <= 0.0 and query.is_solution(commands):
             return commands
     return None
 
 
-def _rounded(wanted: Wanted, shares: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """The commands (N, thrusters), of some that open every thruster as its shares sum up, that miss least.
+def _round_duties(
+    query: ArrivalSearch, duties: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
+    """Round duty cycles (N, thrusters) to zeros and ones: of `_ROUNDINGS` roundings the one that ends nearest.
 
-    At any time a thruster has been open for less than a period more or less than its shares say.
+    At any time a thruster has been open for less than a period more or less than its duty cycles sum up to.
     """
-    from rans.optimal.certificate.space.kernel import fly, miss
+    from rans.optimal.certificate.space.kernel import integrate_flight, miss
 
-    (start, goal) = wanted.ends
-    radii = wanted.radii
-    lattice = wanted.lattice
-    rule = gauss()
-    passed = np.cumsum(shares, axis=0)
-    best = np.zeros(shares.shape, dtype=np.int64)
-    least = math.inf
-    path = np.zeros((len(shares) + 1, 13))
+    (start, goal) = query.ends
+    radii = query.radii
+    lattice = query.lattice
+    quadrature = gauss()
+    cumulative = np.cumsum(duties, axis=0)
+    best = np.zeros(duties.shape, dtype=np.int64)
+    least_distance = math.inf
+    path = np.zeros((len(duties) + 1, 13))
     path[0] = start
     for _ in range(_ROUNDINGS):
-        # open where the sum, from a random beginning, passes a whole number
-        commands = ((passed + random.random(shares.shape[1])) % 1.0 < shares).astype(np.int64)
-        fly(commands, 0, wanted.wrenches, lattice.period, rule, path)
-        left = miss(path[-1], goal, radii, lattice.spin)
-        if left < least:
+        # A thruster opens where its sum, from a random beginning, passes a whole number.
+        commands = ((cumulative + random.random(duties.shape[1])) % 1.0 < duties).astype(np.int64)
+        integrate_flight(commands, 0, query.wrenches, lattice.period, quadrature, path)
+        distance = miss(path[-1], goal, radii, lattice.spin)
+        if distance < least_distance:
             best = commands
-            least = left
+            least_distance = distance
     return best
 
 
 def gauss() -> np.ndarray:
-    """Gauss-Legendre, (2, 3): places and weights on (0, 1)."""
+    """Gauss-Legendre quadrature, (2, 3): nodes and weights on (0, 1)."""
     nodes, weights = np.polynomial.legendre.leggauss(3)
     return np.stack([0.5 * (nodes + 1.0), 0.5 * weights])

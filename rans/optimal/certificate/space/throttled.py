@@ -28,7 +28,7 @@ class Shares(NamedTuple):
 
     fuel: float
     """N s."""
-    shares: np.ndarray
+    duties: np.ndarray
     """(N, thrusters) 0 to 1."""
 
 

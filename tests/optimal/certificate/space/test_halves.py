@@ -132,14 +132,14 @@ def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
     end = halves._ends[0]
     commands, final = every(3, STEPS // 2)
     states = np.column_stack([np.broadcast_to(x, len(commands)) for x in leaves(final)])
-    gains = np.array([gained(x, 0.8, end.ahead, 1.6, 0.0, lean) for x in states])
+    gains = np.array([gained(x, 0.8, end.direction, 1.6, 0.0, lean) for x in states])
     enough = states[gains >= 0.6 * gains.max() + 1e-5]
-    listed = halves._all(end, 3, lean, 0.6 * float(gains.max()))
+    listed = halves._halves(end, 3, lean, 0.6 * float(gains.max()))
     assert listed is not None
     assert 10 < len(enough) < 500
     for state in enough:  # the kernel is good to 1e-5
         assert np.abs(listed - state).max(axis=1).min() < 1e-4
-    assert halves._most(end, 3, lean) == pytest.approx(gains.max(), abs=1e-5)
+    assert halves._most_gained(end, 3, lean) == pytest.approx(gains.max(), abs=1e-5)
 
 
 def test_what_gains_is_the_integral_along_the_way() -> None:
@@ -175,5 +175,5 @@ def test_what_it_is_not_for() -> None:
 def test_too_many_halves_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(0.24, 1))
     assert HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
-    monkeypatch.setattr("rans.optimal.certificate.space.halves._ROOM", 3)
+    monkeypatch.setattr("rans.optimal.certificate.space.halves._MOST_HALVES", 3)
     assert not HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)

@@ -26,7 +26,7 @@ from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.problem import Effort, Problem, Unreachable
 from rans.optimal.certificate.space.bounder import SpatialBounder
 from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
-from rans.optimal.certificate.space.search import arrived
+from rans.optimal.certificate.space.search import is_in_goal_set
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose
 from tests.support.space_reach import (
@@ -76,7 +76,7 @@ CRAFTS = {"lopsided": lopsided, "crossed": crossed}
 @pytest.fixture
 def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No commands are searched for, whatever the clock says."""
-    for search in ("with_pulses", "_soonest"):
+    for search in ("search_fixed_pulses", "_soonest"):
         monkeypatch.setattr(
             f"rans.optimal.certificate.space.bounder.{search}", lambda *_, **__: None
         )
@@ -186,13 +186,13 @@ def test_lattice_of_the_free_flyer() -> None:
     """One nozzle for 0.2 s: 0.31 N m * 0.2 s / 0.2045 kg m^2; 3^8 sums of pairs, as even as their squares."""
     lattice = SpinLattice(FLYER, PERIOD)
     assert lattice.spin == pytest.approx(0.31 * 0.2 / 0.2045008, rel=1e-7)  # the file's digits
-    assert lattice.odd
+    assert lattice.pulses_flip_parity
     assert set(np.unique(lattice.products)) == {-1, 0, 1}
     assert lattice.kinds.max() == 4**2 + 2**2 + 2**2  # four about z, two about either other axis
     assert lattice.next_fuel(1.82, range(1)) == pytest.approx(2.0)
     assert lattice.next_fuel(2.01, range(1)) == pytest.approx(2.4)  # not eleven pulses
     assert lattice.next_fuel(2.01, None) == pytest.approx(2.2)
-    assert not SpinLattice(equal(), PERIOD).odd
+    assert not SpinLattice(equal(), PERIOD).pulses_flip_parity
     assert SpinLattice(equal(), PERIOD).next_fuel(0.3, range(1)) == pytest.approx(0.4)
     assert SpinLattice(lopsided(), PERIOD).next_fuel(0.31, range(1)) == 0.31
 
@@ -231,7 +231,9 @@ def test_what_is_found_flies_there() -> None:
     ):
         assert found.commands is not None
         assert 0.0 < found.lower <= found.upper + 1e-9
-        assert arrived(replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True)
+        assert is_in_goal_set(
+            replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True
+        )
     assert fuel(FLYER, found.commands, PERIOD) == pytest.approx(found.upper)
 
 

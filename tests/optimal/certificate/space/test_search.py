@@ -19,16 +19,16 @@ from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.problem import Effort, Problem
 from rans.optimal.certificate.space.bounder import SpatialBounder
 from rans.optimal.certificate.space.impulses_kernel import _off, _projected, _slopes, refined
-from rans.optimal.certificate.space.pulses_kernel import ended
+from rans.optimal.certificate.space.pulses_kernel import final_state
 from rans.optimal.certificate.space.reach import SpinLattice
 from rans.optimal.certificate.space.search import (
-    Wanted,
-    _drawn,
-    _rounded,
-    arrived,
+    ArrivalSearch,
+    _draw_pulses,
+    _round_duties,
     gauss,
-    in_time,
-    with_pulses,
+    is_in_goal_set,
+    search_fixed_pulses,
+    search_fixed_time,
 )
 from rans.optimal.certificate.space.throttled import throttled
 from tests.support.space_reach import (
@@ -43,8 +43,10 @@ from tests.support.space_reach import (
 LATTICE = SpinLattice(FLYER, PERIOD)
 
 
-def wanted(start: Any, goal: Any, goal_set: GoalSet = TASK_SET, seconds: float = 0.5) -> Wanted:
-    return Wanted(LATTICE, start, goal, goal_set, True, seconds)
+def wanted(
+    start: Any, goal: Any, goal_set: GoalSet = TASK_SET, seconds: float = 0.5
+) -> ArrivalSearch:
+    return ArrivalSearch(LATTICE, start, goal, goal_set, True, seconds)
 
 
 def still(seed: int) -> SpatialState:
@@ -72,8 +74,8 @@ def test_pulses_end_where_the_engines_equations_say(build: Any) -> None:
     who[5] = 1
     commands = np.zeros((20, len(craft.thrusters)))
     np.add.at(commands, (when, who), 1.0)
-    query = Wanted(lattice, start, start, TASK_SET, True, 1.0)
-    state = ended(
+    query = ArrivalSearch(lattice, start, start, TASK_SET, True, 1.0)
+    state = final_state(
         when,
         who,
         20,
@@ -162,13 +164,13 @@ def test_few_pulses_are_found_where_some_arrive() -> None:
         commands[random.integers(steps), i] = 1
         commands[random.integers(steps), j] = 1
         goal: Any = replay(FLYER, start, commands, PERIOD, 8)
-        found = with_pulses(
+        found = search_fixed_pulses(
             wanted(start, replace(goal, w=Vec3(0.0, 0.0, 0.0)), tight), steps, 2, even
         )
         assert found is not None
         assert found.sum() == 2
     assert (
-        with_pulses(
+        search_fixed_pulses(
             wanted(start, replace(start, p=start.p + Vec3(9.0, 0.0, 0.0)), tight, 0.05),
             steps,
             2,
@@ -180,15 +182,15 @@ def test_few_pulses_are_found_where_some_arrive() -> None:
 
 def test_pulses_are_drawn_where_shares_are() -> None:
     """Two of 1 and 5 of 0.4, which makes four pulses: one each of the first, the rest nearby."""
-    shares = np.zeros((20, 16))
+    duties = np.zeros((20, 16))
     (i, j) = next(
         pair for pair in itertools.product(range(16), repeat=2) if LATTICE.products[pair] == -1
     )
-    shares[2, i] = 1.0
-    shares[17, j] = 1.0
-    shares[8:13, i] = 0.2
-    shares[8:13, j] = 0.2
-    instants, who = _drawn(wanted(still(1), still(2)), shares, 4, np.random.default_rng(0))
+    duties[2, i] = 1.0
+    duties[17, j] = 1.0
+    duties[8:13, i] = 0.2
+    duties[8:13, j] = 0.2
+    instants, who = _draw_pulses(wanted(still(1), still(2)), duties, 4, np.random.default_rng(0))
     assert who.tolist().count(i) == who.tolist().count(j) == 2  # no spin is left
     periods = instants / PERIOD - 0.5
     assert np.abs(periods - [2.0, 10.0, 10.0, 17.0]).max() <= 3.0
@@ -200,10 +202,10 @@ def test_shares_arrive_with_less_than_pulses_need() -> None:
     start, goal = _away()
     found = throttled(LATTICE, start, goal, TASK_SET, 40)
     assert 1 <= len(found) <= 2
-    for fuel, shares in found:
-        assert shares.shape == (40, 16)
-        assert PERIOD * shares.sum() == pytest.approx(fuel, rel=1e-6)
-        assert arrived(replay(FLYER, start, shares, PERIOD, 8), goal, TASK_SET, True)
+    for fuel, duties in found:
+        assert duties.shape == (40, 16)
+        assert PERIOD * duties.sum() == pytest.approx(fuel, rel=1e-6)
+        assert is_in_goal_set(replay(FLYER, start, duties, PERIOD, 8), goal, TASK_SET, True)
         assert hull.least_fuel(FLYER, REST, start, goal, 8.0, TASK_SET) < fuel
     assert found[0].fuel <= found[-1].fuel
 
@@ -216,14 +218,14 @@ def _away() -> tuple[SpatialState, SpatialState]:
 
 def test_roundings_sum_up_as_shares_do() -> None:
     """To less than a period at any time; what is shut stays shut, and open open."""
-    shares = np.random.default_rng(3).uniform(0.0, 1.0, (30, 16))
-    shares[:, 0] = 0.0
-    shares[:, 1] = 1.0
-    shares[12:, 2] = 0.0
-    shares[12:, 3] = 1.0
-    commands = _rounded(wanted(still(1), still(2)), shares, np.random.default_rng(0))
+    duties = np.random.default_rng(3).uniform(0.0, 1.0, (30, 16))
+    duties[:, 0] = 0.0
+    duties[:, 1] = 1.0
+    duties[12:, 2] = 0.0
+    duties[12:, 3] = 1.0
+    commands = _round_duties(wanted(still(1), still(2)), duties, np.random.default_rng(0))
     assert set(np.unique(commands)) == {0, 1}
-    assert np.abs(np.cumsum(commands - shares, axis=0)).max() < 1.0
+    assert np.abs(np.cumsum(commands - duties, axis=0)).max() < 1.0
     assert (commands[12:, :4] == [0, 1, 0, 1]).all()
 
 
@@ -232,10 +234,10 @@ def test_one_rounding_of_many_is_chosen() -> None:
     i, j = next(
         pair for pair in itertools.product(range(16), repeat=2) if LATTICE.products[pair] == -1
     )
-    shares = np.zeros((5, 16))
-    shares[:, [i, j]] = 0.5
+    duties = np.zeros((5, 16))
+    duties[:, [i, j]] = 0.5
     for seed in range(10):
-        commands = _rounded(wanted(still(1), still(1)), shares, np.random.default_rng(seed))
+        commands = _round_duties(wanted(still(1), still(1)), duties, np.random.default_rng(seed))
         assert commands[:, i].sum() == commands[:, j].sum()
 
 
@@ -250,7 +252,7 @@ def test_commands_are_found_a_period_above_the_bound() -> None:
     assert found.upper == pytest.approx(3.2)
     assert found.commands is not None
     assert found.commands.shape == (16, 16)
-    assert arrived(replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True)
+    assert is_in_goal_set(replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True)
 
 
 def test_commands_at_the_edge_of_the_goal_set() -> None:
@@ -269,4 +271,4 @@ def test_commands_at_the_edge_of_the_goal_set() -> None:
 def test_no_commands_where_none_arrive() -> None:
     """In one second 8 N on 5.32 kg are 0.75 m."""
     start, goal = _away()
-    assert in_time(wanted(start, goal, seconds=0.05), [np.ones((5, 16))]) is None
+    assert search_fixed_time(wanted(start, goal, seconds=0.05), [np.ones((5, 16))]) is None
