@@ -1,4 +1,8 @@
-"""Gradients of the PPO losses of a minibatch on a CPU, as machine code."""
+"""Gradients of the PPO losses of a minibatch on a CPU, as machine code.
+
+One function is printed for each network. It goes through a minibatch in tiles, whose activations fit a core's
+cache: forward pass, losses and backward pass of a tile before the next. Gradients overwrite activations.
+"""
 
 from __future__ import annotations
 
@@ -29,27 +33,66 @@ from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 
 _TILE = 512
-"""Largest number of samples whose activations fit the cache of a core."""
-_GIVEN = 4
-"""Number of inputs of the losses: three coefficients, and the share of a sample in the mean."""
+"""Largest number of samples in a tile, whose activations fit the cache of a core."""
+_LOSS_INPUTS = 4
+"""Scalar inputs of the losses: clip range, weights of value and entropy losses, and 1 / samples."""
 
-_CAN = Capabilities(heads=("on-off",), activations=WITH_SLOPE, privileged_critic=False)
+_SUPPORTED = Capabilities(heads=("on-off",), activations=WITH_SLOPE, privileged_critic=False)
+
+
+class _Arguments(NamedTuple):
+    """Arguments of the printed function: addresses of float32 arrays, then two whole numbers.
+
+    Samples are the last axis of every array that has them, so that vectors hold consecutive samples.
+    """
+
+    inputs: Value
+    """(inputs, samples) of the trunk."""
+    action: Value
+    """(thrusters, samples) zeros and ones."""
+    log_prob: Value
+    """(samples,) log-probability of the action under the rollout's policy."""
+    advantage: Value
+    """(samples,)."""
+    target: Value
+    """(samples,) target of the critic's value."""
+    parameters: Value
+    """Row of all parameters, as `Adam.row`."""
+    gradient: Value
+    """Row of their gradients, as `Adam.gradient`, to which those of the trunk are added."""
+    head: Value
+    """Weights and biases of both heads in one layer."""
+    d_head: Value
+    """Their gradients, to which is added."""
+    activations: Value
+    """Scratch memory for the outputs of all layers, (units, tile) each."""
+    scalars: Value
+    """`_LOSS_INPUTS`, then sums of the statistics, to which is added."""
+    tile: Value
+    """Samples in a tile."""
+    tiles: Value
+    """Number of tiles."""
 
 
 class _Layer(NamedTuple):
-    """Sizes and addresses of a layer for a tile of samples."""
+    """Sizes and addresses of a layer for one tile of samples."""
 
     inputs: int
     units: int
     weight: Value
+    """(units, inputs)."""
     bias: Value
+    """(units,)."""
     d_weight: Value
+    """Gradient of the weight."""
     d_bias: Value
+    """Gradient of the bias."""
     source: Value
+    """Input of the layer, (inputs, tile); later the gradient before the activation that made it."""
     stride: Value
-    """Stride of the rows of the source."""
-    to: Value
-    """Output of the layer, and later its gradient."""
+    """Stride of the rows of ``source``."""
+    output: Value
+    """Output of the layer, (units, tile); later its gradient."""
 
 
 class CpuGradient:
@@ -79,7 +122,8 @@ class CpuGradient:
         *trunk, actor, critic = (
             name.removesuffix(".weight") for name in network.learnt if name.endswith(".weight")
         )
-        self._places = [
+        # Offsets of each trunk layer's weight and bias in the row of parameters.
+        self._offsets = [
             [tensors[f"{name}.{kind}"].storage_offset() for kind in ("weight", "bias")]
             for name in trunk
         ]
@@ -88,7 +132,7 @@ class CpuGradient:
             *architecture.layers,
             architecture.thrusters + 1,
         ]
-        # Both heads in one: the logit of a thruster is the difference of two outputs.
+        # Both heads are one layer: a thruster's logit is the difference of the actor's outputs for open and shut.
         length = self._sizes[-1] * (self._sizes[-2] + 1)
         self._head = np.zeros(length, np.float32)
         self._d_head = np.zeros(length, np.float32)
@@ -104,12 +148,12 @@ class CpuGradient:
             ]
             for pair in heads
         ]
-        alike = (
+        depends_on = (
             *self._sizes,
             self._activation,
-            *(place for pair in self._places for place in pair),
+            *(offset for pair in self._offsets for offset in pair),
         )
-        self._run = shared("update", alike, (POINTER,) * 11 + (LONG, LONG), self._write)
+        self._run = shared("update", depends_on, (POINTER,) * 11 + (LONG, LONG), self._write)
 
     @staticmethod
     def fits(network: Network, samples: int) -> bool:
@@ -118,29 +162,30 @@ class CpuGradient:
         Thrusters must be on/off, and actor and critic share float32 layers without recurrent memory.
         """
         architecture = network.architecture
-        one = next(iter(network.tensors.values()))
+        tensor = next(iter(network.tensors.values()))
         return (
-            one.device.type == "cpu"
-            and one.dtype == torch.float32
+            tensor.device.type == "cpu"
+            and tensor.dtype == torch.float32
             and network.members == 1
             and samples % WIDTH == 0
-            and not _CAN.missing(architecture)
+            and not _SUPPORTED.missing(architecture)
         )
 
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
     ) -> Tensor:
-        """Inputs of the trunk (N, inputs) from columns (N, k) and a history, the same in every epoch."""
+        """Inputs of the trunk (N, inputs) from columns (N, k) and a history; they are the same in every epoch."""
         return self._network.inputs(seen, memory)
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
         """Loss and statistics, (1,) each, of a minibatch whose memory are the `inputs`."""
         assert part.memory is not None
+        # The largest tile that divides the minibatch, and arrays in the order of `_Arguments`.
         count = len(part.memory)
         tile = next(size for size in range(min(_TILE, count), 0, -WIDTH) if count % size == 0)
-        scratch = np.empty(sum(self._sizes[1:]) * tile, np.float32)
-        numbers = np.zeros(_GIVEN + STATISTICS, np.float32)
-        numbers[:_GIVEN] = *(x[0] for x in self._coefficients), 1 / count
+        activations = np.empty(sum(self._sizes[1:]) * tile, np.float32)
+        scalars = np.zeros(_LOSS_INPUTS + STATISTICS, np.float32)
+        scalars[:_LOSS_INPUTS] = *(x[0] for x in self._coefficients), 1 / count
         tensors = (
             part.memory.T.contiguous(),
             part.action.T.contiguous(),
@@ -150,78 +195,85 @@ class CpuGradient:
             self._adam.row,
             self._adam.gradient.zero_(),
         )
-        for to, (actor, critic) in zip(self._parts(self._head), self._heads, strict=True):
-            np.subtract(actor[1::2], actor[0::2], out=to[:-1])
-            to[-1:] = critic
+        # Weights of the joint head, from those of actor and critic.
+        for joint, (actor, critic) in zip(self._parts(self._head), self._heads, strict=True):
+            np.subtract(actor[1::2], actor[0::2], out=joint[:-1])
+            joint[-1:] = critic
         self._d_head.fill(0.0)
         self._run(
             *(x.data_ptr() for x in tensors),
             self._head.ctypes.data,
             self._d_head.ctypes.data,
-            scratch.ctypes.data,
-            numbers.ctypes.data,
+            activations.ctypes.data,
+            scalars.ctypes.data,
             tile,
             count // tile,
         )
-        for found, (actor, critic) in zip(self._parts(self._d_head), self._d_heads, strict=True):
-            actor[1::2] = found[:-1]
-            actor[0::2] = -found[:-1]
-            critic[...] = found[-1:]
-        surrogate, value, entropy, *rest = numbers[_GIVEN:] * numbers[_GIVEN - 1]
-        loss = surrogate + numbers[1] * value + numbers[2] * entropy
+        # Gradients of actor and critic, from those of the joint head.
+        for joint, (actor, critic) in zip(self._parts(self._d_head), self._d_heads, strict=True):
+            actor[1::2] = joint[:-1]
+            actor[0::2] = -joint[:-1]
+            critic[...] = joint[-1:]
+        # Means of the statistics, and the loss.
+        surrogate, value, entropy, *rest = scalars[_LOSS_INPUTS:] * scalars[_LOSS_INPUTS - 1]
+        loss = surrogate + scalars[1] * value + scalars[2] * entropy
         return torch.from_numpy(np.array([loss, surrogate, value, entropy, *rest])).split(1)
 
-    # The function: tile by tile forward, losses, and backward in the place of the activations.
+    # The printed function: tile by tile forward pass, losses and backward pass.
 
-    def _write(
-        self,
-        code: Code,
-        x: Value,
-        action: Value,
-        log_prob: Value,
-        advantage: Value,
-        target: Value,
-        row: Value,
-        gradient: Value,
-        head: Value,
-        d_head: Value,
-        scratch: Value,
-        numbers: Value,
-        tile: Value,
-        tiles: Value,
-    ) -> None:
+    def _write(self, code: Code, *values: Value) -> None:
+        """Print the function, whose arguments are those of `_Arguments`."""
+        arguments = _Arguments(*values)
+        tile = arguments.tile
         sizes = self._sizes
-        stride = code.mul(tile, tiles)
-        width = sizes[-1] * sizes[-2]
-        wheres = [*((row, gradient, place) for place in self._places), (head, d_head, (0, width))]
-        arrays = [
-            [code.at(of, at, FLOAT) for of in pair for at in place] for *pair, place in wheres
+        stride = code.mul(tile, arguments.tiles)
+
+        # Addresses of weight, bias and their gradients of each layer, and of each layer's output.
+        head_weights = sizes[-1] * sizes[-2]
+        parameters = [
+            *((arguments.parameters, arguments.gradient, offsets) for offsets in self._offsets),
+            (arguments.head, arguments.d_head, (0, head_weights)),
+        ]
+        addresses = [
+            [code.at(row, offset, FLOAT) for row in rows for offset in offsets]
+            for *rows, offsets in parameters
         ]
         outputs = [
-            code.at(scratch, code.mul(tile, LONG(sum(sizes[1:at]))), FLOAT)
-            for at in range(1, len(sizes))
+            code.at(arguments.activations, code.mul(tile, LONG(sum(sizes[1:layer]))), FLOAT)
+            for layer in range(1, len(sizes))
         ]
 
-        def one(number: Value, _: list[Value]) -> list[Value]:
+        def one_tile(number: Value, _: list[Value]) -> list[Value]:
             first = code.mul(number, tile)
-            sources = [(code.at(x, first, FLOAT), stride), *((output, tile) for output in outputs)]
+            sources = [
+                (code.at(arguments.inputs, first, FLOAT), stride),
+                *((output, tile) for output in outputs),
+            ]
             layers = [
-                _Layer._make((inputs, units, *each, *source, to))
-                for inputs, units, each, source, to in zip(
-                    sizes[:-1], sizes[1:], arrays, sources, outputs, strict=False
+                _Layer(inputs, units, *parameters, *source, output)
+                for inputs, units, parameters, source, output in zip(
+                    sizes[:-1], sizes[1:], addresses, sources, outputs, strict=False
                 )
             ]
             for layer in layers:
                 self._forward(code, layer, tile, layer is layers[-1])
-            samples = [code.at(of, first, FLOAT) for of in (action, log_prob, advantage, target)]
-            self._losses(code, samples, stride, outputs[-1], numbers, tile)
+            per_sample = (
+                arguments.action,
+                arguments.log_prob,
+                arguments.advantage,
+                arguments.target,
+            )
+            samples = [code.at(array, first, FLOAT) for array in per_sample]
+            self._losses(code, samples, stride, outputs[-1], arguments.scalars, tile)
             for layer in reversed(layers):
                 self._backward(code, layer, tile, layer is layers[0])
             return []
 
-        code.repeat(tiles, [], one)
+        code.repeat(arguments.tiles, [], one_tile)
 
-    def _forward(self, code: Code, layer: _Layer, tile: Value, last: bool) -> None:
+    def _forward(self, code: Code, layer: _Layer, tile: Value, is_last: bool) -> None:
+        """Print the outputs of a layer for a tile, `WIDTH` samples at a time; the last has no activation."""
+
         def block(number: Value, _: list[Value]) -> list[Value]:
             begin = code.mul(number, LONG(WIDTH))
             dense(
@@ -231,9 +283,9 @@ class CpuGradient:
                 layer.bias,
                 code.at(layer.source, begin, FLOAT),
                 layer.stride,
-                code.at(layer.to, begin, FLOAT),
+                code.at(layer.output, begin, FLOAT),
                 tile,
-                "" if last else self._activation,
+                "" if is_last else self._activation,
             )
             return []
 
@@ -245,22 +297,31 @@ class CpuGradient:
         samples: Sequence[Value],
         stride: Value,
         outputs: Value,
-        numbers: Value,
+        scalars: Value,
         tile: Value,
     ) -> None:
-        """Outputs become their gradients, statistics are added; see `rans.compile.loss_gradient`."""
+        """Print the losses of a tile (`rans.compile.loss_gradient`), `LANES` samples at a time.
+
+        Args:
+            code: of the function.
+            samples: addresses of the tile's actions, log-probabilities, advantages and targets.
+            stride: stride of the rows of the actions.
+            outputs: the heads' outputs, which are overwritten by their gradients.
+            scalars: inputs of the losses; sums of the statistics behind them are added to.
+            tile: samples in the tile.
+        """
         action, log_prob, advantage, target = samples
-        clip_range, vf_coef, ent_coef, share = (
-            code.everywhere(code.read(numbers, i, FLOAT)) for i in range(_GIVEN)
+        clip_range, vf_coef, ent_coef, per_sample = (
+            code.everywhere(code.read(scalars, i, FLOAT)) for i in range(_LOSS_INPUTS)
         )
         zero = code.everywhere(0.0)
 
         def vector(number: Value, sums: list[Value]) -> list[Value]:
-            place = code.mul(number, LONG(LANES))
-            rows = [code.add(place, code.mul(tile, LONG(i))) for i in range(self._sizes[-1])]
+            first = code.mul(number, LONG(LANES))
+            rows = [code.add(first, code.mul(tile, LONG(i))) for i in range(self._sizes[-1])]
             *logits, value = [code.read(outputs, row) for row in rows]
             commands = [
-                code.read(action, code.add(place, code.mul(stride, LONG(i))))
+                code.read(action, code.add(first, code.mul(stride, LONG(i))))
                 for i in range(self._thrusters)
             ]
             # Log-probability and entropy of the actions.
@@ -269,7 +330,7 @@ class CpuGradient:
                 for both in zip(logits, commands, strict=True)
             ]
             log_probs, entropies = (
-                functools.reduce(code.fadd, each) for each in list(zip(*choices, strict=True))[:2]
+                functools.reduce(code.fadd, terms) for terms in list(zip(*choices, strict=True))[:2]
             )
             # Losses, and derivatives of the mean over the minibatch.
             d_log_prob, d_value, *losses = _printed(
@@ -278,40 +339,43 @@ class CpuGradient:
                 log_probs,
                 entropies,
                 value,
-                code.read(log_prob, place),
-                code.read(advantage, place),
-                code.read(target, place),
+                code.read(log_prob, first),
+                code.read(advantage, first),
+                code.read(target, first),
                 clip_range,
                 vf_coef,
             )
-            for row, logit, command, one in zip(rows, logits, commands, choices, strict=False):
+            for row, logit, command, part in zip(rows, logits, commands, choices, strict=False):
                 (derivative,) = _printed(
-                    code, d_logit, logit, command, one.opening, d_log_prob, ent_coef
+                    code, d_logit, logit, command, part.opening, d_log_prob, ent_coef
                 )
-                code.write(code.fmul(derivative, share), outputs, row)
-            code.write(code.fmul(d_value, share), outputs, rows[-1])
+                code.write(code.fmul(derivative, per_sample), outputs, row)
+            code.write(code.fmul(d_value, per_sample), outputs, rows[-1])
             return [code.fadd(old, new) for old, new in zip(sums, losses, strict=True)]
 
-        for i, value in enumerate(
-            code.repeat(code.udiv(tile, LONG(LANES)), [zero] * STATISTICS, vector)
-        ):
-            gather(code, value, numbers, LONG(_GIVEN + i))
+        sums = code.repeat(code.udiv(tile, LONG(LANES)), [zero] * STATISTICS, vector)
+        for i, value in enumerate(sums):
+            gather(code, value, scalars, LONG(_LOSS_INPUTS + i))
 
-    def _backward(self, code: Code, layer: _Layer, tile: Value, first_of_all: bool) -> None:
+    def _backward(self, code: Code, layer: _Layer, tile: Value, is_first: bool) -> None:
+        """Print the gradients of a layer's parameters and, but for the first layer, of its inputs."""
+        # Gradients of weight and bias: sums over the tile's samples.
         vectors = code.udiv(tile, LONG(LANES))
         correlation(
             code,
             (layer.units, layer.inputs),
-            layer.to,
+            layer.output,
             tile,
             layer.source,
             layer.stride,
             vectors,
             layer.d_weight,
         )
-        row_sums(code, layer.units, layer.to, tile, vectors, layer.d_bias)
-        if first_of_all:
+        row_sums(code, layer.units, layer.output, tile, vectors, layer.d_bias)
+        if is_first:
             return
+
+        # Gradients of the inputs, which take the place of the activations that they were.
 
         def block(number: Value, _: list[Value]) -> list[Value]:
             begin = code.mul(number, LONG(WIDTH))
@@ -319,11 +383,10 @@ class CpuGradient:
             def finish(first: Value, sums: list[Sequence[Value]]) -> None:
                 for u, v, value in each(sums):
                     row = code.mul(code.add(first, LONG(u)), tile)
-                    place = code.add(row, code.add(begin, LONG(v * LANES)))
+                    position = code.add(row, code.add(begin, LONG(v * LANES)))
+                    activation = code.read(layer.source, position)
                     code.write(
-                        self._before(code, value, code.read(layer.source, place)),
-                        layer.source,
-                        place,
+                        self._before_activation(code, value, activation), layer.source, position
                     )
 
             product(
@@ -331,7 +394,7 @@ class CpuGradient:
                 (layer.inputs, layer.units),
                 layer.weight,
                 (1, layer.inputs),
-                code.at(layer.to, begin, FLOAT),
+                code.at(layer.output, begin, FLOAT),
                 tile,
                 finish,
             )
@@ -339,20 +402,20 @@ class CpuGradient:
 
         code.repeat(code.udiv(tile, LONG(WIDTH)), [], block)
 
-    def _before(self, code: Code, gradient: Value, value: Value) -> Value:
-        """Gradient before an activation, from that after it and the value of the activation."""
+    def _before_activation(self, code: Code, gradient: Value, activation: Value) -> Value:
+        """Gradient before an activation function, from that after it and the function's value."""
         slope = ACTIVATIONS[self._activation].slope
         assert slope is not None
-        return code.fmul(gradient, _printed(code, slope, value)[0])
+        return code.fmul(gradient, _printed(code, slope, activation)[0])
 
     def _parts(self, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weights (heads, features) and biases (heads,)."""
+        """Views of the joint head's weights (heads, features) and biases (heads,)."""
         weight, bias = np.split(head, [self._sizes[-1] * self._sizes[-2]])
         return weight.reshape(self._sizes[-1], -1), bias
 
 
 def _printed(code: Code, function: Callable[..., Any], *values: Value) -> list[Value]:
-    """Vectors of a function of fields, from those of its arguments."""
+    """Print a function of fields for vectors of samples; its results in order, as `leaves` lists them."""
     inputs = [Symbol.input(f"x{k}") for k in range(len(values))]
     roots = leaves(function(*inputs))
     return code.evaluated(roots, dict(zip(inputs, values, strict=True)))
