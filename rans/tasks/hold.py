@@ -65,6 +65,7 @@ class Hold(OrbitalMission):
 
     flag = 9
     brakes: ClassVar[bool] = True
+    stays: ClassVar[bool] = True
     few_burns: ClassVar[bool] = True
     spacecraft: ClassVar[str | None] = "vbar-chaser"
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=260, checks=10)

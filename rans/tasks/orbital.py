@@ -158,6 +158,8 @@ class OrbitalMission(SingleTask):
     """Whether plans and rewards include the velocity change of braking at the arrival, and guidance brakes."""
     keeps: ClassVar[tuple[type[Shape], ...]] = (Ball, SpeedLimit)
     """Classes of the limits that recommended velocities keep."""
+    stays: ClassVar[bool] = False
+    """Whether success asks for staying within the tolerances after the arrival."""
     few_burns: ClassVar[bool] = False
     """Whether recommendations are transfers of few burns (`rans.tasks.transfers`); only of missions that brake."""
 

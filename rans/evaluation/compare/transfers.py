@@ -14,35 +14,54 @@ from rans.evaluation.measure.metrics import impulses
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
+from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.optimal.convex.rendezvous import Answer, Meeting, rendezvous
+from rans.optimal.convex.rendezvous import (
+    Answer,
+    Meeting,
+    Transfer,
+    least_impulse,
+    rendezvous,
+    within_limits,
+)
 from rans.progress import Progress
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks.orbital import OrbitalMission
 
+_RESERVE = 0.01
+"""Share of the position tolerance that an arrival leaves after which the craft stays: it may pass along it."""
+_SLOWLY = 0.5
+"""Share of the speed tolerance with which it arrives at most: braking on the way is cheaper than at the goal."""
+
 
 class Script:
-    """A controller that gives a fixed sequence of commands, whatever happens."""
+    """A controller that gives a fixed sequence of commands, and from the arrival on stays if it is told how."""
 
     name = "optimum"
 
-    def __init__(self, commands: np.ndarray) -> None:
+    def __init__(self, commands: np.ndarray, afterwards: Afterwards | None = None) -> None:
         self._commands = commands
+        self._afterwards = afterwards
         self._step = 0
 
     def reset(self, count: int) -> None:
         """Begin the sequences, which are (count, T, m)."""
         self._step = 0
+        if self._afterwards is not None:
+            self._afterwards.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`."""
         commands = self._commands[:, self._step]
         self._step += 1
-        return commands
+        if self._afterwards is None:
+            return commands
+        goal = self._afterwards.goal(state, goal)
+        return self._afterwards.commands(state, goal, commands)
 
 
 @dataclass(frozen=True)
@@ -190,10 +209,7 @@ def bounds(
     meeting = Meeting.of(craft, task, every[0].goal)
     answers = []
     for one in every:
-        state = np.array(
-            [float(np.squeeze(x)) for x in (*leaves(one.start.p), *leaves(one.start.v))]
-        )
-        answers.append(rendezvous(meeting, state, deadline))
+        answers.append(rendezvous(meeting, _state(one), deadline))
         if progress is not None:
             progress(1)
     return answers
@@ -202,17 +218,44 @@ def bounds(
 def optimum(
     craft: Spacecraft, task: OrbitalMission, starts: Scenario, answers: Sequence[Answer]
 ) -> Row:
-    """Row of the optima; a flight counts as docked if it docked in the fast engine and in Drake."""
+    """Row of the optima; a flight counts as docked if it docked in the fast engine and in Drake.
+
+    A point is held by a transfer to an instant within the tolerances, from which on the craft stays as guidance
+    does: its impulse is that of both.
+    """
     steps = task.timing.episode_steps
     commands = np.zeros((len(answers), steps, len(craft.thrusters)))
-    for k, answer in enumerate(answers):
-        if answer.transfer is not None:
-            commands[k, : len(answer.transfer.commands)] = answer.transfer.commands
+    afterwards = Afterwards(craft, task, task.timing) if task.stays else None
+    for k, (answer, one) in enumerate(zip(answers, each(starts), strict=True)):
+        transfer = answer.transfer
+        if afterwards is not None:
+            transfer = _to_stay(Meeting.of(craft, task, one.goal), _state(one), answer)
+        if transfer is not None:
+            commands[k, : len(transfer.commands)] = transfer.commands
     fast, drake = (
-        row_of("optimum", flying(craft, task, Script(commands), starts, task.timing))
+        row_of("optimum", flying(craft, task, Script(commands, afterwards), starts, task.timing))
         for flying in (fly, fly_in_drake)
     )
     return replace(fast, docked=fast.docked & drake.docked)
+
+
+def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> Transfer | None:
+    """The transfer to where commands can stop the craft: with a reserve, and at the end of a control period."""
+    begun = answer.free if answer.transfer is None else answer.transfer
+    checks = meeting.timing.checks
+    meeting = replace(
+        meeting,
+        position_tolerance=meeting.position_tolerance * (1.0 - _RESERVE),
+        velocity_tolerance=meeting.velocity_tolerance * _SLOWLY,
+    )
+    free = least_impulse(meeting, start, max(1, begun.check // checks) * checks)
+    return None if free is None else within_limits(meeting, start, free)
+
+
+def _state(one: Scenario) -> np.ndarray:
+    """(2 d,) position, m, and velocity, m/s, of the start of an episode."""
+    start: Any = one.start
+    return np.array([float(np.squeeze(x)) for x in (*leaves(start.p), *leaves(start.v))])
 
 
 def row_of(name: str, flight: Flight) -> Row:
