@@ -12,7 +12,9 @@ from rans.tasks import GoToPose
 from validation.study.sampling import Restless, gap
 
 
-@pytest.mark.parametrize("number", [2, 5, 11, 13, 71, 98])
+@pytest.mark.parametrize(
+    "number", [2, 5, *(pytest.param(k, marks=pytest.mark.slow) for k in (11, 13, 71, 98))]
+)
 def test_a_random_stiff_craft_is_accurate(number: int) -> None:
     found = row(number)
     assert found.error < BOUND / 3, str(found)

@@ -43,6 +43,7 @@ def test_the_worst_training_counts_figure_by_figure() -> None:
     assert "(of 2)" in good.cells()[4]
 
 
+@pytest.mark.slow
 def test_a_folder_of_runs_becomes_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Agents that know nothing, of two tasks, and a path: the rows of other tasks are left out."""
     paths = [row for row in ROWS if row.path]

@@ -29,6 +29,7 @@ def rows(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
     return found
 
 
+@pytest.mark.slow
 def test_no_random_flight_is_below_its_bounds(rows: list[dict[str, float]]) -> None:
     """Some are on them: what holds all its thrusters open from rest cannot be done sooner."""
     report = Bounds(40, seed=100).run()
@@ -60,6 +61,7 @@ def test_a_lattice_is_as_large_as_planned() -> None:
     assert points(lopsided(), rest, rest, loose, 7) == built
 
 
+@pytest.mark.slow
 def test_a_lattice_too_large_is_left_out_and_counted(
     rows: list[dict[str, float]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,6 +126,7 @@ def test_the_command_names_what_flew_below_its_bound(
     assert capsys.readouterr().out.rstrip().endswith("pass")
 
 
+@pytest.mark.slow
 def test_flights_that_spin_too_fast_to_be_exact_are_left_out() -> None:
     """In space from 3 rad/s on, of which eight steps a period are not exact; in the plane any step is."""
     fastest = {2: 0.0, 3: 0.0}

@@ -102,6 +102,7 @@ def test_every_way_to_end_is_seen(
     assert (found.ended, found.faults) == (ending, faults)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line", ["list", "evaluate nobody", "train --seed x", "list --help", "report x/y"]
 )

@@ -27,6 +27,7 @@ def test_a_table_of_every_form(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert again[len(rows) :] == rows
 
 
+@pytest.mark.slow
 def test_a_difference_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exports, "unequal", lambda *_: Unequal(3, 1, 0.0))
     assert Exports(("go-to-pose-2d-fast",), 250, tmp_path / "exports.json", 1).run() == 1

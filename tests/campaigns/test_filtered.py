@@ -71,6 +71,7 @@ def test_attitudes_are_corrected_along_the_shortest_turn() -> None:
         np.testing.assert_allclose((first.inv() * reached).as_rotvec(), [0.0, 0.1, 0.0], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_noise_is_taken_off_who_never_knew_any() -> None:
     noise, behind = Behind((AGENT,), episodes=64).held(AGENT, rows()["noise"])
     assert noise < 40.0

@@ -45,6 +45,7 @@ def test_a_planted_error_is_found(row: Row, planted: dict[str, float]) -> None:
     assert not report("platform", [replace(row, **planted)]).passed
 
 
+@pytest.mark.slow
 def test_a_minimum_on_time_keeps_thrusters_open() -> None:
     craft = load_spacecraft("floating-platform")
     goal = at(0.0, 0.0, 0.0)

@@ -27,6 +27,7 @@ def test_a_short_loop_keeps_going_and_replays(agent: Path, tmp_path: Path) -> No
     assert loop.replayed == loop.decisions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["node", "twin"])
 def test_valves_shut_when_a_side_is_killed(agent: Path, side: str) -> None:
     found = kill(agent, "udp", side, 0.3, {"node": 71, "twin": 72}[side])

@@ -128,6 +128,7 @@ def test_bodies_turn_as_eulers_equations_say(monkeypatch: pytest.MonkeyPatch) ->
             np.testing.assert_allclose([x[k] for x in after.w.columns()], moved, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("knows", "published"),
     [("nothing", (0, 0, 0, 0)), ("gain", (1, 1, 0, 0)), ("gain and bias", (1, 1, 1, 0))],
@@ -223,6 +224,7 @@ def test_our_entry_sees_each_axis_alone() -> None:
     np.testing.assert_array_equal(told[0][:, 2:], told[1][:, 2:])
 
 
+@pytest.mark.slow
 def test_an_agent_flies_from_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     short(monkeypatch, 20)
     save_file(Agent().state_dict(), tmp_path / AGENT)

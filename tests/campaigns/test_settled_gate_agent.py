@@ -112,6 +112,7 @@ def test_who_does_not_learn_is_left_for_another(
     assert told == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "which"), [(1, 1), (7, 0)])
 def test_the_better_of_two_is_taken(monkeypatch: pytest.MonkeyPatch, seed: int, which: int) -> None:
     """By the mean of their last twenty losses: once the second, once the first."""
@@ -129,6 +130,7 @@ def test_the_better_of_two_is_taken(monkeypatch: pytest.MonkeyPatch, seed: int, 
         torch.testing.assert_close(mine, its, rtol=0, atol=0)
 
 
+@pytest.mark.slow
 def test_training_finds_the_way() -> None:
     """The median angle of 256 axes after half a minute, flown by who has learnt nothing and who a little."""
     left = []

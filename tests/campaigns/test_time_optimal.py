@@ -13,6 +13,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.scenario import EVALUATION_SEED
 
 
+@pytest.mark.slow
 def test_time_optimal_trajectories_are_at_their_goal_early() -> None:
     """CompiledProgram to the goal at full thrust, 2 sqrt(2) N one way and then the other, takes sqrt(4 d m / F)."""
     loaded = contestant("lqr:go-to-pose-2d", "paper")

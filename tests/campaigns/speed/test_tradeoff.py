@@ -14,6 +14,7 @@ from rans.fast.learn.recipes import preset
 from validation.speed.training import Success
 
 
+@pytest.mark.slow
 def test_only_the_number_of_environments_differs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
