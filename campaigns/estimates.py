@@ -94,7 +94,7 @@ class Estimates:
                 (random.random((len(craft.thrusters), count)) < self.open).astype(float)
             )
             memory = {
-                name: one.expected(seen.body, read, memory[name], command)
+                name: one.next_memory(seen.body, read, memory[name], command)
                 for name, one in filters.items()
             }
             now = step(world, now, command, own).episode

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -71,7 +71,10 @@ class Published(NamedTuple):
 class _Ascent(GoToPosition):
     """Go to a position at a velocity, under the gravity of the Moon."""
 
-    drift: ClassVar[Drift] = UniformGravity((0.0, -_MOON))
+    @property
+    def drift(self) -> Drift:
+        """The Moon's gravity, in units of the thrust's acceleration."""
+        return UniformGravity((0.0, -_MOON))
 
 
 def turning(inertia: Sequence[float], torque: float) -> Spacecraft:

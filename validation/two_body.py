@@ -32,7 +32,7 @@ def relative_motion(
     mean_motion: float,
     p: np.ndarray,
     v: np.ndarray,
-    times: Sequence[float],
+    times: Sequence[float] | np.ndarray,
     push: np.ndarray | None = None,
     mu: float = EARTH,
 ) -> tuple[np.ndarray, np.ndarray]:

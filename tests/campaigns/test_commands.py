@@ -1,0 +1,56 @@
+"""Commands of campaigns that pages and campaigns print are there to be run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+ROOMS = "validation", "campaigns"
+HISTORY = ROOT / "CHANGELOG.md"
+"""Its older versions name commands as they were."""
+
+
+def texts() -> Iterator[Path]:
+    """Pages, and the files of campaigns, whose docstrings and tables name commands."""
+    yield from (page for page in ROOT.glob("*.md") if page != HISTORY)
+    yield from (ROOT / "docs").rglob("*.md")
+    for room in ROOMS:
+        yield from (ROOT / room).rglob("*.py")
+
+
+def commands(text: str) -> set[str]:
+    """Modules that ``python -m`` or ``rans ... MODULE:NAME`` starts, and files that it reads."""
+    rooms = "|".join(ROOMS)
+    modules = re.findall(rf"-m\s+((?:{rooms})(?:\.\w+)+)", text)
+    picked = re.findall(rf"\b((?:{rooms})(?:\.\w+)+):[A-Z]", text)
+    files = re.findall(rf"(?:^|[\s`(])((?:{rooms})/(?:\w+/)*\w+\.(?:py|toml))", text)
+    return {*files, *(name.replace(".", "/") for name in (*modules, *picked))}
+
+
+def is_there(name: str) -> bool:
+    """Whether this is a file, a module, or a package that runs."""
+    return any((ROOT / one).is_file() for one in (name, f"{name}.py", f"{name}/__main__.py"))
+
+
+def test_commands_start_what_is_there() -> None:
+    missing = [
+        (str(file.relative_to(ROOT)), name)
+        for file in texts()
+        for name in commands(file.read_text("utf-8"))
+        if not is_there(name)
+    ]
+    assert not missing
+
+
+def test_commands_are_seen() -> None:
+    """In a line, over its end, as a module of a class, and as a file."""
+    text = """`python -m campaigns.faults RUN`, `python -m
+    campaigns.raft`, `rans train campaigns.ram:Ram`, `rans train campaigns/raft_recipes/filters.toml`"""
+    assert commands(text) == {
+        "campaigns/faults",
+        "campaigns/raft",
+        "campaigns/ram",
+        "campaigns/raft_recipes/filters.toml",
+    }
