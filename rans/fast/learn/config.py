@@ -439,7 +439,7 @@ class TrainConfig:
         _require(
             self,
             "a whole number between 0 and 2^32 - 1",
-            lambda x: isinstance(x, Integral) and not isinstance(x, bool) and 0 <= x < 2**32,
+            lambda x: isinstance(x, Integral) and not isinstance(x, bool) and 0 <= int(x) < 2**32,
             "seed",
         )
         _require(

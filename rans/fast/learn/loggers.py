@@ -92,8 +92,10 @@ class _Hparams:
 
         measured = self._last or {"evaluation/success": 0.0}
         writer = SummaryWriter(self._folder)
+        events = writer.file_writer
+        assert events is not None  # until the writer is closed
         for summary in hparams(self._settings, measured):
-            writer.file_writer.add_summary(summary)
+            events.add_summary(summary)
         for name, value in measured.items():
             writer.add_scalar(name, value)
         writer.close()

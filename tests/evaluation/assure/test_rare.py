@@ -35,7 +35,9 @@ SETS = {
     "two sides": Failures(lambda z: np.abs(z[0]) / 4.5, 10, 2.0 * ONE),
     "two causes": Failures(lambda z: z[:2].max(axis=0) / 4.5, 10, _any(ONE, ONE)),
     "a near cause and a rarer one": Failures(
-        lambda z: np.maximum(z[0] / 4.1, z[1] / 4.7), 10, _any(norm.sf(4.1), norm.sf(4.7))
+        lambda z: np.maximum(z[0] / 4.1, z[1] / 4.7),
+        10,
+        _any(float(norm.sf(4.1)), float(norm.sf(4.7))),
     ),
     "four causes on two sides": Failures(
         lambda z: np.abs(z[:4]).max(axis=0) / 4.5, 10, _any(*4 * [2.0 * ONE])

@@ -136,7 +136,6 @@ def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -
         ('base = "base-long"\nspacecraft = "free-flyer"', "must name its task"),
         ("curriculum = 3\n" + OWN, "curriculum"),
         ('base = "go-to-pose-2d"\ntask = "os:abort"', "would run that module's code"),
-        ('base = "go-to-pose-2d"\nspacecraft = "torch:os.abort"', "would run that module's code"),
         ('base = "go-to-pose-2d"\nconditions = "torch:os.abort"', "would run that module's code"),
         ('base = "go-to-pose-2d"\nconditions = "labb"', "no set of conditions named 'labb'"),
         ('base = "go-to-pose-2d"\nconditions = 3', "conditions"),

@@ -56,6 +56,7 @@ RETURN = 4 * (-1.0 + 0.5) + 20.0
 """Of four steps, the last of which pays for the gate."""
 
 
+@pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform' needs:UserWarning")
 def test_one_return_in_bar_curve_tensorboard_and_evaluation(tmp_path: Path) -> None:
     config = TrainConfig(
         "go-to-position",

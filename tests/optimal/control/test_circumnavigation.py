@@ -116,11 +116,12 @@ STARTS = scenarios(TASK, DEPUTY, seed=70, count=6)
 
 def bounds(within: float) -> np.ndarray:
     """Least impulse from every start, N s."""
-    ones = (
-        map_leaves(lambda x, k=k: float(x[k]) if np.ndim(x) else x, (STARTS.start, STARTS.goal))
-        for k in range(6)
-    )
-    return np.array([least_impulse(DEPUTY, TASK, *one, within, TASK.timing) for one in ones])
+    both: Any = (STARTS.start, STARTS.goal)
+    result = []
+    for k in range(6):
+        start, goal = map_leaves(lambda x, k=k: float(x[k]) if np.ndim(x) else x, both)
+        result.append(least_impulse(DEPUTY, TASK, start, goal, within, TASK.timing))
+    return np.array(result)
 
 
 def test_two_burns_inspect_everything_and_leave_a_safe_orbit() -> None:
