@@ -27,6 +27,7 @@ from tests.support.processes import ROOT
 READERS = {
     "rans.files": "reads bytes, texts and JSON",
     "rans.archives": "reads archives and arrays, from streams of rans.files",
+    "rans.system": "opens files for rans.files, as the system can",
 }
 """Modules that open files of strangers, and what they do with them."""
 

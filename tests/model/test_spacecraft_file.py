@@ -19,6 +19,7 @@ from rans.model.spacecraft_file import (
     spacecraft_text,
     to_toml,
 )
+from rans.registry import typed
 from tests.support.crafts import nasty_spatial
 from tests.support.crafts import spacecraft as any_spacecraft
 from tests.support.spacecraft_files import VALID, toml
@@ -225,7 +226,7 @@ def fails() -> Spacecraft:
 def test_spacecraft_made_in_python_by_their_module() -> None:
     here = "tests.model.test_spacecraft_file:"
     for name in ("MADE", "nasty_spatial"):  # an object, and a function that makes one
-        craft = load_spacecraft(here + name)
+        craft = load_spacecraft(typed(here + name))
         assert (craft.mass, craft.inertia) == (MADE.mass, MADE.inertia)
         assert parse_spacecraft(spacecraft_text(here + name), "run folder") == craft
     for name, said in (
@@ -234,7 +235,7 @@ def test_spacecraft_made_in_python_by_their_module() -> None:
         ("missing", "AttributeError"),
     ):
         with pytest.raises(ConfigError, match=f"'{here}{name}' cannot be used: {said}"):
-            load_spacecraft(here + name)
+            load_spacecraft(typed(here + name))
 
 
 def test_a_wrong_name_says_what_a_user_may_give() -> None:
