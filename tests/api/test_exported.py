@@ -10,12 +10,17 @@ import pytest
 
 import rans
 from rans.cli import main
+from rans.deploy.export import export
 from rans.errors import ConfigError
+from rans.pretrained import pretrained_folder
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return rans.export("go-to-pose-2d", tmp_path_factory.mktemp("exported") / "mine", episodes=2)
+    """Without margins, which take thousands of flights."""
+    written = tmp_path_factory.mktemp("exported") / "mine"
+    export(pretrained_folder("go-to-pose-2d"), written, "onnx", episodes=2, margins=0)
+    return written
 
 
 @pytest.mark.slow
