@@ -74,7 +74,7 @@ def trained(folder: Path, given: TrainConfig) -> Trainer:
 
 
 def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> None:
-    trainer = trained(tmp_path / "one", config())
+    trainer = trained(tmp_path / "one", config(report_interval=3))
     learner = trainer.learner
     engine = trainer.engine
     engine.reset()

@@ -317,5 +317,5 @@ def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     for name in ("compiled", "space.kernel"):
         monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
         monkeypatch.delattr(f"rans.optimal.certificate.{name}", raising=False)
-    with pytest.raises(ConfigError, match="pip install numba"):
+    with pytest.raises(ConfigError, match=r"pip install 'rans\[optimal\]'"):
         relaxed(start, goal)
