@@ -35,7 +35,7 @@ from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.optimal.convex.landing import Descent, Lander, best_landing, thrust_offset
+from rans.optimal.convex.landing import Descent, Lander, best_landing
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
@@ -279,24 +279,15 @@ class Missions:
     def _with_a_dead_engine(self, task: Land) -> Iterator[Row]:
         """Landing guidance from those of the first starts that may have a landing without the first engine.
 
-        The bound is that of a craft that turns at once, whose thrust is tilted by as much more as it is off the
-        craft's axis. From starts without one nothing lands.
+        From starts without one nothing lands, however the others are throttled.
         """
         assert task.spacecraft is not None
         craft = load_spacecraft(task.spacecraft)
         dead = (0,)
-        lander = Lander.of(craft, dead)
-        descent = Descent.of(task)
-        descent = replace(descent, tilt=descent.tilt + thrust_offset(craft, dead))
         starts = scenarios(task, craft, self.seed, self.bounded)
-        found: dict[int, float] = {}
-        for k, one in enumerate(each(starts)):
-            start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
-            best = best_landing(lander, descent, start, task.timing.control_period, "bound")
-            if best is not None:
-                found[k] = best.propellant
-        rows = np.array(list(found))
-        lower = np.array(list(found.values()))
+        least = self._least_propellant(craft, task, dead)
+        rows = np.flatnonzero(np.isfinite(least))
+        lower = least[rows]
         nominal = Body.of(craft)
         body = replace(nominal, gain=(0.0, *nominal.gain[1:]))
         guidance = LandingGuidance(craft, task, task.timing, dead=dead)
@@ -317,18 +308,24 @@ class Missions:
                     lower,
                 )
 
-    def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
-        """Propellant below which the craft, which has to turn, does not land, kg, from each of the first starts."""
-        lander = Lander.of(craft)
+    def _least_propellant(
+        self, craft: Spacecraft, task: Land, dead: tuple[int, ...] = ()
+    ) -> np.ndarray:
+        """Propellant below which nothing lands, kg, from each of the first starts; infinite: there is no landing.
+
+        It is of a craft that has to turn and whose engines are throttled one by one: the means of everybody here.
+        """
+        lander = Lander.of(craft, dead, apart=True)
         descent = Descent.of(task, craft=craft)
         period = task.timing.control_period
+        times = period, period * task.timing.episode_steps
         found = []
         for one in each(scenarios(task, craft, self.seed, self.bounded)):
             start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
-            best = best_landing(lander, descent, start, period, "bound")
-            if best is None:
+            best = best_landing(lander, descent, start, period, "bound", times)
+            if best is None and not dead:
                 raise SolverFailed("a start of the evaluation has no landing.")
-            found.append(best.propellant)
+            found.append(math.inf if best is None else best.dual)
         return np.array(found)
 
 

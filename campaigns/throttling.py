@@ -2,7 +2,7 @@
 
 With all engines and without the first, it finds lower bounds of the propellant from held-out starts of land, with
 engines that are throttled alike, and one by one. The craft turns at once. From starts without a landing it finds
-the bound again for a craft of the same mass, of which twice as much is propellant, at each second of an episode.
+the bound again for a craft of the same mass, of which twice as much is propellant.
 Where it is more than the real craft has, nothing lands. With ``--docs docs`` the command writes
 docs/validation/throttling.json and its table in docs/missions/land.md.
 """
@@ -22,7 +22,7 @@ from campaigns.markdown import Table
 from rans.files import environment, number, read_json, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.convex.landing import Descent, Lander, best_landing, landing, thrust_offset
+from rans.optimal.convex.landing import Descent, Lander, best_landing, thrust_offset
 from rans.scenario import EVALUATION_SEED, each, scenarios
 from rans.tasks.land import Land
 from rans.terminal import Terminal
@@ -126,9 +126,8 @@ def _rows(craft: Spacecraft, task: Land, count: int) -> Iterator[Row]:
         needed = []
         for start, least in zip(starts, found[1], strict=True):
             if math.isinf(least):
-                times = np.arange(1.0, longest + period)
-                tried = (landing(lander, descent, start, t, period, "bound") for t in times)
-                needed.append(min((one.dual for one in tried if one), default=math.inf))
+                one = best_landing(lander, descent, start, period, "bound", (2.0, longest))
+                needed.append(math.inf if one is None else one.dual)
         yield Row(engines, found[0], found[1], tuple(needed))
 
 

@@ -43,7 +43,8 @@ class Optimal:
 
     For missions on an orbit (dock, hold, rendezvous) it computes the least impulse by a deadline, with a
     lower bound from a conic program and a flight in both engines, and compares guidance, LQR and agents with
-    it start by start.
+    it start by start. These missions and landings refuse options that they do not use and that differ from
+    their defaults.
     """
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
@@ -246,7 +247,10 @@ class Optimal:
             if self.ending == "exact"
             else f"within {task.position_tolerance:g} m and {task.velocity_tolerance:g} m/s"
         )
-        title = f"least propellant to land {where}: {self.task} with {craft.name}, turned at once"
+        title = (
+            f"least propellant to land {where}: {self.task} with {craft.name}, turned at once, thrust held for "
+            f"{task.timing.control_period:g} s"
+        )
         Terminal().print(landing_table(title, answers))
         about = {
             "task": self.task,
@@ -295,7 +299,7 @@ class Optimal:
                 raise ConfigError(f"--{name.replace('_', '-')} {reason}.")
 
     def _refuse_all_but(self, *used: str) -> None:
-        """Reject (`ConfigError`) options that the user has set and this task does not use."""
+        """Reject (`ConfigError`) options that differ from their defaults and that this task does not use."""
         given = [
             f"--{field.name.replace('_', '-')}"
             for field in fields(self)

@@ -39,7 +39,8 @@ class LandingAnswer:
     landing: Landing | None
     """Landing that can be flown."""
     bound: float = math.nan
-    """Lower bound of the propellant, kg; see `rans.optimal.convex.landing.landing`."""
+    """Lower bound of the propellant, kg, of all flight times of an episode and of thrust that is held for the
+    task's control period; see `rans.optimal.convex.landing.best_landing`."""
     replayed: float = math.nan
     """Distance between the plan's end and that of the flight in the fast engine, m."""
     in_drake: float = math.nan
@@ -89,22 +90,22 @@ def landings(
 
     Raises:
         ConfigError: the craft is no lander.
+        SolverFailed: see `rans.optimal.convex.landing.landing`.
     """
     lander = Lander.of(craft)
     descent = Descent.of(task, exact)
     period = task.timing.control_period
+    times = period, period * task.timing.episode_steps
     answers = []
     for number, one in enumerate(each(starts)):
         start = _columns(one.start.p), _columns(one.start.v)
-        result = best_landing(lander, descent, start, period)
+        result = best_landing(lander, descent, start, period, "flyable", times)
         answer = LandingAnswer(number, result)
         if result is not None:
-            bound = best_landing(
-                lander, descent, start, period, "bound", (result.time - 2.0, result.time + 2.0)
-            )
+            bound = best_landing(lander, descent, start, period, "bound", times)
             answer = replace(
                 answer,
-                bound=math.nan if bound is None else bound.propellant,
+                bound=math.nan if bound is None else bound.dual,
                 replayed=_missed(craft, task, lander, one.start, result, drake=False),
                 in_drake=_missed(craft, task, lander, one.start, result, drake=True),
             )

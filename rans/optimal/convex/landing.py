@@ -21,9 +21,10 @@ Units inside the solver: 1 km, 10 s, and the craft's full mass.
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -31,9 +32,10 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from rans.errors import ConfigError, require
+from rans.errors import ConfigError, SolverFailed
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
+from rans.optimal.convex.cone_program import ConeProgram
 from rans.tasks.land import Land
 
 _LENGTH = 1000.0
@@ -44,8 +46,9 @@ _SPEED = _LENGTH / _TIME
 _ACCELERATION = _LENGTH / _TIME**2
 _ROUNDS = 6
 """Linearisations of the upper bound at most; two or three suffice."""
-_COARSE = 2.0
-"""Hold with which the flight time is searched, s."""
+_FLOORS = ((10.0, 10.0), (2.0, 2.0), (2.0, 0.0))
+"""Periods of the programs that bound flight times before they are solved, and how many times at once, s: some
+milliseconds each, and sharp enough that few times remain."""
 _MOST_APART = 12
 """Engines that are throttled one by one: their choices of least and largest throttles are 2 to this power."""
 _SETTLED = 1e-5
@@ -264,7 +267,10 @@ def landing(
     side: Side = "flyable",
     propellant: float | None = None,
 ) -> Landing | None:
-    """Landing in a given time (s) with the least propellant; None: there is none.
+    """Landing in a given time (s) with the least propellant.
+
+    None: of a bound, it is proved that there is none, by a certificate that is checked (`ConeProgram`). Of a plan
+    that is to be flown, there is none near the masses of a craft that thrusts moderately.
 
     Args:
         lander: what lands.
@@ -278,6 +284,7 @@ def landing(
 
     Raises:
         ConfigError: a plan is to be flown, and engines are throttled one by one.
+        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
     """
     if lander.corners and side == "flyable":
         raise ConfigError(
@@ -286,15 +293,18 @@ def landing(
     count = round(time / period)
     if count < 1:
         return None
-    problem = _Problem(lander, descent, start, count, period, propellant)
+    problem = _Problem(lander, descent, start, np.full(count, period), propellant)
     result = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
-    if side == "bound" or result is None:
-        # The lower thrust bound's tangent is below it wherever it touches: one more makes it tight.
-        return result and (problem.solved(np.log(result.mass), side) or result)
-    for _ in range(_ROUNDS):
-        again = problem.solved(np.log(result.mass), side)
-        if again is None:
+    if result is None:
+        return None
+    for _ in range(1 if side == "bound" else _ROUNDS):
+        try:
+            again = problem.solved(np.log(result.mass), side)
+        except SolverFailed:
             break
+        if again is None:
+            # A bound has lines that no landing breaks, and this is a proof; a plan has the one before.
+            return None if side == "bound" else result
         change = np.abs(np.log(again.mass / result.mass)).max()
         result = again
         if change < _SETTLED:
@@ -308,12 +318,18 @@ def best_landing(
     start: tuple[np.ndarray, np.ndarray],
     period: float = 0.5,
     side: Side = "flyable",
-    times: tuple[float, float] = (20.0, 120.0),
+    times: tuple[float, float] = (2.0, 120.0),
     propellant: float | None = None,
 ) -> Landing | None:
-    """Landing with the least propellant of all flight times; None: there is none.
+    """Landing with the least propellant of all flight times that are whole periods; None: see `landing`.
 
-    The time is found with long holds first, then with those of the period.
+    The propellant need not have one minimum over the flight time, and no time is left out: branch and bound.
+    Programs with long periods, in which the thrust may vary in any way, bound all landings of ten seconds of flight
+    times at once, then of two, then those of one time (`_floor`). The time with the least bound is solved, until a
+    solution is not above the bounds of all other times.
+
+    As a bound (side = "bound") it is one for accelerations that are held for this period. One for a longer hold is
+    none for a shorter, which can do more: for the mission, take its own control period.
 
     Args:
         lander: what lands.
@@ -321,68 +337,86 @@ def best_landing(
         start: position, m, and velocity, m/s.
         period: for which an acceleration is held, s.
         side: as for `landing`.
-        times: shortest and longest flight that is tried, s.
+        times: shortest and longest flight that counts, s.
         propellant: left at the start, kg; None: a full tank.
 
     Raises:
         ConfigError: see `landing`.
+        SolverFailed: see `landing`.
     """
-    coarse = period * max(1, round(_COARSE / period))
-    guess = _least(lander, descent, start, coarse, "bound", times, propellant)
-    if guess is None:
-        return None
-    # Shorter holds lose less, so that the best time may be a coarse period away; walk downhill from there.
-    near = (guess.time - coarse, guess.time + coarse)
-    return _least(lander, descent, start, period, side, near, propellant, guess.time)
+    first = max(1, math.ceil(times[0] / period - 1e-9))
+    last = int(times[1] / period + 1e-9)
+
+    def parts(level: int, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """Flight times from first to last, in periods, as a level has them together."""
+        length = _FLOORS[level][1] if level < len(_FLOORS) else 0.0
+        together = max(1, round(length / period))
+        while first <= last:
+            end = min(last, -(-first // together) * together)
+            yield first, end
+            first = end + 1
+
+    # Flight times that are still open: their bound, how sharp it is, the first and the last.
+    waiting = [(0.0, 0, *part) for part in parts(0, first, last)]
+    solutions: dict[int, Landing] = {}
+    while waiting:
+        least, level, first, last = heapq.heappop(waiting)
+        if level > len(_FLOORS):
+            return solutions[first]
+        if level == len(_FLOORS):
+            result = landing(lander, descent, start, first * period, period, side, propellant)
+            if result is None:
+                continue
+            solutions[first] = result
+            floor = result.propellant
+        else:
+            merged = max(1, round(_FLOORS[level][0] / period))
+            try:
+                floor = _floor(lander, descent, start, (first, last), period, merged, propellant)
+            except SolverFailed:
+                floor = least  # the next level asks again
+        if math.isfinite(floor):
+            for part in parts(level + 1, first, last):
+                heapq.heappush(waiting, (max(least, floor), level + 1, *part))
+    return None
 
 
-def _least(
+def _floor(
     lander: Lander,
     descent: Descent,
     start: tuple[np.ndarray, np.ndarray],
+    counts: tuple[int, int],
     period: float,
-    side: Side,
-    times: tuple[float, float],
+    merged: int,
     propellant: float | None,
-    guess: float | None = None,
-) -> Landing | None:
-    """Landing with the least propellant between two times (s), of which the propellant has one minimum.
+) -> float:
+    """Lower bound of all landings whose flight has so many periods, kg; infinite: there is none.
 
-    Without a guess of the time nine times are tried first, because short and long flights are infeasible; where all
-    nine are, 33.
+    As many periods as `merged` become one, between whose ends the thrust may vary in any way, with the limits at
+    its ends alone. The first is shorter where they do not divide the flight. Of several
+    flight times, not more than `merged`, all but the last begin later in the first of these periods.
+
+    Args:
+        lander: what lands.
+        descent: what is asked for.
+        start: position, m, and velocity, m/s.
+        counts: first and last flight time, in periods.
+        period: s.
+        merged: how many become one.
+        propellant: left at the start, kg; None: a full tank.
+
+    Raises:
+        SolverFailed: see `landing`.
     """
-    known: dict[int, Landing | None] = {}
-
-    def used(count: int) -> float:
-        if count not in known:
-            time = count * period
-            known[count] = landing(lander, descent, start, time, period, side, propellant)
-        result = known[count]
-        return math.inf if result is None else result.propellant
-
-    low = max(1, round(times[0] / period))
-    high = max(low, round(times[1] / period))
-    if guess is None:
-        best, step = low, 0
-        for parts in (8, 32):
-            best = min({round(low + (high - low) * k / parts) for k in range(parts + 1)}, key=used)
-            step = max(1, (high - low) // (2 * parts))
-            if not math.isinf(used(best)):
-                break
-    else:
-        best = round(guess / period)
-        step = 1
-        if math.isinf(used(best)):
-            best = min(range(low, high + 1), key=used)
-    if math.isinf(used(best)) and guess is None:
-        return None
-    while step:
-        beside = [count for count in (best - step, best + step) if low <= count <= high]
-        better = min((best, *beside), key=used)
-        if better == best:
-            step //= 2
-        best = better
-    return known[best]
+    first, last = counts
+    if last > first:
+        last = -(-last // merged) * merged
+    whole, rest = divmod(last, merged)
+    lengths = period * np.array([rest] * (rest > 0) + [merged] * whole)
+    late = (last - first) * period
+    problem = _Problem(lander, descent, start, lengths, propellant, varies=True, late=late)
+    answer = problem.answer(problem.heaviest, "bound")
+    return math.inf if answer is None else problem.needed(answer)
 
 
 class _Problem:
@@ -391,6 +425,12 @@ class _Problem:
     Variables, by knots k = 0 to N: p_k (3), v_k (3), z_k = ln(m_k / m_full), then by periods u_k (3), sigma_k.
     With engines that are throttled one by one, sigma_k is the mass flow times the exhaust speed over the mass, and
     one more variable a period is not below the size of u_k.
+
+    Where the thrust varies in a period of length h, at times s in it, there are two of these groups: means of
+    (1 - s / h) u and of (s / h) u. Their sum changes the velocity, the first alone the position. Means of cones
+    are in these cones, and the mass is between those of both ends, so that nothing that can be flown is left out.
+
+    Flights may begin later, up to a time in the first period: they fall before, without thrust, towards the start.
     """
 
     def __init__(
@@ -398,59 +438,87 @@ class _Problem:
         lander: Lander,
         descent: Descent,
         start: tuple[np.ndarray, np.ndarray],
-        count: int,
-        period: float,
+        lengths: np.ndarray,
         propellant: float | None,
+        varies: bool = False,
+        late: float = 0.0,
     ) -> None:
+        count = len(lengths)
         self.lander = lander
         self.descent = descent
         self.count = count
-        self.period = period
+        self.lengths = lengths
+        self.groups = 2 if varies else 1
         self.start = start
+        self.late = late
         self.spent = 0.0 if propellant is None else lander.propellant - propellant
         self.knots = 7 * (count + 1)
         self.width = 5 if lander.corners else 4
-        self.size = self.knots + self.width * count
+        self.controls = self.groups * count
+        self.size = self.knots + self.width * self.controls
         dry = lander.mass - lander.propellant
-        elapsed = period * np.arange(count + 1)
+        self.times = np.concatenate([[0.0], np.cumsum(lengths)])
+        elapsed = self.times
         full = lander.mass - self.spent
         lightest = full - lander.largest_thrust / lander.exhaust_speed * elapsed
         # ln m of craft that burn as much, and as little, as they can.
         self.lightest = np.log(np.maximum(lightest, dry))
-        heaviest = full - lander.least_thrust / lander.exhaust_speed * elapsed
+        heaviest = full - lander.least_thrust / lander.exhaust_speed * np.maximum(
+            elapsed - late, 0.0
+        )
         self.heaviest = np.log(np.maximum(heaviest, dry))
         self.middle = 0.5 * (self.lightest + self.heaviest)
         self.equations = self._dynamics()
         self.fixed = self._fixed_cones()
 
     def solved(self, log_mass: np.ndarray, side: Side) -> Landing | None:
-        """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: infeasible."""
-        # Clarabel has no stubs for what its compiled module holds.
-        clarabel: Any = require("clarabel")
+        """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: proved infeasible."""
+        answer = self.answer(log_mass, side)
+        return None if answer is None else self._read(answer)
 
+    def answer(self, log_mass: np.ndarray, side: Side) -> Any:
+        """The same as the solver has it."""
         linear = self._linear(log_mass, side)
         blocks = [self.equations, linear, *self.fixed]
-        matrix = sparse.vstack([block for block, _, _ in blocks], format="csc")
-        right = np.concatenate([values for _, values, _ in blocks])
-        cones = [
-            clarabel.ZeroConeT(self.equations[0].shape[0]),
-            clarabel.NonnegativeConeT(linear[0].shape[0]),
-            *(
-                clarabel.SecondOrderConeT(width)
-                for block, _, width in self.fixed
-                for _ in range(block.shape[0] // width)
-            ),
-        ]
         cost = np.zeros(self.size)
         cost[self._z(self.count)] = -1.0
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.max_threads = 1
-        nothing = sparse.csc_matrix((self.size, self.size))
-        answer = clarabel.DefaultSolver(nothing, cost, matrix, right, cones, settings).solve()
-        if str(answer.status) not in ("Solved", "AlmostSolved"):
-            return None
-        return self._read(answer)
+        farthest = self._farthest(side)
+        program = ConeProgram(
+            cost,
+            sparse.vstack([block for block, _, _ in blocks], format="csc"),
+            np.concatenate([values for _, values, _ in blocks]),
+            self.equations[0].shape[0],
+            linear[0].shape[0],
+            tuple(width for block, _, width in self.fixed for _ in range(block.shape[0] // width)),
+            -farthest,
+            farthest,
+        )
+        return program.solve(f"a landing in {self.times[-1]:g} s")
+
+    def needed(self, answer: Any) -> float:
+        """Propellant that the dual solution proves to be needed, kg."""
+        full = self.lander.mass - self.spent
+        return float(full - self.lander.mass * math.exp(-float(answer.obj_val_dual)))
+
+    def _farthest(self, side: Side) -> np.ndarray:
+        """(n,) sizes that no variable exceeds: the largest acceleration all the way, in any direction."""
+        lander = self.lander
+        emptying = math.log(1.0 - lander.propellant / lander.mass)
+        lines = [line for pair in self._inverse_masses(self.heaviest, side) for line in pair]
+        inverse = max(abs(a + b * z) for a, b, _ in lines for z in (emptying, 0.0))
+        sigma = push = lander.largest_thrust / _ACCELERATION * inverse
+        for tilt in {*self._tilts().tolist()} if lander.corners else ():
+            sizes, _ = thrusts(lander.corners, tilt)
+            push = max(
+                push, *(abs(a) * sigma + abs(force) / _ACCELERATION * inverse for a, force in sizes)
+            )
+        time = (self.times[-1] + self.late) / _TIME
+        faster = self.groups * push + self.descent.gravity / _ACCELERATION
+        v = float(np.linalg.norm(self.start[1])) / _SPEED + time * faster
+        p = float(np.linalg.norm(self.start[0])) / _LENGTH + 2.0 * time * v
+        knot = [*[p] * 3, *[v] * 3, -emptying]
+        control = [push, push, push, sigma, push][: self.width]
+        return np.array(knot * (self.count + 1) + control * self.controls)
 
     def _read(self, answer: Any) -> Landing:
         """The solver's answer in SI units."""
@@ -458,16 +526,15 @@ class _Problem:
         knots = x[: self.knots].reshape(-1, 7)
         controls = x[self.knots :].reshape(-1, self.width) * _ACCELERATION
         mass = self.lander.mass * np.exp(knots[:, 6])
-        needed = self.lander.mass * math.exp(-float(answer.obj_val_dual))
         return Landing(
-            self.period,
+            float(self.lengths[0]),
             knots[:, :3] * _LENGTH,
             knots[:, 3:6] * _SPEED,
             mass,
             controls[:, :3],
             controls[:, 3],
             float(mass[0] - mass[-1]),
-            float(mass[0] - needed),
+            self.needed(answer),
             float(answer.r_prim),
             float(answer.r_dual),
         )
@@ -475,33 +542,46 @@ class _Problem:
     def _z(self, knot: int) -> int:
         return 7 * knot + 6
 
-    def _sigma(self, period: int) -> int:
-        return self.knots + self.width * period + 3
+    def _sigma(self, period: int, group: int) -> int:
+        return self.knots + self.width * (self.groups * period + group) + 3
 
     def _dynamics(self) -> tuple[Any, np.ndarray, int]:
         """Equations of motion, the start and, where it is exact, the end."""
         n = self.count
-        step = self.period / _TIME
+        steps = self.lengths / _TIME
         g = np.array([0.0, 0.0, -self.descent.gravity / _ACCELERATION])
         rate = _ACCELERATION * _TIME / self.lander.exhaust_speed
         one = sparse.eye(3)
         # x_{k+1} - A x_k - B (u_k, sigma_k) = constant.
-        carry = np.eye(7)
-        carry[:3, 3:6] = step * np.eye(3)
-        push = np.zeros((7, self.width))
-        push[:3, :3] = 0.5 * step**2 * np.eye(3)
-        push[3:6, :3] = step * np.eye(3)
-        push[6, 3] = -rate * step
+        drift = np.zeros((7, 7))
+        drift[:3, 3:6] = np.eye(3)
+        nearer = np.zeros((7, self.width))
+        nearer[:3, :3] = np.eye(3)
+        faster = np.zeros((7, self.width))
+        faster[3:6, :3] = np.eye(3)
+        faster[6, 3] = -rate
+        ways = [0.5 * nearer] if self.groups == 1 else [nearer, 0.0 * nearer]
         here = sparse.hstack([sparse.eye(n), sparse.csc_matrix((n, 1))])
         there = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
-        states = sparse.kron(there, sparse.eye(7)) - sparse.kron(here, carry)
-        motion = sparse.hstack([states, -sparse.kron(sparse.eye(n), push)])
-        falling = np.concatenate([0.5 * step**2 * g, step * g, [0.0]])
+        long = sparse.diags(steps)
+        carry = sparse.kron(here, sparse.eye(7)) + sparse.kron(long @ here, drift)
+        push = sparse.kron(long, np.hstack([faster] * self.groups))
+        push += sparse.kron(long @ long, np.hstack(ways))
+        motion = sparse.hstack([sparse.kron(there, sparse.eye(7)) - carry, -push])
+        fallen = np.concatenate([0.5 * g, np.zeros(4)]), np.concatenate([np.zeros(3), g, [0.0]])
+        falling = np.outer(steps**2, fallen[0]) + np.outer(steps, fallen[1])
         p, v = self.start
         full = math.log((self.lander.mass - self.spent) / self.lander.mass)
-        begin = sparse.eye(7, self.size)
-        rows = [motion, begin]
-        values = [np.tile(falling, n), np.concatenate([p / _LENGTH, v / _SPEED, [full]])]
+        begin = np.eye(7)
+        if self.late:
+            # The time d of falling before the start is read from the vertical velocity: it was v - d g.
+            begin[:2, 5] = v[:2] / _SPEED / -g[2]
+        exact = [0, 1, 3, 4, 6] if self.late else [*range(7)]
+        at = np.concatenate([p / _LENGTH, v / _SPEED, [full]])
+        at[:2] += begin[:2, 5] * at[5]
+        rows = [motion, sparse.csc_matrix((begin[exact]), shape=(len(exact), 7))]
+        rows[1] = _selected(rows[1], 0, self.size)
+        values = [falling.ravel(), at[exact]]
         for tolerance, offset in (
             (self.descent.position_tolerance, 0),
             (self.descent.velocity_tolerance, 3),
@@ -514,8 +594,6 @@ class _Problem:
     def _linear(self, log_mass: np.ndarray, side: Side) -> tuple[Any, np.ndarray, int]:
         """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b."""
         n = self.count
-        least = self.lander.least_thrust / _ACCELERATION
-        most = self.lander.largest_thrust / _ACCELERATION
         rows: list[tuple[int, int, float]] = []
         right: list[float] = []
 
@@ -523,65 +601,91 @@ class _Problem:
             rows.extend((len(right), column, value) for column, value in entries)
             right.append(bound)
 
+        # Of a mean over half of a period's weight.
+        weight = 1.0 / (self.groups * _ACCELERATION)
+
+        def bounded(force: float, line: Line, *entries: tuple[int, float]) -> None:
+            """The entries and a force (N) over the mass sum to at most 0."""
+            constant, slope, knots = line
+            scale = weight * force
+            about = [(self._z(knot), slope * scale / len(knots)) for knot in knots]
+            add(-constant * scale, *entries, *about)
+
+        self._bound_of_beginning(add)
         tilts = self._tilts()
         for k, (under, over) in enumerate(self._inverse_masses(log_mass, side)):
-            sigma = self._sigma(k)
-
-            def bounded(
-                force: float,
-                inverse: tuple[float, float],
-                *entries: tuple[int, float],
-                k: int = k,
-            ) -> None:
-                """The entries and a force over the mass sum to at most 0."""
-                constant, slope = inverse
-                middle = [(self._z(knot), 0.5 * slope * force) for knot in (k, k + 1)]
-                add(-constant * force, *entries, *middle)
-
-            bounded(least, under, (sigma, -1.0))
-            bounded(-most, over, (sigma, 1.0))
-            vertical = sigma - 1
-            if not self.lander.corners:
-                add(0.0, (sigma, math.cos(tilts[k])), (vertical, -1.0))
-                continue
-            sizes, heights = thrusts(self.lander.corners, float(tilts[k]))
-            for variable, sign, lines in ((sigma + 1, 1.0, sizes), (vertical, -1.0, heights)):
-                for slope, force in lines:
-                    bounded(
-                        -force / _ACCELERATION,
-                        over if force > 0.0 else under,
-                        (variable, sign),
-                        (sigma, -slope),
-                    )
+            # Engines may be off in a part of this period.
+            is_late = self.late > 0.0 and k == 0
+            for group in range(self.groups):
+                sigma = self._sigma(k, group)
+                bounded(0.0 if is_late else self.lander.least_thrust, under, (sigma, -1.0))
+                bounded(-self.lander.largest_thrust, over, (sigma, 1.0))
+                vertical = sigma - 1
+                if not self.lander.corners:
+                    add(0.0, (sigma, math.cos(tilts[k])), (vertical, -1.0))
+                    continue
+                # The flow is not negative, even where the tangent is.
+                add(0.0, (sigma, -1.0))
+                sizes, heights = thrusts(self.lander.corners, float(tilts[k]))
+                for variable, sign, lines in ((sigma + 1, 1.0, sizes), (vertical, -1.0, heights)):
+                    for slope, force in lines:
+                        line = over if force > 0.0 else under
+                        off = max(force, 0.0) if is_late else force
+                        bounded(-off, line, (variable, sign), (sigma, -slope))
         dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)
         add(-dry, (self._z(n), -1.0))
         row, column, value = zip(*rows, strict=True)
         matrix = sparse.csc_matrix((value, (row, column)), shape=(len(right), self.size))
         return matrix, np.array(right), 1
 
-    def _inverse_masses(
-        self, log_mass: np.ndarray, side: Side
-    ) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
-        """Two lines (constant, slope) over z for 1 / m in each period.
+    def _bound_of_beginning(self, add: Callable[..., None]) -> None:
+        """Rows of the height and the vertical velocity at the first knot, of flights that begin later.
+
+        With d the time until they begin and e its square, the velocity is v + d g and the height h - d v - e g / 2,
+        g > 0 downwards. The squares of times up to `late` are between two tangents and a chord.
+        """
+        if not self.late:
+            return
+        p, v = self.start[0][2] / _LENGTH, self.start[1][2] / _SPEED
+        g = self.descent.gravity / _ACCELERATION
+        late = self.late / _TIME
+
+        def below(bound: float, of_time: float, of_square: float) -> None:
+            """of_time d + of_square e <= bound, over height (2) and vertical velocity (5)."""
+            # d = (velocity - v) / g, and e = 2 (p - height - d v) / g.
+            height = -2.0 * of_square / g
+            speed = (of_time - 2.0 * of_square * v / g) / g
+            add(bound - 2.0 * of_square * p / g + speed * v, (2, height), (5, speed))
+
+        below(0.0, -1.0, 0.0)
+        below(late, 1.0, 0.0)
+        below(0.0, -late, 1.0)
+        below(0.0, 0.0, -1.0)
+        below(late**2, 2.0 * late, -1.0)
+
+    def _inverse_masses(self, log_mass: np.ndarray, side: Side) -> Iterator[tuple[Line, Line]]:
+        """Two lines for 1 / m in each period, over the mean of z at some knots.
 
         The first is a tangent, which is nowhere above 1 / m. The second is the same tangent if the plan is to be
-        flown, and a chord, which is above 1 / m, if it is to be a bound.
+        flown, and a chord, which is above 1 / m, if it is to be a bound. Thrust that is held for a period acts on
+        the mass in its middle, ln of which is the mean of both ends. Where the thrust varies, 1 / m is not below
+        that at the begin, nor above that at the end.
         """
         full = math.log(self.lander.mass)
-        # Thrust that is held for a period acts on the mass in its middle, ln of which is the mean of both ends.
-        about = 0.5 * (log_mass[:-1] + log_mass[1:])
-        lightest = 0.5 * (self.lightest[:-1] + self.lightest[1:])
-        heaviest = 0.5 * (self.heaviest[:-1] + self.heaviest[1:])
-        for middle, light, heavy in zip(about, lightest, heaviest, strict=True):
+        for k in range(self.count):
+            first, last = ((k,), (k + 1,)) if self.groups == 2 else ((k, k + 1),) * 2
+            middle = float(np.mean(log_mass[[*first]]))
             inverse = math.exp(-middle)
-            tangent = inverse * (1.0 + middle - full), -inverse
+            tangent = inverse * (1.0 + middle - full), -inverse, first
             if side == "flyable":
                 yield tangent, tangent
                 continue
             # The chord between the masses that can be reached. Both are the dry mass in flights that are too long.
+            light = float(np.mean(self.lightest[[*last]]))
+            heavy = float(np.mean(self.heaviest[[*last]]))
             above = math.exp(-light)
             slope = (math.exp(-heavy) - above) / max(heavy - light, 1e-9)
-            yield tangent, (above + slope * (full - light), slope)
+            yield tangent, (above + slope * (full - light), slope, last)
 
     def _tilts(self) -> np.ndarray:
         """(N,) largest tilt of thrust in each period, rad: what a craft can have turned by at its end.
@@ -593,8 +697,7 @@ class _Problem:
             return limit
         full = math.log(self.lander.mass)
         growth = np.exp(full - self.lightest[1:])
-        times = self.period * np.arange(1, self.count + 1)
-        return np.minimum(limit, 0.5 * self.descent.turning * growth * times**2)
+        return np.minimum(limit, 0.5 * self.descent.turning * growth * self.times[1:] ** 2)
 
     def _fixed_cones(self) -> list[tuple[Any, np.ndarray, int]]:
         """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends."""
@@ -606,16 +709,19 @@ class _Problem:
             shape=(4, self.width),
         )
         thrust = sparse.hstack(
-            [sparse.csc_matrix((4 * n, self.knots)), sparse.kron(sparse.eye(n), order)]
+            [
+                sparse.csc_matrix((4 * self.controls, self.knots)),
+                sparse.kron(sparse.eye(self.controls), order),
+            ]
         )
-        cones = [(thrust.tocsc(), np.zeros(4 * n), 4)]
+        cones = [(thrust.tocsc(), np.zeros(4 * self.controls), 4)]
         # The glide slope at every knot but the first: (height over tan + margin, x, y).
         slope = np.zeros((3, 7))
         slope[0, 2] = -1.0 / math.tan(descent.glide_slope)
         slope[1, 0] = slope[2, 1] = -1.0
         later = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
         glide = sparse.hstack(
-            [sparse.kron(later, slope), sparse.csc_matrix((3 * n, self.width * n))]
+            [sparse.kron(later, slope), sparse.csc_matrix((3 * n, self.width * self.controls))]
         )
         rim = np.tile([descent.margin / _LENGTH, 0.0, 0.0], n)
         cones.append((glide.tocsc(), rim, 3))
@@ -623,7 +729,7 @@ class _Problem:
             fast = np.zeros((4, 7))
             fast[1:, 3:6] = -np.eye(3)
             speeds = sparse.hstack(
-                [sparse.kron(later, fast), sparse.csc_matrix((4 * n, self.width * n))]
+                [sparse.kron(later, fast), sparse.csc_matrix((4 * n, self.width * self.controls))]
             )
             cones.append((speeds.tocsc(), np.tile([descent.speed / _SPEED, 0.0, 0.0, 0.0], n), 4))
         for tolerance, unit, offset in (
@@ -640,6 +746,8 @@ class _Problem:
         return cones
 
 
+Line = tuple[float, float, tuple[int, ...]]
+"""Constant and slope, 1/kg, over the mean of z at these knots."""
 Lines = tuple[tuple[float, float], ...]
 """Slopes, and intercepts, N, over the flow times the exhaust speed, N."""
 

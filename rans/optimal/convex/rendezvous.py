@@ -19,6 +19,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from rans.errors import ConfigError, SolverFailed, require
 from rans.model.drift import Drift
@@ -26,6 +27,7 @@ from rans.model.dynamics import RULES
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
+from rans.optimal.convex.cone_program import ConeProgram
 from rans.tasks.orbital import OrbitalMission, last_check
 from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
 
@@ -247,8 +249,6 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.nda
     Raises:
         SolverFailed: Clarabel does not end with a solution.
     """
-    from scipy import sparse
-
     clarabel = _clarabel()
 
     size = len(meeting.place)
@@ -570,36 +570,12 @@ class _Rows:
         self._cones.append(len(vector) + 1)
 
     def solve(self) -> Transfer | None:
-        """The transfer, or None if there is none."""
-        from scipy import sparse
-
-        clarabel = _clarabel()
-
+        """The transfer; None: it is proved that there is none."""
         price = np.tile(self.meeting.price, self.periods)[self._used]
         count = len(price)
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.max_threads = 1
-        cones = [clarabel.NonnegativeConeT(2 * count)]
-        cones += [clarabel.SecondOrderConeT(rows) for rows in self._cones]
-        matrix = sparse.csc_matrix(np.vstack(self._matrix))
-        solver = clarabel.DefaultSolver(
-            sparse.csc_matrix((count, count)),
-            price,
-            matrix,
-            np.concatenate(self._vector),
-            cones,
-            settings,
-        )
-        result = solver.solve()
-        status = str(result.status)
-        if "PrimalInfeasible" in status and self._is_impossible(np.array(result.z)):
+        result = self.program(price).solve(f"a meeting at {self.check * self.meeting.interval:g} s")
+        if result is None:
             return None
-        if status not in ("Solved", "AlmostSolved"):
-            raise SolverFailed(
-                f"Clarabel ended with {status} for a meeting at {self.check * self.meeting.interval:g} s; the "
-                "usual cause is a meeting that is just out of reach."
-            )
         size = len(self.meeting.place)
         dual = np.array(result.z)[2 * count :]
         # The arrival's two cones come first; their first rows are the radii.
@@ -616,22 +592,19 @@ class _Rows:
             max(result.r_prim, result.r_dual),
         )
 
-    def _is_impossible(self, certificate: np.ndarray) -> bool:
-        """Whether multipliers of all rows prove that no commands within [0, 1] fulfil them (Farkas' lemma).
-
-        With multipliers z of the dual cone, z . (b - A u) is not negative for commands that fulfil all rows. If its
-        largest value over the commands is negative, there are none; the solver's own tolerance does not matter.
-        """
-        count = 2 * len(self._vector[0])
-        z = certificate.copy()
-        z[:count] = np.maximum(z[:count], 0.0)
-        first = count
-        for rows in self._cones:
-            tail = float(np.linalg.norm(z[first + 1 : first + rows]))
-            z[first] = max(z[first], tail)
-            first += rows
-        slope = -(z @ np.vstack(self._matrix))
-        return bool(z @ np.concatenate(self._vector) + np.maximum(slope, 0.0).sum() < 0.0)
+    def program(self, price: np.ndarray) -> ConeProgram:
+        """The program of commands that cost so much."""
+        count = len(price)
+        return ConeProgram(
+            price,
+            sparse.csc_matrix(np.vstack(self._matrix)),
+            np.concatenate(self._vector),
+            0,
+            2 * count,
+            tuple(self._cones),
+            np.zeros(count),
+            np.ones(count),
+        )
 
 
 def _clarabel() -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +13,12 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.landings import landings
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.convex import landing as module
 from rans.optimal.convex.landing import (
     Descent,
     Lander,
+    Landing,
+    _floor,
     best_landing,
     landing,
     largest_turning,
@@ -75,6 +79,56 @@ def test_bound_and_flight_enclose_the_optimum() -> None:
     assert size.max() < LANDER.largest_thrust * 1.0001
     assert size.min() > LANDER.least_thrust * 0.9999
     assert np.degrees(np.arccos(thrust[:, 2] / size)).max() < 40.01
+
+
+def test_no_flight_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With random costs on top, the propellant has many minima over the time, and the least of all counts."""
+    period = 4.0
+    descent = Descent.of(Land())
+    found = {
+        count: landing(LANDER, descent, PUBLISHED, count * period, period, "bound")
+        for count in range(15, 26)
+    }
+    random = np.random.default_rng(4)
+    for _ in range(4):
+        dearer = {
+            count: replace(one, propellant=one.propellant + random.uniform(0.0, 30.0))
+            for count, one in found.items()
+            if one is not None
+        }
+        assert len(dearer) > 3
+
+        def instead(*given: Any, dearer: dict[int, Landing] = dearer, **_: Any) -> Landing | None:
+            return dearer.get(round(given[3] / period))
+
+        monkeypatch.setattr(module, "landing", instead)
+        best = best_landing(LANDER, descent, PUBLISHED, period, "bound", (60.0, 100.0))
+        assert best is min(dearer.values(), key=lambda one: one.propellant)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_no_landing_is_below_the_bounds_of_its_flight_time(apart: bool) -> None:
+    """Of one time and of many, also where programs with short holds are much sharper, and near the optimum."""
+    lander = Lander.of(CRAFT, apart=apart)
+    random = np.random.default_rng(6)
+    descent = Descent.of(Land(), craft=CRAFT)
+    sharpness = []
+    for _ in range(4):
+        p = np.array([random.uniform(1900, 2100), 0.0, random.uniform(1450, 1650)])
+        v = random.uniform((50, 0, -77), (80, 30, -65))
+        for count in random.integers(58, 90, 4).tolist():
+            one = landing(lander, descent, (p, v), float(count), 1.0, "bound")
+            needed = math.inf if one is None else one.propellant
+            for merged in (2, 6):
+                # Alone, and with those that are up to a longest period of the program shorter or longer.
+                first = (count - 1) // merged * merged + 1
+                for counts in ((count, count), (first, first + merged - 1)):
+                    floor = _floor(lander, descent, (p, v), counts, 1.0, merged, None)
+                    assert floor <= needed + 1e-4
+                    if one is not None and counts[0] == counts[1]:
+                        sharpness.append(floor / needed)
+    assert len(sharpness) > 10
+    assert np.mean(sharpness) > 0.99
 
 
 def test_the_burn_at_the_last_moment_is_the_optimum() -> None:

@@ -1,0 +1,100 @@
+"""Cone programs, solved by Clarabel, whose infeasibility is believed with a checked certificate alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from rans.errors import SolverFailed, require
+
+
+@dataclass(frozen=True)
+class ConeProgram:
+    """Minimise cost . x such that right - matrix x lies in a product of cones.
+
+    Rows are in the order of the cones: equations, inequalities, second-order cones whose first row is not below
+    the norm of the others (S. Boyd and L. Vandenberghe, "Convex Optimization", 2004, section 4.4). All x that
+    fulfil the rows lie between `lower` and `upper`; this gives certificates their margin.
+    """
+
+    cost: np.ndarray
+    """(n,)"""
+    matrix: Any
+    """(m, n), compressed sparse columns."""
+    right: np.ndarray
+    """(m,)"""
+    equations: int
+    """Rows that are to be zero."""
+    inequalities: int
+    """Rows that are not to be negative."""
+    cones: tuple[int, ...]
+    """Rows of each second-order cone."""
+    lower: np.ndarray
+    """(n,) finite."""
+    upper: np.ndarray
+    """(n,) finite."""
+
+    def solve(self, what: str) -> Any:
+        """Clarabel's answer with x, z, objectives and residuals; None: it is proved that no x fulfils all rows.
+
+        Args:
+            what: what is sought, for the message.
+
+        Raises:
+            SolverFailed: Clarabel ends neither with a solution nor with a certificate that passes `is_infeasible`.
+        """
+        # Clarabel has no stubs for what its compiled module holds.
+        clarabel: Any = require("clarabel")
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        count = len(self.cost)
+        answer = clarabel.DefaultSolver(
+            sparse.csc_matrix((count, count)),
+            self.cost,
+            self.matrix,
+            self.right,
+            [
+                clarabel.ZeroConeT(self.equations),
+                clarabel.NonnegativeConeT(self.inequalities),
+                *map(clarabel.SecondOrderConeT, self.cones),
+            ],
+            settings,
+        ).solve()
+        status = str(answer.status)
+        if status in ("Solved", "AlmostSolved"):
+            return answer
+        if "PrimalInfeasible" in status and self.is_infeasible(np.array(answer.z)):
+            return None
+        raise SolverFailed(
+            f"Clarabel ended with {status} for {what}, which neither solves it nor proves that it has no solution; "
+            "the usual cause is one that is just out of reach."
+        )
+
+    def is_infeasible(self, certificate: np.ndarray) -> bool:
+        """Whether multipliers (m,) of the rows prove that no x fulfils all of them (Farkas' lemma).
+
+        With multipliers z of the dual cone, z . (right - matrix x) is not negative for any x that fulfils the rows.
+        If its largest value between `lower` and `upper` is negative there are none. What z lacks to the dual cone
+        is added, and the rounding of all products covered, so that the solver's tolerance does not matter.
+        """
+        unit = np.finfo(float).eps
+        z = certificate.copy()
+        first = self.equations + self.inequalities
+        z[self.equations : first] = np.maximum(z[self.equations : first], 0.0)
+        for rows in self.cones:
+            norm = float(np.linalg.norm(z[first + 1 : first + rows]))
+            z[first] = max(z[first], norm * (1.0 + rows * unit))
+            first += rows
+        slope = -(self.matrix.T @ z)
+        gains = np.maximum(slope * self.lower, slope * self.upper)
+        # The error of a sum of products is below their number times the unit roundoff times the sum of their sizes.
+        numbers = np.diff(self.matrix.indptr) + 1
+        farthest = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        rounding = (numbers * (abs(self.matrix).T @ np.abs(z))) @ farthest
+        rounding += np.count_nonzero(self.right) * (np.abs(z) @ np.abs(self.right))
+        rounding += len(gains) * np.abs(gains).sum()
+        return bool(z @ self.right + gains.sum() < -unit * rounding)
