@@ -1,4 +1,7 @@
-"""Whole episodes of one policy as a program: what begins one, what a policy is shown, what a step changes."""
+"""Whole episodes of one policy as a program: initial state, policy and one control period, as symbols.
+
+Executors print it: CUDA kernels (`rans.compile.cuda.flight_source`) and machine code (`rans.compile.cpu.flights`).
+"""
 
 from __future__ import annotations
 
@@ -21,73 +24,82 @@ from rans.verdict import FlightAccumulator
 
 
 @dataclass(frozen=True)
-class Carried:
-    """A number that lives from step to step."""
+class StateVariable:
+    """A number that is carried from one control period to the next."""
 
     symbol: Symbol
-    """It, as the step reads it."""
-    begin: Symbol
-    after: Symbol
-    """The same symbol where no step changes it."""
+    """Its value in a period, an input of the program."""
+    initial: Symbol
+    """Its value where an episode begins."""
+    next: Symbol
+    """Its value in the next period; ``symbol`` itself where no period changes it."""
 
 
 class Lookup(NamedTuple):
-    """Numbers that an executor reads from a table's places among others, instead of by comparisons."""
+    """Numbers that an executor reads from a table's indices, instead of choosing them by comparisons."""
 
     name: str
-    """Of the table."""
-    found: tuple[Symbol, ...]
-    """Inputs of what is computed with them."""
+    """Name of the table."""
+    symbols: tuple[Symbol, ...]
+    """The numbers, inputs of what is computed with them."""
     source: tuple[Symbol, ...]
+    """The numbers to choose from."""
     table: np.ndarray
-    """(S, n): for each side of the spacecraft, which of the sources each is."""
+    """(S, n): for each side of the spacecraft, the index of each number in the source."""
 
 
 class RecalledRow(NamedTuple):
-    """What the network is given of one row of a history, and which numbers it is made of."""
+    """Features of one row of a history, for executors that loop over the rows."""
 
-    then: tuple[Symbol, ...]
-    shown: tuple[Symbol, ...]
+    inputs: tuple[Symbol, ...]
+    """The row as the memory holds it."""
+    features: tuple[Symbol, ...]
+    """Inputs of the first layer that it gives."""
     lookups: tuple[Lookup, ...]
+    """Lookups that the features need."""
 
 
 class PolicyInFlight(NamedTuple):
-    """What a policy does in every step of a flight."""
+    """What a policy computes in every control period of a flight."""
 
-    carried: tuple[Carried, ...]
-    """Of its filters, or of its recurrent core."""
-    history: tuple[Carried, ...]
+    carried: tuple[StateVariable, ...]
+    """Memory of its filters, or state of its recurrent core."""
+    history: tuple[StateVariable, ...]
+    """Memory of its history."""
     stages: tuple[Stage, ...]
     """Its layers, in order."""
     commands: tuple[Symbol, ...]
+    """Commands from the outputs of the last layer, 0 to 1."""
     lookups: tuple[Lookup, ...]
-    """Of them."""
+    """Lookups that the commands need."""
     row: RecalledRow | None
     """One row of the history, for executors that loop over its rows: the last inputs of the first layer."""
     newest: tuple[Symbol, ...]
-    """The row that the history is continued with."""
+    """The row that is appended to the history."""
     view: Symbol
-    """From which side it sees the spacecraft, int."""
+    """Side from which the spacecraft is viewed, int."""
 
 
 @dataclass(frozen=True)
 class FlightProgram:
-    """What a flight computes from the seed's words "low" and "high" and the scenario's "number".
+    """Program of a flight, whose inputs are the seed's words "low" and "high" and the scenario's "number".
 
-    In each step, from what is carried: inputs of the policy's layers; from their outputs, commands; and from these,
-    "command_0" ..., what is carried a step later.
+    In each control period executors compute, in this order: inputs of the policy's layers from the state variables;
+    from the layers' outputs commands; and from these, as inputs "command_0" ..., the next state.
     """
 
-    carried: tuple[Carried, ...]
-    """Of the episode and its verdict, and `PolicyInFlight.carried`."""
+    carried: tuple[StateVariable, ...]
+    """State variables of the episode, of its verdict, and `PolicyInFlight.carried`."""
     policy: PolicyInFlight
+    """What the policy computes."""
     going: Symbol
-    """Whether the flight is not over, of `rans.verdict.FlightAccumulator`, over what is carried."""
+    """Whether the flight goes on, as `rans.verdict.FlightAccumulator` has it, from the state variables."""
     failure: Symbol
-    """The number of a `rans.verdict.Failure`, int."""
+    """Number of a `rans.verdict.Failure`, int."""
     settles: Symbol
-    """Whether it settled, bool, and at which instant."""
+    """Whether it settled, bool."""
     settled: Symbol
+    """Control period in which it settled."""
     totals: tuple[Symbol, ...]
     """Return, impulse, and open thrusters summed over the last fifth."""
 
@@ -97,45 +109,51 @@ def trace_flight(
     architecture: Architecture,
     tables: Mapping[str, np.ndarray] | None = None,
 ) -> FlightProgram:
-    """Run a flight on symbols.
+    """Trace the program of a flight, by stepping an episode on symbols.
 
     Args:
-        world: in which the policy flies.
+        world: spacecraft, task, timing and conditions of the flight.
         architecture: the policy's architecture.
-        tables: the policy's parameters (`rans.policy.traced.parameters`), to be written into the program. Without,
-            those that no layer has are inputs, such as "mean_0", and what each side of the craft has in another
-            place is a `Lookup`.
+        tables: the policy's parameters (`rans.policy.traced.parameters`), to be written into the program. None:
+            parameters outside layers become inputs, such as "mean_0", and what is in another order on each side
+            of the craft becomes a `Lookup`.
 
     Raises:
         TypeError: a task or the policy does more than arithmetic on fields.
     """
+    # The initial state.
     low, high, number = (Symbol.input(name, "int") for name in ("low", "high", "number"))
     draws = Draws(low, high, number, 0, None)
     clock = Symbol.constant(0)
     first = world.begin(*world.scenario(clock, draws), clock, draws)
-    begun = (first, FlightAccumulator.begin(world, first, effort=True))
+    initial = (first, FlightAccumulator.begin(world, first, effort=True))
+
+    # A control period. A number is a state variable only if some period changes it. To find these takes several
+    # passes: in each, those that the last pass changed are symbols.
     commands = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.commands)))
     kinds = dict[int, Kind]()
     while True:
-        # What begins as a number is carried only if some step changes it.
-        begins = [
-            _carried(place, value, kinds.get(place)) for place, value in enumerate(leaves(begun))
+        state = [
+            _state_symbol(index, value, kinds.get(index))
+            for index, value in enumerate(leaves(initial))
         ]
-        now, verdict = unflatten(begun, begins)
-        outcome = step(world, now, tuple(of_outputs(world.craft, commands)), draws)
+        episode, verdict = unflatten(initial, state)
+        outcome = step(world, episode, tuple(of_outputs(world.craft, commands)), draws)
         after = leaves((outcome.episode, verdict.after(world, outcome)))
-        known = len(kinds)
-        for place, (new, old) in enumerate(zip(map(Symbol.constant, after), begins, strict=True)):
+        count = len(kinds)
+        for index, (new, old) in enumerate(zip(map(Symbol.constant, after), state, strict=True)):
             if not isinstance(old, Symbol) and new is not Symbol.constant(old):
-                kinds[place] = new.kind
-        if len(kinds) == known:
+                kinds[index] = new.kind
+        if len(kinds) == count:
             break
+
+    # The state variables, and the policy between two states.
     carried = tuple(
-        Carried(symbol, Symbol.constant(old), Symbol.constant(new))
-        for symbol, old, new in zip(begins, leaves(begun), after, strict=True)
+        StateVariable(symbol, Symbol.constant(old), Symbol.constant(new))
+        for symbol, old, new in zip(state, leaves(initial), after, strict=True)
         if isinstance(symbol, Symbol)
     )
-    policy = _policy_in_flight(architecture, world.observe(now, draws), commands, tables)
+    policy = _policy_in_flight(architecture, world.observe(episode, draws), commands, tables)
     return FlightProgram(
         (*carried, *policy.carried),
         policy,
@@ -147,12 +165,18 @@ def trace_flight(
     )
 
 
-def _carried(place: int, value: Any, kind: Kind | None) -> Any:
-    """A symbol for a number that varies; one that never does is itself."""
+def _state_symbol(index: int, value: Any, kind: Kind | None) -> Any:
+    """Input symbol of a state variable; a number that no period changes stays itself.
+
+    Args:
+        index: of the leaf among those of the state.
+        value: initial value, a number or a symbol.
+        kind: type of what a period changes it to; None: no period is known to change it.
+    """
     symbol = value if isinstance(value, Symbol) and value.operation != "constant" else None
     if symbol is None and kind is None:
         return value.value if isinstance(value, Symbol) else value
-    return Symbol.input(f"carried_{place}", kind or symbol.kind)  # type: ignore[union-attr]
+    return Symbol.input(f"carried_{index}", kind or symbol.kind)  # type: ignore[union-attr]
 
 
 def _policy_in_flight(
@@ -161,64 +185,76 @@ def _policy_in_flight(
     commands: Sequence[Symbol],
     tables: Mapping[str, np.ndarray] | None,
 ) -> PolicyInFlight:
-    """A policy that observes these fields; its commands have these names afterwards."""
+    """Trace the policy.
+
+    Args:
+        architecture: of the policy.
+        observation: fields of an observation.
+        commands: inputs that stand for the commands in what follows them.
+        tables: see `trace_flight`.
+    """
+    # Inputs: observation, memory, and parameters that no layer has.
     program = policy_program(architecture)
     lookups = list[Lookup]()
 
-    def looked_up(name: str, source: Sequence[Symbol], table: np.ndarray) -> list[Symbol]:
+    def look_up(name: str, source: Sequence[Symbol], table: np.ndarray) -> list[Symbol]:
         rows = inputs(f"{name}_of", table.shape[1])
         lookups.append(Lookup(f"places_{len(lookups)}", tuple(rows), tuple(source), table))
         return rows
 
-    gather = looked_up if tables is None else None
-    known: dict[str, Sequence[Any]] = {"observation": observation}
+    gather = look_up if tables is None else None
+    values: dict[str, Sequence[Any]] = {"observation": observation}
     for name in ("mean", "scale", "zoom"):
         if tables is not None and name in program.parameters:
-            known[name] = tables[name].tolist()
+            values[name] = tables[name].tolist()
     sizes = (
         {"memory": architecture.units}
         if architecture.units
         else {"history": architecture.rows, "filters": architecture.filtering}
     )
     memory = {name: inputs(name, size) for name, size in sizes.items() if size}
-    known |= memory
+    values |= memory
 
-    # What it answers.
-    asked = [name for name in ("command", "view") if program.has(name)]
-    after = ["memory_out"] if memory else []
-    rows, stages = symbols(program, known, asked + (after if architecture.units else []), gather)
-    # A history of one row is looked up too: as a row by itself, below.
-    answers = stages[-1].outputs
-    of_commands = tuple(
-        lookup for lookup in lookups if any(lookup.source[0] is answer for answer in answers)
+    # Layers, commands and view; the next state of a recurrent core, which comes before the commands.
+    requested = [name for name in ("command", "view") if program.has(name)]
+    memory_rows = ["memory_out"] if memory else []
+    rows, stages = symbols(
+        program, values, requested + (memory_rows if architecture.units else []), gather
+    )
+    # Lookups of commands alone: those of a history are repeated for a row by itself, below.
+    last_outputs = stages[-1].outputs
+    command_lookups = tuple(
+        lookup for lookup in lookups if any(lookup.source[0] is answer for answer in last_outputs)
     )
 
-    # What it remembers of that; a recurrent core has said so already.
+    # The next memory of histories and filters, from the commands.
     if not architecture.units:
         newest = ["newest"] if architecture.recalled else []
-        answered = known | {"command": commands}
-        rows |= symbols(program, answered, after + newest, gather)[0]
-    names = [symbol for part in memory.values() for symbol in part]
-    remembered = tuple(
-        Carried(symbol, Symbol.constant(0.0), new)
-        for symbol, new in zip(names, rows.get("memory_out", ()), strict=True)
+        with_commands = values | {"command": commands}
+        rows |= symbols(program, with_commands, memory_rows + newest, gather)[0]
+    state_symbols = [symbol for part in memory.values() for symbol in part]
+    state = tuple(
+        StateVariable(symbol, Symbol.constant(0.0), new)
+        for symbol, new in zip(state_symbols, rows.get("memory_out", ()), strict=True)
     )
 
-    # One row of the history by itself.
+    # One row of the history by itself, for executors that loop over the rows.
     row = None
     if architecture.recalled and gather is not None:
-        one = policy_program(replace(architecture, history=1, averages=()))
-        then = inputs("then", architecture.row)
-        known_lookups = len(lookups)
-        recalled, _ = symbols(one, known | {"history": then}, ["recalled"], gather)
-        own = tuple(lookups[known_lookups:])
-        row = RecalledRow(tuple(then), tuple(recalled["recalled"]), own)
+        one_row_program = policy_program(replace(architecture, history=1, averages=()))
+        row_symbols = inputs("then", architecture.row)
+        earlier_lookups = len(lookups)
+        features, _ = symbols(
+            one_row_program, values | {"history": row_symbols}, ["recalled"], gather
+        )
+        lookups_of_row = tuple(lookups[earlier_lookups:])
+        row = RecalledRow(tuple(row_symbols), tuple(features["recalled"]), lookups_of_row)
     return PolicyInFlight(
-        remembered[architecture.rows :],
-        remembered[: architecture.rows],
+        state[architecture.rows :],
+        state[: architecture.rows],
         stages,
         tuple(rows["command"]),
-        of_commands,
+        command_lookups,
         row,
         tuple(rows.get("newest", ())),
         rows["view"][0] if "view" in rows else Symbol.constant(0),

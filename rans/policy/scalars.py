@@ -1,6 +1,7 @@
-"""The single numbers in a program's rows, as fields: how executors that print scalars read `Program`.
+"""Evaluation of a policy's program number by number, for executors that print scalars.
 
-Dense layers stay what they are: inputs and outputs of `Stage`.
+`fields` computes rows of a `Program` from fields of any kind, `symbols` traces them. Dense layers are not opened:
+they become a `Stage`, whose outputs are inputs of what follows.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ from rans.model.trace import Symbol, Untraceable
 from rans.policy.program import Program, Step, inputs
 
 Row = np.ndarray
-"""Fields (objects) of one spacecraft, in the shape that ONNX gives a value without its first axis, of N."""
+"""Fields of one spacecraft, an array of objects with the shape of the ONNX value but for its first axis, of N."""
 Dense = Callable[[Step, Sequence[Field]], Sequence[Field]]
-"""The outputs of a layer to inputs."""
+"""Computes the outputs of a layer from its inputs."""
 Gather = Callable[[str, Sequence[Field], np.ndarray], Sequence[Field] | None]
-"""Numbers chosen from others, by the step's name, those others and a table (S, n) of which each side takes.
+"""Chooses n numbers by the side: from the step's name, the numbers, and a table (S, n) of indices into them.
 
-None: they are chosen by comparisons.
+Its result None means that they are to be chosen by comparisons.
 """
 
 
@@ -51,34 +52,36 @@ class Layer(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """Dense layers one after the other."""
+    """Consecutive dense layers, with no other operation between them."""
 
     inputs: tuple[Symbol, ...]
+    """Inputs of the first layer."""
     layers: tuple[Layer, ...]
     outputs: tuple[Symbol, ...]
-    """Inputs of what is computed afterwards."""
+    """Outputs of the last layer, which are inputs of what follows."""
 
 
-class _Choice(NamedTuple):
-    """Which of S values is the largest: the last one of which a condition holds, else the first."""
+class _ArgMax(NamedTuple):
+    """Index of the largest of S values: of the last value whose condition holds, else of the first."""
 
     conditions: tuple[Field, ...]
+    """(S - 1,) whether each value but the first is larger than all before it."""
 
     def of(self, candidates: Sequence[Field]) -> Field:
-        """The chosen one of S fields."""
+        """The candidate at the index, of S fields."""
         chosen = candidates[0]
         for condition, candidate in zip(self.conditions, candidates[1:], strict=True):
-            plain = isinstance(candidate, int | float) and isinstance(chosen, int | float)
-            same = candidate == chosen if plain else candidate is chosen
-            chosen = chosen if same else where(condition, candidate, chosen)
+            are_numbers = isinstance(candidate, int | float) and isinstance(chosen, int | float)
+            is_same = candidate == chosen if are_numbers else candidate is chosen
+            chosen = chosen if is_same else where(condition, candidate, chosen)
         return chosen
 
 
 class _Index(NamedTuple):
-    """A row of a table (S, ...) of whole numbers, by a choice."""
+    """Row of a table (S, ...) of whole numbers, by the index of the largest value."""
 
     table: np.ndarray
-    choice: _Choice
+    choice: _ArgMax
 
 
 _EACH: dict[str, Callable[..., Field]] = {
@@ -109,39 +112,45 @@ _EACH: dict[str, Callable[..., Field]] = {
     "Log": log,
     "Identity": lambda a: a,
 }
-"""What operations do to single numbers."""
+"""Operations on single numbers, by their ONNX names."""
 
 
 def fields(
     program: Program,
     known: Mapping[str, Iterable[Field]],
-    wanted: Sequence[str],
+    requested: Sequence[str],
     dense: Dense,
     gather: Gather | None = None,
 ) -> dict[str, list[Field]]:
-    """The numbers of rows, from those of others.
+    """Compute rows of a program from others.
 
     Args:
         program: of the policy.
-        known: fields of rows and of parameters, each in one sequence; layers' parameters are not asked for.
-        wanted: names of rows; of "view", the side of the spacecraft, one whole number.
+        known: fields of rows and of parameters by name, flat; parameters of layers are not needed.
+        requested: names of the rows to compute. "view", the side of the spacecraft, is a single index.
         dense: computes layers.
-        gather: chooses commands, where that is better done otherwise.
+        gather: chooses commands by the side; None: by comparisons.
+
+    Returns:
+        Fields of each row, flat, by its name.
+
+    Raises:
+        Untraceable: a row is not in the program, or an operation has no meaning for single numbers.
     """
     values: dict[str, Any] = {
         name: _row(row, program.parameters.get(name)) for name, row in known.items()
     }
-    for step in program.needed(wanted, known):
+    for step in program.needed(requested, known):
         arguments = [
             values[name] if name in values else program.constants.get(name) for name in step.inputs
         ]
         result = _result(step, arguments, dense, gather)
         pieces = result if step.operation == "Split" else [result]
         values |= dict(zip(step.outputs, pieces, strict=True))
-    rows = {name: values[name] for name in wanted}
+    rows = {name: values[name] for name in requested}
     return {
         name: [value.of(range(len(value.conditions) + 1))]
-        if isinstance(value, _Choice)
+        if isinstance(value, _ArgMax)
         else [*value.flat]
         for name, value in rows.items()
     }
@@ -150,14 +159,20 @@ def fields(
 def symbols(
     program: Program,
     known: Mapping[str, Iterable[Field]],
-    wanted: Sequence[str],
+    requested: Sequence[str],
     gather: Gather | None = None,
 ) -> tuple[dict[str, list[Symbol]], tuple[Stage, ...]]:
-    """The same of symbols, and the layers between them; parameters are inputs such as "mean_0"."""
-    stages = _Stages(program, wanted, known)
+    """Trace rows of a program as symbols.
+
+    Arguments are those of `fields`. Parameters that are not known become inputs such as "mean_0".
+
+    Returns:
+        Symbols of each row, flat, by its name, and the stages of layers, in order.
+    """
+    stages = _Stages(program, requested, known)
     read = {
         name
-        for step in program.needed(wanted, known)
+        for step in program.needed(requested, known)
         if step.operation != "Dense"
         for name in step.inputs
     }
@@ -166,37 +181,37 @@ def symbols(
         for name, shape in program.parameters.items()
         if name in read
     }
-    result = fields(program, parameters | dict(known), wanted, stages.through, gather)
+    result = fields(program, parameters | dict(known), requested, stages.through, gather)
     return {name: [*map(Symbol.constant, row)] for name, row in result.items()}, tuple(
-        stages.found.values()
+        stages.stages.values()
     )
 
 
 class _Stages:
-    """Writes down layers, joining those of which one is all that reads the other."""
+    """Collects dense layers, joining a layer to the one before if nothing else reads its outputs."""
 
-    def __init__(self, program: Program, wanted: Iterable[str], known: Iterable[str]) -> None:
-        self.found: dict[str, Stage] = {}
-        """By the name of their outputs."""
-        steps = program.needed(wanted, known)
-        self._uses = Counter([*wanted, *(name for step in steps for name in step.inputs)])
+    def __init__(self, program: Program, requested: Iterable[str], known: Iterable[str]) -> None:
+        self.stages: dict[str, Stage] = {}
+        """Stages by the name of their outputs."""
+        steps = program.needed(requested, known)
+        self._uses = Counter([*requested, *(name for step in steps for name in step.inputs)])
 
     def through(self, step: Step, row: Sequence[Field]) -> Sequence[Field]:
-        """See `Dense`."""
-        given, weight, bias = step.inputs
+        """Record a layer, and give inputs that stand for its outputs; see `Dense`."""
+        source, weight, bias = step.inputs
         (name,) = step.outputs
         units = int(step.attributes["units"])
         layer = Layer(weight, bias, units, str(step.attributes["activation"]))
         before = Stage(tuple(map(Symbol.constant, row)), (), ())
-        if given in self.found and self._uses[given] == 1:
-            before = self.found.pop(given)
+        if source in self.stages and self._uses[source] == 1:
+            before = self.stages.pop(source)
         outputs = tuple(inputs(name, units))
-        self.found[name] = Stage(before.inputs, (*before.layers, layer), outputs)
+        self.stages[name] = Stage(before.inputs, (*before.layers, layer), outputs)
         return outputs
 
 
 def _row(values: Iterable[Field], shape: tuple[int, ...] | None = None) -> Row:
-    """An array whose entries are these fields, whatever they are."""
+    """An array of objects with these fields as entries, even if a field is an array itself."""
     entries = list(values)
     row = np.empty(len(entries), object)
     for k, value in enumerate(entries):
@@ -205,7 +220,7 @@ def _row(values: Iterable[Field], shape: tuple[int, ...] | None = None) -> Row:
 
 
 def _result(step: Step, arguments: Sequence[Any], dense: Dense, gather: Gather | None) -> Any:
-    """The value of a step, or the values of a split."""
+    """Value of a step, or its values for a split."""
     operation = step.operation
     if operation in _EACH:
         return _each(_EACH[operation], [np.asarray(x, object) for x in arguments])
@@ -241,13 +256,13 @@ def _result(step: Step, arguments: Sequence[Any], dense: Dense, gather: Gather |
                 result = gather(step.outputs[0], [*row.flat], table.reshape(len(table), -1))
                 if result is not None:
                     return _row(result, row.shape)
-            sides = [np.take_along_axis(row, one, axis - 1) for one in table]
+            sides = [np.take_along_axis(row, indices, axis - 1) for indices in table]
             return _each(lambda *candidates: choice.of(candidates), sides)
     raise Untraceable(f"the operation {operation!r} of a policy has no meaning for single numbers.")
 
 
 def _each(function: Callable[..., Field], rows: Sequence[Row]) -> Row:
-    """A function of the numbers of rows, broadcast against each other."""
+    """Apply a function number by number to rows, which are broadcast against each other."""
     rows = np.broadcast_arrays(*rows)
     result = np.empty(rows[0].shape, object)
     for index in np.ndindex(result.shape):
@@ -256,15 +271,16 @@ def _each(function: Callable[..., Field], rows: Sequence[Row]) -> Row:
 
 
 def _number(x: Any) -> Field:
-    """A field; an entry of a table as a plain number."""
+    """A field as it is; an entry of a table as a Python number."""
     return x.item() if isinstance(x, np.generic) else x
 
 
-def _largest(values: Sequence[Field]) -> _Choice:
+def _largest(values: Sequence[Field]) -> _ArgMax:
+    """Index of the largest value; of equal ones the first."""
     best = values[0]
     conditions = []
     for value in values[1:]:
-        nearer = value > best
-        best = where(nearer, value, best)
-        conditions.append(nearer)
-    return _Choice(tuple(conditions))
+        is_larger = value > best
+        best = where(is_larger, value, best)
+        conditions.append(is_larger)
+    return _ArgMax(tuple(conditions))

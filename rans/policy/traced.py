@@ -1,7 +1,8 @@
-"""The one traced program of a policy, from which everything but torch's forward is printed.
+"""Policies as one traced program, from which every executor but torch prints its own code.
 
-It says what `rans.policy.network.Network.deterministic_action` says. Formulas of single numbers are those of
-torch's forward: of preprocessing, memory, activations, heads and filters; here is how they are put together.
+The program computes what `rans.policy.network.Network.deterministic_action` computes with torch. Formulas of
+single numbers are shared with torch's forward pass: preprocessing, memory, activations, heads and filters. This
+module puts them together.
 """
 
 from __future__ import annotations
@@ -25,23 +26,27 @@ TRACED = Capabilities(
     backbones=tuple(name for name, backbone in BACKBONES.items() if backbone.is_traced),
     recurrent=True,
 )
-"""What can be traced, and so what any executor but torch can have."""
+"""Parts of an architecture that can be traced, and so executed by anything but torch."""
 
 
 def policy_program(architecture: Architecture, command: str = "command") -> Program:
-    """What policies of an architecture answer to an observation (N, width) and a memory (N, m).
+    """Program of all policies of an architecture: commands from an observation (N, width) and a memory (N, m).
 
-    Rows that executors may ask for, each if there is one: "body", columns as the preprocessor makes them;
-    "history" and "filters", the two parts of the memory, which is the state of a recurrent core otherwise; "view",
-    the side of the spacecraft that has the goal ahead; "seen", columns and what filters tell, from that side;
-    "shown", what the trunk is given; "newest", what the history is continued with; "filters_after" and
-    "memory_out"; and the commands, numbers from 0 to 1 (N, commands), by the name ``command``.
+    Commands, numbers from 0 to 1 (N, commands), are the row called ``command``. Executors may ask for these rows
+    too, each if the architecture has it:
 
-    What no program can have (`TRACED`) ends it at "shown" (`Program.lacks`).
+    - "body": columns of the preprocessor; "history" and "filters": the parts of the memory, which for a recurrent
+      core is its state instead;
+    - "view": side of the spacecraft that has the goal ahead; "seen": columns, gated and filtered, from that side;
+    - "shown": features, the input of the trunk;
+    - "newest": the row that is appended to the history; "filters_after" and "memory_out": the next memory.
+
+    For an architecture that cannot be traced (`TRACED`) the program ends at "shown", and `Program.lacks` says why.
 
     Raises:
         Untraceable: the layout does more than arithmetic on fields.
     """
+    # Columns in the body frame, and the parts of the memory.
     program = Program()
     program.lacks = TRACED.missing(architecture)
     observed = inputs("column", architecture.layout.width)
@@ -52,38 +57,43 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
         ),
         name="body",
     )
-    history = known = ""
+    history = filter_memory = ""
     if architecture.memory and not architecture.units:
-        history, known = program.split(
+        history, filter_memory = program.split(
             "memory", (architecture.rows, architecture.filtering), ("history", "filters")
         )
 
-    # What the trunk is given: columns as they count and as filters have them, from one side, and the history.
-    blocks = _filtered(program, architecture, body, known)
-    view = _View.chosen(program, architecture, blocks[0][1])
+    # Features: gated columns and every filter's estimate, from the side with the goal ahead; then the history.
+    blocks = _filtered(program, architecture, body, filter_memory)
+    view = _View.towards_goal(program, architecture, blocks[0][1])
     features = []
     viewed = []
     for (layout, block), extra in zip(blocks, architecture.extra_columns, strict=True):
         row = body if block is None else program.joined(*block)
         row = row if view is None else view.columns(program, layout, row)
         viewed.append(row)
-        read, beside = program.split(row, (architecture.column_count, extra))
-        features += _looks(program, architecture, read)
+        read, extras = program.split(row, (architecture.column_count, extra))
+        features += _normalised_columns(program, architecture, read)
         if extra:
             clip = [program.constant(bound) for bound in (-architecture.clip, architecture.clip)]
-            features.append(program.apply("Clip", beside, *clip))
+            features.append(program.apply("Clip", extras, *clip))
     program.joined(*viewed, name="seen")
     if history:
-        features.append(_recalled(program, architecture, view, history))
-    x = program.joined(*features, name="shown")
-    # Commands; what is remembered needs to know no more of them than their names.
-    answer = command if program.lacks else _commands(program, architecture, view, x, command)
+        features.append(_normalised_history(program, architecture, view, history))
+    features_row = program.joined(*features, name="shown")
 
-    # What is remembered once the command is given.
+    # Commands. An incomplete program has none, and the memory takes them as an input of that name.
+    command_row = (
+        command if program.lacks else _commands(program, architecture, view, features_row, command)
+    )
+
+    # The next memory.
     if architecture.memory and not architecture.units:
-        rows = _remembered(program, architecture, history, body, answer) if history else []
-        if known:
-            rows.append(_expected(program, architecture, body, known, answer))
+        rows = _next_history(program, architecture, history, body, command_row) if history else []
+        if filter_memory:
+            rows.append(
+                _next_filter_memory(program, architecture, body, filter_memory, command_row)
+            )
         program.joined(*rows, name="memory_out")
     return program
 
@@ -91,32 +101,42 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
 def _commands(
     program: Program, architecture: Architecture, view: _View | None, x: str, command: str
 ) -> str:
-    """Layers, the state of a recurrent core, and commands, each thruster's from its place in the view."""
+    """Row of commands from features: trunk, recurrent core, backbone and head.
+
+    The head's outputs are those of thrusters as the view numbers them, and are put back in the craft's order.
+    """
+    # Trunk and recurrent core.
     widths = (architecture.inputs, *architecture.layers)
     for number, (width, units) in enumerate(zip(widths, architecture.layers, strict=False)):
         x = program.dense(x, f"trunk.{2 * number}", units, width, architecture.activation)
     if architecture.units:
-        x = _core(program, architecture, x)
+        x = _recurrent_core(program, architecture, x)
     outputs = program.split(
         BACKBONES[architecture.backbone].traced(program, architecture, x),
         [architecture.thrusters] * architecture.last.outputs,
     )
-    placed = [
-        program.apply("Identity", one, name=f"placed_{k}")
+    # Outputs in the order of the craft's thrusters, and guidance's advice as a last one.
+    by_thruster = [
+        program.apply("Identity", output, name=f"placed_{k}")
         if view is None
-        else program.apply("GatherElements", one, view.place, name=f"placed_{k}", axis=1)
-        for k, one in enumerate(outputs)
+        else program.apply(
+            "GatherElements", output, view.thruster_index, name=f"placed_{k}", axis=1
+        )
+        for k, output in enumerate(outputs)
     ]
     if architecture.last.is_advised:
         first, last = architecture.columns.advice
-        change = program.joined(*program.single("body", architecture.column_count)[first:last])
+        advice = program.joined(*program.single("body", architecture.column_count)[first:last])
         levers = program.constant(np.asarray(architecture.levers).T, "levers")
-        placed.append(program.apply("MatMul", change, levers))
-    return program.apply("Identity", program.each(architecture.last.command, *placed), name=command)
+        by_thruster.append(program.apply("MatMul", advice, levers))
+    return program.apply(
+        "Identity", program.each(architecture.last.command, *by_thruster), name=command
+    )
 
 
 def parameters(network: Network) -> dict[str, np.ndarray]:
-    """The program's parameters of a network of one member, float32, by their names there."""
+    """Parameters of a program for a network of one member: float32 arrays by their names in the program."""
+    # Layers before the heads, without the critic's; gates of a recurrent core are layers of their own.
     tensors = {name: x.detach().cpu().float() for name, x in network.tensors.items()}
     architecture = network.architecture
     result = {
@@ -128,6 +148,7 @@ def parameters(network: Network) -> dict[str, np.ndarray]:
         for kind in ("weight", "bias"):
             if (x := result.pop(f"core.{kind}_{gate}", None)) is not None:
                 result[f"core.{gate}.{kind}"] = x
+    # Both outputs of an on/off thruster become its log-odds; scales are computed once.
     result["head.weight"], result["head.bias"] = architecture.last.folded(
         tensors["action_net.weight"], tensors["action_net.bias"]
     )
@@ -137,16 +158,19 @@ def parameters(network: Network) -> dict[str, np.ndarray]:
 
 
 def _filtered(
-    program: Program, architecture: Architecture, body: str, known: str
+    program: Program, architecture: Architecture, body: str, filter_memory: str
 ) -> list[tuple[Layout, list[str] | None]]:
-    """Columns as they count and what each filter makes of them, with their layouts; None: those in B."""
-    if not known:
+    """Layout and columns of the gated reading, then of each filter's estimate (`Architecture.filtered`).
+
+    Without filters it is the layout in B alone, and None for its columns: those of "body".
+    """
+    if not filter_memory:
         return [(architecture.columns, None)]
     read, memory = (
         inputs("read", architecture.column_count),
         inputs("filter", architecture.filtering),
     )
-    rows = (*program.single(body, len(read)), *program.single(known, len(memory)))
+    rows = (*program.single(body, len(read)), *program.single(filter_memory, len(memory)))
     blocks = architecture.filtered((*read, *memory))
     result = program.lowered(
         [x for _, block in blocks for x in block],
@@ -159,8 +183,8 @@ def _filtered(
     return split
 
 
-def _looks(program: Program, architecture: Architecture, viewed: str) -> list[str]:
-    """Columns normalised, and a second time magnified (docs/decisions/policies.md)."""
+def _normalised_columns(program: Program, architecture: Architecture, viewed: str) -> list[str]:
+    """Columns normalised and, if there is a zoom, a second time magnified (docs/decisions/policies.md)."""
     mean, scale = (program.parameter(name, architecture.column_count) for name in ("mean", "scale"))
     results = [
         program.each(lambda x, m, s: normalised(x, m, s, architecture.clip), viewed, mean, scale)
@@ -174,107 +198,120 @@ def _looks(program: Program, architecture: Architecture, viewed: str) -> list[st
 
 @dataclass(frozen=True)
 class _View:
-    """From which of its equivalent sides each spacecraft is seen (docs/decisions/policies.md)."""
+    """The equivalent side from which each spacecraft is viewed (docs/decisions/policies.md)."""
 
     views: Symmetries
-    which: str
-    """(N,)."""
-    place: str
-    """(N, thrusters): index of each thruster's place in the view."""
+    side: str
+    """(N,) index of the side."""
+    thruster_index: str
+    """(N, thrusters) index of each thruster as that side numbers them."""
 
     @classmethod
-    def chosen(
-        cls, program: Program, architecture: Architecture, counted: Sequence[str] | None
+    def towards_goal(
+        cls, program: Program, architecture: Architecture, gated_columns: Sequence[str] | None
     ) -> _View | None:
-        """The view that has the goal most ahead; None without symmetries or a way to go.
+        """View from the side that has the goal most ahead; None without symmetries or a direction to the goal.
 
-        Columns as they count are given one by one; None: those of "body".
+        Args:
+            program: to which steps are added.
+            architecture: of the policy.
+            gated_columns: columns one by one; None: those of "body".
         """
         views = architecture.symmetries
         if views is None or architecture.ahead(range(architecture.column_count)) is None:
             return None
-        way = architecture.ahead(counted or program.single("body", architecture.column_count))
-        assert way is not None
-        # Rounding noise in a matrix would cost operations.
-        turn = np.round(views.turn, 12) + 0.0
-        aim = np.asarray(AIM[: len(way)])
-        ahead = program.constant(np.einsum("i,sij->js", aim, turn), "ahead")
-        score = program.apply("MatMul", program.joined(*way), ahead)
-        which = program.apply("ArgMax", score, name="view", axis=1, keepdims=0)
-        places = program.constant(views.place, "places", np.int64)
-        return cls(views._replace(turn=turn), which, program.apply("Gather", places, which, axis=0))
+        direction = architecture.ahead(
+            gated_columns or program.single("body", architecture.column_count)
+        )
+        assert direction is not None
+        # Entries that are zero but for rounding would cost operations.
+        rotations = np.round(views.turn, 12) + 0.0
+        aim = np.asarray(AIM[: len(direction)])
+        ahead = program.constant(np.einsum("i,sij->js", aim, rotations), "ahead")
+        # Cosine of the angle between the direction and each side's front, and the side where it is largest.
+        score = program.apply("MatMul", program.joined(*direction), ahead)
+        side = program.apply("ArgMax", score, name="view", axis=1, keepdims=0)
+        thruster_table = program.constant(views.place, "places", np.int64)
+        return cls(
+            views._replace(turn=rotations),
+            side,
+            program.apply("Gather", thruster_table, side, axis=0),
+        )
 
     def columns(self, program: Program, layout: Layout, value: str, rows: bool = False) -> str:
-        """Columns (N, k), or several rows of them (N, rows, k), as the view shows them."""
+        """Columns (N, k), or with ``rows`` several rows of them (N, rows, k), as viewed from the side."""
         count, size, _ = self.views.turn.shape
         table = np.concatenate(
             (self.views.turn.reshape(count, -1), self.views.hand[:, None]), axis=1
         )
-        commands = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0)
+        # Rotation matrix and handedness of each spacecraft's side.
+        transforms = program.apply("Gather", program.constant(table, "turns"), self.side, axis=0)
         if rows:
-            commands = program.shaped(commands, 1, size * size + 1)
+            transforms = program.shaped(transforms, 1, size * size + 1)
         *turn, hand = inputs("turn", size * size + 1)
         columns = inputs("column", layout.width)
 
-        def turned(u: Columns) -> Columns:
+        def rotated(u: Columns) -> Columns:
             return [sum(turn[size * i + j] * x for j, x in enumerate(u)) for i in range(size)]
 
-        known = dict(zip((*turn, hand), program.single(commands, size * size + 1), strict=True))
-        known |= dict(zip(columns, program.single(value, layout.width), strict=True))
-        return program.joined(*program.lowered(layout.mirrored(columns, turned, hand), known))
+        values = dict(zip((*turn, hand), program.single(transforms, size * size + 1), strict=True))
+        values |= dict(zip(columns, program.single(value, layout.width), strict=True))
+        return program.joined(*program.lowered(layout.mirrored(columns, rotated, hand), values))
 
     def commands(self, program: Program, value: str, rows: int) -> str:
-        """Commands (N, rows, thrusters) as the view shows them."""
+        """Commands (N, rows, thrusters) in the order of thrusters as the side numbers them."""
         back = np.argsort(self.views.place, axis=1)
         table = program.constant(np.tile(back, (1, rows)), "places_back", np.int64)
-        index = program.apply("Gather", table, self.which, axis=0)
+        index = program.apply("Gather", table, self.side, axis=0)
         index = program.shaped(index, rows, back.shape[1])
         return program.apply("GatherElements", value, index, axis=2)
 
 
-def _recalled(
+def _normalised_history(
     program: Program, architecture: Architecture, view: _View | None, history: str
 ) -> str:
-    """What is remembered, (N, m), from the same side and with the columns normalised."""
+    """Features (N, m) of a history: its rows viewed from the same side, columns normalised."""
     rows = program.shaped(history, architecture.recalled, architecture.row)
-    then, commands = program.split(rows, (architecture.answered, architecture.thrusters))
+    past_columns, commands = program.split(rows, (architecture.answered, architecture.thrusters))
     if view is not None:
-        then = then and view.columns(program, architecture.columns, then, rows=True)
-        commands = view.commands(program, commands, architecture.recalled)
-    if then:
-        then = program.each(
-            lambda x, m, s: normalised(x, m, s, architecture.clip), then, "mean", "scale"
+        past_columns = past_columns and view.columns(
+            program, architecture.columns, past_columns, rows=True
         )
-    row = program.joined(then, commands)
+        commands = view.commands(program, commands, architecture.recalled)
+    if past_columns:
+        past_columns = program.each(
+            lambda x, m, s: normalised(x, m, s, architecture.clip), past_columns, "mean", "scale"
+        )
+    row = program.joined(past_columns, commands)
     return program.apply("Identity", program.shaped(row, architecture.rows), name="recalled")
 
 
-def _remembered(
+def _next_history(
     program: Program, architecture: Architecture, history: str, body: str, command: str
 ) -> list[str]:
-    """Averages that move towards the newest columns and command, then the last ones, oldest first."""
+    """Parts of the next history: moving averages of columns and command, then the last rows, oldest first."""
     newest = program.joined("" if architecture.commands_only else body, command, name="newest")
     width = architecture.row
     count = len(architecture.averages)
-    last = min(architecture.history, 1)
-    averages, _, others = program.split(
-        history, [x * width for x in (count, last, architecture.history - last)]
+    has_last = min(architecture.history, 1)
+    averages, _, later = program.split(
+        history, [x * width for x in (count, has_last, architecture.history - has_last)]
     )
     if count:
-        kept = program.constant(np.repeat(np.asarray(architecture.averages), width), "kept")
-        averages = program.each(averaged, averages, program.joined(*[newest] * count), kept)
-    return [averages, others, newest if last else ""]
+        decay = program.constant(np.repeat(np.asarray(architecture.averages), width), "kept")
+        averages = program.each(averaged, averages, program.joined(*[newest] * count), decay)
+    return [averages, later, newest if has_last else ""]
 
 
-def _expected(
-    program: Program, architecture: Architecture, body: str, known: str, command: str
+def _next_filter_memory(
+    program: Program, architecture: Architecture, body: str, filter_memory: str, command: str
 ) -> str:
-    """What filters remember once the command is given."""
+    """Next memory of the filters (`Architecture.next_filter_memory`)."""
     symbols = []
     rows = []
     for name, width in (
         (body, architecture.column_count),
-        (known, architecture.filtering),
+        (filter_memory, architecture.filtering),
         (command, architecture.thrusters),
     ):
         symbols += inputs(f"of {name}", width)
@@ -285,10 +322,10 @@ def _expected(
     return program.joined(*result, name="filters_after")
 
 
-def _core(program: Program, architecture: Architecture, x: str) -> str:
-    """A gated recurrent unit, torch's `GRUCell`: what it says is what it remembers."""
+def _recurrent_core(program: Program, architecture: Architecture, x: str) -> str:
+    """Gated recurrent unit, as torch's `GRUCell`; its output is its next state."""
     units = architecture.units
-    fresh = program.dense(x, "core.ih", 3 * units, architecture.layers[-1])
-    kept = program.dense("memory", "core.hh", 3 * units, units)
-    gates = [part for row in (fresh, kept) for part in program.split(row, [units] * 3)]
+    from_input = program.dense(x, "core.ih", 3 * units, architecture.layers[-1])
+    hidden = program.dense("memory", "core.hh", 3 * units, units)
+    gates = [part for row in (from_input, hidden) for part in program.split(row, [units] * 3)]
     return program.apply("Identity", program.each(gated, *gates, "memory"), name="memory_out")

@@ -37,18 +37,20 @@ class CpuFlights:
         self._program = program
         self._own = threading.local()
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
-        everything = (*program.carried, *program.policy.history)
-        carried = [one.symbol for one in everything]
-        self._moved = [one for one in everything if one.after is not one.symbol]
+        variables = (*program.carried, *program.policy.history)
+        carried = [variable.symbol for variable in variables]
+        self._changing = [
+            variable for variable in variables if variable.next is not variable.symbol
+        ]
         self._carried = set(carried)
         self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
-        self._begin = CompiledProgram(words, [one.begin for one in everything])
+        self._begin = CompiledProgram(words, [variable.initial for variable in variables])
         outputs = [symbol for stage in program.policy.stages for symbol in stage.outputs]
         self._step = CompiledProgram(
             [*words, *carried, *self._told, *outputs],
             *(stage.inputs for stage in program.policy.stages),
             program.policy.commands,
-            [one.after for one in self._moved],
+            [variable.next for variable in self._changing],
         )
         self._verdict = CompiledProgram(
             carried, [program.failure, program.settles, program.settled, *program.totals]
@@ -75,12 +77,12 @@ class CpuFlights:
                     step.put(symbol, command)
                 # What becomes another, as the last command the last but one, would be overwritten before.
                 after = [
-                    np.copy(x) if one.after in self._carried else x
-                    for one, x in zip(self._moved, step.run(len(stages) + 1), strict=True)
+                    np.copy(x) if variable.next in self._carried else x
+                    for variable, x in zip(self._changing, step.run(len(stages) + 1), strict=True)
                 ]
-                for one, value in zip(self._moved, after, strict=True):
-                    step.put(one.symbol, value)
-            verdict.give(step.value(one.symbol) for one in self._program.carried)
+                for variable, value in zip(self._changing, after, strict=True):
+                    step.put(variable.symbol, value)
+            verdict.give(step.value(variable.symbol) for variable in self._program.carried)
             failure, settles, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))
         return FlightStatistics.of(
             self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32"
@@ -92,6 +94,7 @@ class CpuFlights:
         if kept is None or self._own.count != count:
             self._own.count = count
             self._own.memory = kept = tuple(
-                one.memory(count) for one in (self._begin, self._step, self._verdict, *self._layers)
+                variable.memory(count)
+                for variable in (self._begin, self._step, self._verdict, *self._layers)
             )
         return kept

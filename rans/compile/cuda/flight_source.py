@@ -146,9 +146,9 @@ class _Writer(Lines):
         recalled = self._architecture.rows
         yield "const unsigned index = group * 32 + lane();"
         yield "const int number = first + int(index);"
-        yield from self.values(carried.begin for carried in program.carried)
+        yield from self.values(carried.initial for carried in program.carried)
         yield from (
-            f"{carried.symbol.kind} {carried.symbol.value} = {self.operand(carried.begin)};"
+            f"{carried.symbol.kind} {carried.symbol.value} = {self.operand(carried.initial)};"
             for carried in program.carried
         )
         if recalled:
@@ -170,10 +170,10 @@ class _Writer(Lines):
         yield "__syncwarp();"
         yield from self._commands()
         yield from self._remember()
-        moved = [carried for carried in program.carried if carried.after is not carried.symbol]
-        yield from self.values(carried.after for carried in moved)
+        moved = [carried for carried in program.carried if carried.next is not carried.symbol]
+        yield from self.values(carried.next for carried in moved)
         for carried in moved:
-            yield f"const {carried.symbol.kind} next_{carried.symbol.value} = {self.operand(carried.after)};"
+            yield f"const {carried.symbol.kind} next_{carried.symbol.value} = {self.operand(carried.next)};"
         yield from (f"{carried.symbol.value} = next_{carried.symbol.value};" for carried in moved)
         yield from self.values([program.going])
         yield f"if (!__any_sync(~0u, {self.operand(program.going)})) break;"
@@ -190,9 +190,9 @@ class _Writer(Lines):
         yield f"for (int row = 0; row < {architecture.recalled}; ++row) {{"
         yield f"  const int at = row * {architecture.row};"
         known = dict(self.names)
-        self.names |= {symbol: f"memory[at + {i}]" for i, symbol in enumerate(row.then)}
-        yield from indented(self._looked_up(row.lookups, row.then, "memory[at + {}]"))
-        yield from indented(self._show(row.shown, f"{len(alone)} + at"))
+        self.names |= {symbol: f"memory[at + {i}]" for i, symbol in enumerate(row.inputs)}
+        yield from indented(self._looked_up(row.lookups, row.inputs, "memory[at + {}]"))
+        yield from indented(self._show(row.features, f"{len(alone)} + at"))
         yield "}"
         self.names = known
 
@@ -211,7 +211,7 @@ class _Writer(Lines):
         view = self.operand(self._program.policy.view)
         for lookup in lookups:
             first = next(i for i, source in enumerate(sources) if source is lookup.source[0])
-            for i, symbol in enumerate(lookup.found):
+            for i, symbol in enumerate(lookup.symbols):
                 place = f"{first} + {lookup.name}[{view}][{i}]"
                 yield f"const real {symbol.value} = {text.format(place)};"
 

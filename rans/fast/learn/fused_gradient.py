@@ -71,41 +71,42 @@ class FusedGradient(ABC):
         self._coefficients = coefficients
         self._device = adam.row.device
         self._zero = adam.row.new_zeros(1)
-        zero = adam.row.shape[1]
-        # The weights are views of their row.
-        everywhere = torch.arange(zero, device=self._device)
+        zero = adam.row.shape[1]  # index of a zero behind the parameters, for padding
+        # Index of every parameter in the row of all: the tensors are views of that row.
+        indices = torch.arange(zero, device=self._device)
         places = design.places(
             {
-                name: everywhere.as_strided(x.shape, x.stride(), x.storage_offset())
+                name: indices.as_strided(x.shape, x.stride(), x.storage_offset())
                 for name, x in network.tensors.items()
                 if name in network.learnt
             },
             zero,
         )
         head = Places(*(x.T for x in places["head"]))
-        # The weights of the heads twice: rounded, and the remainder.
+        # What to gather for the packed weights and biases. Each is the difference of two parameters, since a
+        # thruster's logit is a difference of outputs. The heads' weights come twice: rounded, and their remainder.
         matrices = [
             [functional.pad(x, (0, PAD), value=zero).flatten() for x in pair]
             for pair in (places["first"], places["second"], head, head)
         ]
         biases = [[x.flatten() for x in places[name]] for name in ("bias", "constant")]
         self._weights, self._biases = (
-            [torch.cat(x) for x in zip(*of, strict=True)] for of in (matrices, biases)
+            [torch.cat(x) for x in zip(*parts, strict=True)] for parts in (matrices, biases)
         )
-        self._is_rest = _last(self._weights[0], len(matrices[-1][0]))
-        self._is_constant = _last(self._biases[0], design.heads)
-        # Index of each weight's gradient among the sums, and its sign; unused ones are at the end.
+        self._is_remainder = _last_mask(self._weights[0], len(matrices[-1][0]))
+        self._is_head_bias = _last_mask(self._biases[0], design.heads)
+        # Where each parameter's gradient is among the sums, and its sign. Padding writes to the last entry, which
+        # is cut off.
         self._source = torch.zeros(zero + 1, dtype=torch.int64, device=self._device)
         self._sign = adam.row.new_zeros(zero + 1)
         for pair, sign in zip(zip(*places.values(), strict=True), (1.0, -1.0), strict=True):
             flat = torch.cat([x.flatten() for x in pair])
             self._source[flat] = torch.arange(len(flat), device=self._device)
             self._sign[flat] = sign
-        self._source, self._sign = self._source[:zero], self._sign[:zero]
-        self._pack, self._gather = (
-            fused(self._packed, self._device),
-            fused(self._gathered, self._device),
-        )
+        self._source = self._source[:zero]
+        self._sign = self._sign[:zero]
+        self._pack = fused(self._packed, self._device)
+        self._gather = fused(self._gathered, self._device)
 
     @staticmethod
     def made(
@@ -145,15 +146,16 @@ class FusedGradient(ABC):
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
     ) -> Tensor:
-        """Inputs of both trunks (N, inputs) from columns (N, k), a history and privileged observations.
+        """Inputs of both trunks (N, inputs), bfloat16, from columns (N, k), a history and privileged observations.
 
         They are the same in every epoch.
         """
         x = self._network.inputs(seen, memory)
         x = x if privileged is None else torch.cat((x, privileged), dim=1)
-        one = x.new_ones(1, 1)
-        rest = x.new_zeros(1, self.design.inputs - self.design.columns - 1)
-        return torch.cat((x, one.expand(len(x), -1), rest.expand(len(x), -1)), dim=1).bfloat16()
+        # A column of ones for the first layer's bias, and zeros up to the width that products need.
+        ones = x.new_ones(1, 1).expand(len(x), -1)
+        padding = x.new_zeros(1, self.design.inputs - self.design.columns - 1).expand(len(x), -1)
+        return torch.cat((x, ones, padding), dim=1).bfloat16()
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
         """Loss and `STATISTICS`, (1,) each, of a minibatch whose memory are the `inputs`."""
@@ -166,21 +168,27 @@ class FusedGradient(ABC):
 
     @abstractmethod
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        """Gradients and statistics of parts of a minibatch, (parts, `UpdateDesign.size`).
+        """Gradients and statistics, summed over parts of a minibatch, (parts, `UpdateDesign.size`).
 
-        Weights are in the layout of `UpdateDesign.matrices`; biases, float32, are those of the second layer and of
-        the heads.
+        Args:
+            weights: bfloat16, in the layout of `UpdateDesign.matrices`.
+            biases: float32, of the second layer, then of the heads.
+            x: `inputs` of the minibatch.
+            part: the minibatch.
         """
 
     def _packed(self) -> tuple[Tensor, Tensor]:
-        """Packed weights and biases; those of the hidden layer are rounded as torch's bfloat16 products do."""
+        """Weights and biases in the layout of `_sums`.
+
+        The second layer's biases are rounded as in torch's bfloat16 layers.
+        """
         row = torch.cat((self._adam.row[0], self._zero))
         weights, biases = (row[plus] - row[minus] for plus, minus in (self._weights, self._biases))
-        rest = torch.where(self._is_rest, weights - _rounded(weights), weights)
-        return rest.bfloat16(), torch.where(self._is_constant, biases, _rounded(biases))
+        weights = torch.where(self._is_remainder, weights - _rounded(weights), weights)
+        return weights.bfloat16(), torch.where(self._is_head_bias, biases, _rounded(biases))
 
     def _gathered(self, sums: Tensor, count: int) -> tuple[Tensor, Tensor]:
-        """Gradient (1, P), and the loss with its statistics."""
+        """Gradient (1, parameters), and the loss with its statistics, from the sums of ``count`` transitions."""
         means = sums.sum(dim=0) / count
         coefficients = self._coefficients
         surrogate, value, entropy, *rest = means[
@@ -193,7 +201,17 @@ class FusedGradient(ABC):
 
 
 class UpdateKernel(FusedGradient):
-    """Gradient backend in one kernel, which needs its design to fit the ``shared`` memory of a block, bytes."""
+    """Gradient backend in one CUDA kernel, for networks that fit a block's shared memory.
+
+    Args:
+        network: network of one member.
+        adam: see `FusedGradient`.
+        coefficients: see `FusedGradient`.
+        shared: shared memory that a block may have, bytes.
+
+    Raises:
+        DoesNotFit: the network needs more.
+    """
 
     description: ClassVar[str] = "one kernel"
     design: KernelDesign
@@ -220,7 +238,7 @@ class UpdateKernel(FusedGradient):
             )
 
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        by = self._coefficients
+        coefficients = self._coefficients
         sums = self._adam.row.new_empty(self.blocks, self.design.size)
         tensors = (
             weights,
@@ -230,12 +248,12 @@ class UpdateKernel(FusedGradient):
             part.log_prob,
             part.advantage,
             part.target,
-            by.clip_range,
-            by.vf_coef,
-            by.ent_coef,
+            coefficients.clip_range,
+            coefficients.vf_coef,
+            coefficients.ent_coef,
             sums,
         )
-        self._launch([given.data_ptr() for given in tensors], len(x))
+        self._launch([tensor.data_ptr() for tensor in tensors], len(x))
         return sums
 
     def _launch(self, pointers: list[int], count: int) -> None:
@@ -253,50 +271,71 @@ class MatrixGradient(FusedGradient):
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)
         self._activation = network.architecture.activation_module()
         # Two trunks are concatenated, which costs no time if compiled.
-        self._second = (
-            self._activation if self.design.trunks == 1 else fused(self._beside, self._device)
+        self._second_activation = (
+            self._activation
+            if self.design.trunks == 1
+            else fused(self._joined_activation, self._device)
         )
-        self._through, self._output = (
-            fused(self._before, self._device),
-            fused(self._learnt, self._device),
-        )
+        self._backward = fused(self._before_activation, self._device)
+        self._losses = fused(self._output_gradients, self._device)
 
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
         design = self.design
-        first, second, head, rest = design.matrices(weights)
-        bias, constant = biases.tensor_split([len(second)])
-        # Forward, both trunks side by side; outputs are sums over both parts of the heads' weights.
-        one = self._activation(x @ first.T)
-        ones = one.chunk(design.trunks, dim=1)
-        seconds = second.chunk(design.trunks)
-        given = zip(bias.bfloat16().chunk(design.trunks), ones, seconds, strict=True)
-        two = self._second(*(torch.addmm(shift, each, weight.T) for shift, each, weight in given))
-        outputs = _float32(two, torch.cat((head, rest)).T)
+        first_weight, second_weight, head, head_remainder = design.matrices(weights)
+        second_bias, head_bias = biases.tensor_split([len(second_weight)])
+
+        # Forward, both trunks side by side. The outputs have a column for either part of the heads' weights.
+        first = self._activation(x @ first_weight.T)
+        first_parts = first.chunk(design.trunks, dim=1)
+        second_weights = second_weight.chunk(design.trunks)
+        layers = zip(
+            second_bias.bfloat16().chunk(design.trunks), first_parts, second_weights, strict=True
+        )
+        second = self._second_activation(
+            *(torch.addmm(bias, inputs, weight.T) for bias, inputs, weight in layers)
+        )
+        outputs = _product(second, torch.cat((head, head_remainder)).T)
+
         # Losses, and backward.
-        d_out, of_constant, statistics = self._output(
-            outputs, constant, part.action, part.log_prob, part.advantage, part.target
+        d_outputs, d_head_bias, statistics = self._losses(
+            outputs, head_bias, part.action, part.log_prob, part.advantage, part.target
         )
-        d_two, of_bias = self._through(two, d_out @ head)
-        d_twos = d_two.chunk(design.trunks, dim=1)
-        d_one, _ = self._through(
-            one, *(each @ weight for each, weight in zip(d_twos, seconds, strict=True))
+        d_second, d_second_bias = self._backward(second, d_outputs @ head)
+        d_second_parts = d_second.chunk(design.trunks, dim=1)
+        d_first, _ = self._backward(
+            first,
+            *(
+                gradient @ weight
+                for gradient, weight in zip(d_second_parts, second_weights, strict=True)
+            ),
         )
+
+        # Gradients of all weights and biases, in the layout of `UpdateDesign`.
         sums = [
-            *(_float32(each.T, given) for each, given in zip(d_twos, ones, strict=True)),
-            _float32(d_one.T, x),
-            _float32(two.T, d_out),
-            of_bias,
-            of_constant,
+            *(
+                _product(gradient.T, inputs)
+                for gradient, inputs in zip(d_second_parts, first_parts, strict=True)
+            ),
+            _product(d_first.T, x),
+            _product(second.T, d_outputs),
+            d_second_bias,
+            d_head_bias,
             statistics,
             self._zero.expand(design.size - design.end - STATISTICS),
         ]
-        return torch.cat([each.flatten() for each in sums])[None]
+        return torch.cat([tensor.flatten() for tensor in sums])[None]
 
-    def _beside(self, *parts: Tensor) -> Tensor:
+    def _joined_activation(self, *parts: Tensor) -> Tensor:
+        """Activations (N, units) of both trunks, side by side."""
         return self._activation(torch.cat(parts, dim=1))
 
-    def _before(self, value: Tensor, *gradients: Tensor) -> tuple[Tensor, Tensor]:
-        """Gradients before activations, from those after them, and their sums over the samples."""
+    def _before_activation(self, value: Tensor, *gradients: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradients before an activation function (N, units), bfloat16, and their sums (units,).
+
+        Args:
+            value: (N, units) values of the function.
+            gradients: gradients of the values, one tensor for each trunk.
+        """
         y = value.float()
         after = torch.cat(gradients, dim=1).float()
         slope = ACTIVATIONS[self._network.architecture.activation].slope
@@ -304,24 +343,33 @@ class MatrixGradient(FusedGradient):
         result = (after * slope(y)).bfloat16()
         return result, result.float().sum(dim=0)
 
-    def _learnt(
+    def _output_gradients(
         self,
         outputs: Tensor,
-        constant: Tensor,
+        bias: Tensor,
         action: Tensor,
         log_prob: Tensor,
         advantage: Tensor,
         target: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Gradients of the outputs, their sums, and sums of the statistics."""
+        """Gradients of the heads' outputs (N, heads), bfloat16, their sums (heads,), and sums of the statistics.
+
+        Args:
+            outputs: (N, 2 heads) outputs by the rounded weights, then by their remainders.
+            bias: (heads,).
+            action: (N, thrusters) zeros and ones.
+            log_prob: (N,) log-probability of the action under the rollout's policy.
+            advantage: (N,).
+            target: (N,) target of the critic's value.
+        """
         coefficients = self._coefficients
         thrusters = action.shape[1]
-        result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + constant
+        result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + bias
         logit = result[:, :thrusters]
-        one = choice(logit, action)
+        parts = choice(logit, action)
         losses = transition_losses(
-            one.log_prob.sum(dim=1),
-            one.entropy.sum(dim=1),
+            parts.log_prob.sum(dim=1),
+            parts.entropy.sum(dim=1),
             result[:, thrusters],
             log_prob,
             advantage,
@@ -329,27 +377,30 @@ class MatrixGradient(FusedGradient):
             coefficients.clip_range,
             coefficients.vf_coef,
         )
-        of_logits = d_logit(
-            logit, action, one.opening, losses.d_log_prob[:, None], coefficients.ent_coef
+        d_logits = d_logit(
+            logit, action, parts.opening, losses.d_log_prob[:, None], coefficients.ent_coef
         )
-        of_value = losses.d_value[:, None]
-        idle = of_value.new_zeros(1).expand(len(of_value), self.design.heads - thrusters - 1)
-        gradient = torch.cat((of_logits, of_value, idle), dim=1)
+        d_value = losses.d_value[:, None]
+        padding = d_value.new_zeros(1).expand(len(d_value), self.design.heads - thrusters - 1)
+        gradient = torch.cat((d_logits, d_value, padding), dim=1)
         sums = torch.stack([x.sum() for x in losses.statistics])
         return gradient.bfloat16(), gradient.sum(dim=0), sums
 
 
-def _float32(a: Tensor, b: Tensor) -> Tensor:
-    """Matrix product of bfloat16 numbers with float32 sums."""
+def _product(a: Tensor, b: Tensor) -> Tensor:
+    """Matrix product of bfloat16 matrices, accumulated and returned in float32."""
     return torch.mm(a, b, out_dtype=torch.float32) if a.is_cuda else a.float() @ b.float()
 
 
 def _rounded(x: Tensor) -> Tensor:
-    """Float32 numbers rounded to the nearest bfloat16, ties to even; torch's compiler would drop conversions."""
+    """Float32 numbers rounded to the nearest bfloat16, ties to even.
+
+    By bits, as torch's compiler would drop a conversion there and back.
+    """
     bits = x.view(torch.int32)
     return ((bits + 0x7FFF + (bits >> 16 & 1)) & ~0xFFFF).view(torch.float32)
 
 
-def _last(like: Tensor, count: int) -> Tensor:
-    """Mask of the last ``count`` numbers."""
+def _last_mask(like: Tensor, count: int) -> Tensor:
+    """Mask (len(like),) that is true for the last ``count`` entries."""
     return torch.arange(len(like), device=like.device) >= len(like) - count
