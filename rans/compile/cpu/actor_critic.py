@@ -22,7 +22,7 @@ from rans.compile.cpu.llvm import (
     Value,
     shared,
 )
-from rans.compile.cpu.matmul import WIDTH, dense
+from rans.compile.cpu.matmul import WIDTH, dense_layer
 from rans.model.trace import Symbol, Untraceable, ordered
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
@@ -141,7 +141,7 @@ class CpuActorCritic:
             for at, (length, units) in enumerate(pairwise(sizes)):
                 source, to = (code.at(scratch, start, FLOAT) for start in starts[at : at + 2])
                 weight, bias = weights[2 * at : 2 * at + 2]
-                dense(
+                dense_layer(
                     code,
                     (units, length),
                     weight,

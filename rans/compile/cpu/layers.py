@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from rans.compile.cpu.llvm import FLOAT, LONG, POINTER, Code, Program, Value
-from rans.compile.cpu.matmul import WIDTH, dense
+from rans.compile.cpu.matmul import WIDTH, dense_layer
 from rans.policy.capabilities import Capabilities
 from rans.policy.scalars import Stage
 
@@ -104,7 +104,7 @@ class CpuLayers:
                     if last
                     else code.at(scratch, at % 2 * max(self._sizes) * WIDTH, FLOAT)
                 )
-                dense(
+                dense_layer(
                     code,
                     (self._sizes[at + 1], self._sizes[at]),
                     code.at(weights, weight, FLOAT),

@@ -1,4 +1,8 @@
-"""Products of matrices as machine code, whose columns are spacecraft, sixteen to a vector."""
+"""Matrix products as printed machine code; columns are samples or spacecraft, `LANES` to a vector.
+
+Matrices are float32 in memory, row by row. A value that is called an array is the address of its first number, and
+strides are in numbers.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ WIDTH = LANES * TILE
 """Columns that are computed together."""
 
 
-def product(
+def matrix_product(
     code: Code,
     shape: tuple[int, int],
     weights: Value,
@@ -19,19 +23,21 @@ def product(
     stride: Value,
     finish: Callable[[Value, list[Sequence[Value]]], object],
 ) -> None:
-    """Of weights (rows, length) and `WIDTH` columns of a source (length, ...).
+    """Print the product of weights (rows, length) and `WIDTH` columns of a source (length, ...).
 
     Args:
         code: of the function.
         shape: rows and length.
-        weights: where the first lies.
-        steps: from row to row and from number to number of the weights, in numbers.
-        source: where the columns begin.
-        stride: of the source's rows, in numbers.
-        finish: is given the number of the first of some rows, and their `TILE` vectors each.
+        weights: array of the weights.
+        steps: strides of the weights by row and by column.
+        source: array whose first `WIDTH` columns are multiplied.
+        stride: of the source's rows.
+        finish: prints what becomes of the sums, from the number of a first row and the `TILE` vectors of it and of
+            each row after it in the group.
     """
     (rows, length) = shape
 
+    # Groups of as many rows as registers hold sums of.
     def group(first: Value, count: int) -> None:
         begins = [
             code.at(weights, code.mul(code.add(first, LONG(u)), LONG(steps[0])), FLOAT)
@@ -39,14 +45,14 @@ def product(
         ]
 
         def summand(k: Value, sums: list[Value]) -> list[Value]:
-            place = code.mul(k, stride)
+            offset = code.mul(k, stride)
             along = code.mul(k, LONG(steps[1]))
-            x = [code.read(source, code.add(place, LONG(v * LANES))) for v in range(TILE)]
+            x = [code.read(source, code.add(offset, LONG(v * LANES))) for v in range(TILE)]
             w = [code.everywhere(code.read(begin, along, FLOAT)) for begin in begins]
-            pairs = [(one, other) for one in w for other in x]
+            pairs = [(weight_vector, column) for weight_vector in w for column in x]
             return [
-                code.times_plus(one, other, old)
-                for old, (one, other) in zip(sums, pairs, strict=True)
+                code.times_plus(weight_vector, column, old)
+                for old, (weight_vector, column) in zip(sums, pairs, strict=True)
             ]
 
         sums = code.repeat(length, [constant(0.0)] * (count * TILE), summand)
@@ -55,35 +61,47 @@ def product(
     code.groups(rows, ROWS, group)
 
 
-def dense(
+def dense_layer(
     code: Code,
     shape: tuple[int, int],
     weight: Value,
     bias: Value,
     source: Value,
     stride: Value,
-    to: Value,
-    step: Value,
+    output: Value,
+    output_stride: Value,
     activation: str,
 ) -> None:
-    """A layer of weights (rows, length) with its activation; ``step`` is the stride of what it makes."""
+    """Print a dense layer with its activation for `WIDTH` columns.
+
+    Args:
+        code: of the function.
+        shape: units and inputs.
+        weight: (units, inputs).
+        bias: (units,).
+        source: (inputs, ...) whose first columns are the inputs.
+        stride: of the source's rows.
+        output: (units, ...) whose first columns are written.
+        output_stride: of the output's rows.
+        activation: key of `rans.policy.activations.ACTIVATIONS`, or "".
+    """
 
     def finish(first: Value, sums: list[Sequence[Value]]) -> None:
-        for u, v, value in each(sums):
+        for u, v, value in numbered_sums(sums):
             unit = code.add(first, LONG(u))
             value = code.fadd(value, code.everywhere(code.read(bias, unit, FLOAT)))
-            place = code.add(code.mul(unit, step), LONG(v * LANES))
-            code.write(code.activation(activation, value), to, place)
+            offset = code.add(code.mul(unit, output_stride), LONG(v * LANES))
+            code.write(code.activation(activation, value), output, offset)
 
-    product(code, shape, weight, (shape[1], 1), source, stride, finish)
+    matrix_product(code, shape, weight, (shape[1], 1), source, stride, finish)
 
 
-def each(sums: Sequence[Sequence[Value]]) -> list[tuple[int, int, Value]]:
-    """Every sum with the numbers of its row and vector."""
+def numbered_sums(sums: Sequence[Sequence[Value]]) -> list[tuple[int, int, Value]]:
+    """Index of the row, index of the vector, and sum, for every sum of `matrix_product`."""
     return [(u, v, value) for u, row in enumerate(sums) for v, value in enumerate(row)]
 
 
-def correlation(
+def row_correlations(
     code: Code,
     shape: tuple[int, int],
     a: Value,
@@ -91,60 +109,76 @@ def correlation(
     b: Value,
     b_stride: Value,
     vectors: Value,
-    to: Value,
+    output: Value,
 ) -> None:
-    """Add to each number of a matrix (rows, columns) the products of a row of a and one of b, summed.
+    """Print output += a b', the sums of products of each row of ``a`` with each row of ``b``.
 
-    Both have rows of so many vectors.
+    Args:
+        code: of the function.
+        shape: rows of ``a`` and rows of ``b``.
+        a: (rows, samples).
+        a_stride: of the rows of ``a``.
+        b: (columns, samples).
+        b_stride: of the rows of ``b``.
+        vectors: samples, in vectors.
+        output: (rows, columns), added to.
     """
+    # Blocks of rows of both, so that each vector that is read is used several times.
     rows, columns = shape
 
-    def several(first: Value, count: int) -> None:
-        def beside(second: Value, others: int) -> None:
+    def row_group(first_row: Value, group_rows: int) -> None:
+        def column_group(first_column: Value, column_count: int) -> None:
             def summand(k: Value, sums: list[Value]) -> list[Value]:
-                place = code.mul(k, LONG(LANES))
+                offset = code.mul(k, LONG(LANES))
                 left, right = (
                     [
-                        code.read(x, code.add(code.mul(code.add(begin, LONG(i)), stride), place))
-                        for i in range(many)
+                        code.read(x, code.add(code.mul(code.add(begin, LONG(i)), stride), offset))
+                        for i in range(row_count)
                     ]
-                    for x, stride, begin, many in (
-                        (a, a_stride, first, count),
-                        (b, b_stride, second, others),
+                    for x, stride, begin, row_count in (
+                        (a, a_stride, first_row, group_rows),
+                        (b, b_stride, first_column, column_count),
                     )
                 )
                 pairs = [(x, y) for x in left for y in right]
                 return [code.times_plus(x, y, old) for old, (x, y) in zip(sums, pairs, strict=True)]
 
-            sums = code.repeat(vectors, [code.everywhere(0.0)] * (count * others), summand)
+            sums = code.repeat(
+                vectors, [code.everywhere(0.0)] * (group_rows * column_count), summand
+            )
             for i, value in enumerate(sums):
-                row = code.mul(code.add(first, LONG(i // others)), LONG(columns))
-                gather(code, value, to, code.add(row, code.add(second, LONG(i % others))))
+                row = code.mul(code.add(first_row, LONG(i // column_count)), LONG(columns))
+                add_vector_sum(
+                    code,
+                    value,
+                    output,
+                    code.add(row, code.add(first_column, LONG(i % column_count))),
+                )
 
-        code.groups(columns, TILE, beside)
+        code.groups(columns, TILE, column_group)
 
-    code.groups(rows, ROWS, several)
+    code.groups(rows, ROWS, row_group)
 
 
-def row_sums(code: Code, rows: int, a: Value, stride: Value, vectors: Value, to: Value) -> None:
-    """Add to each of some numbers the sum of a row of so many vectors."""
+def row_sums(code: Code, rows: int, a: Value, stride: Value, vectors: Value, output: Value) -> None:
+    """Print output (rows,) += the sum of each row of ``a``, of so many vectors."""
 
-    def several(first: Value, count: int) -> None:
+    def row_group(first: Value, count: int) -> None:
         def summand(k: Value, sums: list[Value]) -> list[Value]:
-            place = code.mul(k, LONG(LANES))
+            offset = code.mul(k, LONG(LANES))
             return [
                 code.fadd(
-                    old, code.read(a, code.add(code.mul(code.add(first, LONG(i)), stride), place))
+                    old, code.read(a, code.add(code.mul(code.add(first, LONG(i)), stride), offset))
                 )
                 for i, old in enumerate(sums)
             ]
 
         for i, value in enumerate(code.repeat(vectors, [code.everywhere(0.0)] * count, summand)):
-            gather(code, value, to, code.add(first, LONG(i)))
+            add_vector_sum(code, value, output, code.add(first, LONG(i)))
 
-    code.groups(rows, ROWS, several)
+    code.groups(rows, ROWS, row_group)
 
 
-def gather(code: Code, value: Value, to: Value, place: Value) -> None:
-    """Add a vector's sum to a number."""
-    code.write(code.fadd(code.read(to, place, FLOAT), code.total(value)), to, place)
+def add_vector_sum(code: Code, value: Value, array: Value, index: Value) -> None:
+    """Print array[index] += the sum of a vector's numbers."""
+    code.write(code.fadd(code.read(array, index, FLOAT), code.total(value)), array, index)

@@ -15,7 +15,15 @@ import torch
 from torch import Tensor
 
 from rans.compile.cpu.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, shared
-from rans.compile.cpu.matmul import WIDTH, correlation, dense, each, gather, product, row_sums
+from rans.compile.cpu.matmul import (
+    WIDTH,
+    add_vector_sum,
+    dense_layer,
+    matrix_product,
+    numbered_sums,
+    row_correlations,
+    row_sums,
+)
 from rans.compile.loss_gradient import (
     STATISTICS,
     Choice,
@@ -276,7 +284,7 @@ class CpuGradient:
 
         def block(number: Value, _: list[Value]) -> list[Value]:
             begin = code.mul(number, LONG(WIDTH))
-            dense(
+            dense_layer(
                 code,
                 (layer.units, layer.inputs),
                 layer.weight,
@@ -355,13 +363,13 @@ class CpuGradient:
 
         sums = code.repeat(code.udiv(tile, LONG(LANES)), [zero] * STATISTICS, vector)
         for i, value in enumerate(sums):
-            gather(code, value, scalars, LONG(_LOSS_INPUTS + i))
+            add_vector_sum(code, value, scalars, LONG(_LOSS_INPUTS + i))
 
     def _backward(self, code: Code, layer: _Layer, tile: Value, is_first: bool) -> None:
         """Print the gradients of a layer's parameters and, but for the first layer, of its inputs."""
         # Gradients of weight and bias: sums over the tile's samples.
         vectors = code.udiv(tile, LONG(LANES))
-        correlation(
+        row_correlations(
             code,
             (layer.units, layer.inputs),
             layer.output,
@@ -381,7 +389,7 @@ class CpuGradient:
             begin = code.mul(number, LONG(WIDTH))
 
             def finish(first: Value, sums: list[Sequence[Value]]) -> None:
-                for u, v, value in each(sums):
+                for u, v, value in numbered_sums(sums):
                     row = code.mul(code.add(first, LONG(u)), tile)
                     position = code.add(row, code.add(begin, LONG(v * LANES)))
                     activation = code.read(layer.source, position)
@@ -389,7 +397,7 @@ class CpuGradient:
                         self._before_activation(code, value, activation), layer.source, position
                     )
 
-            product(
+            matrix_product(
                 code,
                 (layer.inputs, layer.units),
                 layer.weight,
