@@ -48,7 +48,7 @@ def function(
     results: Mapping[str, Sequence[Field]],
     stages: Iterable[Stage | Call] = (),
 ) -> str:
-    """The text of a function.
+    """JavaScript of a function.
 
     Args:
         name: of the function.
@@ -66,6 +66,7 @@ def function(
     found = {key: [*map(Symbol.constant, row)] for key, row in results.items()}
     wanted = [symbol for row in found.values() for symbol in row]
     lines = _Lines(named, [*wanted, *(symbol for stage in stages for symbol in stage.inputs)])
+    # Stages: their inputs, then the call, whose entries have names afterwards.
     body = []
     for number, stage in enumerate(stages):
         body += lines.values(stage.inputs)
@@ -79,6 +80,7 @@ def function(
                 text = f'dense("{weights}", "{layer.activation}", {text})'
         body.append(f"const stage{number} = {text};")
         lines.names |= {symbol: f"stage{number}[{k}]" for k, symbol in enumerate(stage.outputs)}
+    # Results, in an object.
     body += lines.values(wanted)
     answer = ", ".join(f"{key}: {lines.row(row)}" for key, row in found.items())
     body.append(f"return {{{answer}}};")

@@ -51,6 +51,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     """
     from scipy.optimize import linprog
 
+    # Force or torque along each axis by each actuator; rows are scaled to 1 for the solver.
     size = craft.degrees_of_freedom
     wheels = np.zeros((size, len(craft.wheels)))
     if craft.wheels:
@@ -59,6 +60,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     scale = np.abs(table).max(axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)
     bounds = [(one.low, one.high) for one in craft.commands]
+    # The limit of a shared supply, and the mass or moment of each axis.
     supply = None
     if craft.thrust_sharing == "split":
         supply = np.append(np.ones(len(craft.thrusters)), np.zeros(len(craft.wheels)))[None]
@@ -66,6 +68,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     moments = np.diag(np.array(craft.inertia)).tolist()
     inertia += moments[2:] if craft.dimension == 2 else moments
 
+    # The optimum of every axis in both directions, all other axes being balanced.
     found = []
     for index, (axis, unit, acceleration_unit) in enumerate(_AXES[craft.dimension]):
         others = [k for k in range(size) if k != index]

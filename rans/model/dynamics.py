@@ -224,6 +224,7 @@ def advance(
         growth: factor on the disturbance at the start and at the end, linear in time, of a craft that burns
             propellant; None: 1.
     """
+    # Changes in a substep of what is linear in time.
     h = duration / substeps
     change = None
     if last is not None:
@@ -372,6 +373,7 @@ def moved(
         in_world: converts such a sum, times a scalar, to a vector in W.
         pulls: second acceleration in W by powers of the elapsed share, m/s^2: none, constant or linear.
     """
+    # Curved drift: every change of velocity is propagated by itself.
     if not drift.in_straight_lines:
         p, v = drift.carry(p, v, h)
         for (node, weight), push in zip(rule, pushes, strict=True):

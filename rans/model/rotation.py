@@ -64,6 +64,7 @@ def spin_series(
         swell: factor on the second torque by powers of the elapsed share; None: 1.
     """
     xx, xy, xz, yy, yz, zz = inertia
+    # The part of the tensor that contributes, and how many terms the series has.
     excess = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0)
     inverse = _inverse(inertia)
     is_even = even(inertia)

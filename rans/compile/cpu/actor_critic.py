@@ -133,11 +133,13 @@ class CpuActorCritic:
         def tile(number: Value, _: list[Value]) -> list[Value]:
             first = code.mul(number, width)
             places = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
+            # Features of the tile, from observations, into the first rows of the scratch memory.
             vectors = [self._known(code, observation, stride, place, normal) for place in places]
             for v, known in enumerate(vectors):
                 for i, symbol in enumerate(self._shown):
                     (value,) = code.extended([symbol], known)
                     code.write(value, scratch, i * WIDTH + v * LANES)
+            # Layers of actor and critic, each behind the rows of the one before.
             for at, (length, units) in enumerate(pairwise(sizes)):
                 source, to = (code.at(scratch, start, FLOAT) for start in starts[at : at + 2])
                 weight, bias = weights[2 * at : 2 * at + 2]
@@ -152,6 +154,7 @@ class CpuActorCritic:
                     width,
                     architecture.activation if at < len(architecture.layers) else "",
                 )
+            # Log-odds in the order of the craft's thrusters, and the value, as the result.
             for v, (place, known) in enumerate(zip(places, vectors, strict=True)):
                 *rows, worth = [
                     code.read(scratch, starts[-1] + i * WIDTH + v * LANES) for i in range(sizes[-1])

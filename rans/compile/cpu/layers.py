@@ -91,12 +91,13 @@ class CpuLayers:
         scratch: Value,
         out: Value,
     ) -> None:
-        """Tile by tile, one layer after the other."""
+        """Print all layers for one tile of `WIDTH` spacecraft after another."""
 
         def tile(number: Value, _: list[Value]) -> list[Value]:
             first = code.mul(number, LONG(WIDTH))
             source = code.at(rows, first, FLOAT)
             step = stride
+            # Outputs of layers go to two halves of the scratch memory in turn, those of the last to the result.
             for at, (weight, bias) in enumerate(self._starts):
                 last = at == len(self._starts) - 1
                 to = (

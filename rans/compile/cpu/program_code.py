@@ -85,14 +85,16 @@ def write(
     rows: Mapping[Symbol, int],
     kept: set[Symbol],
 ) -> None:
-    """Add a function of memory, the length of its rows and the vectors in each, all in numbers of 32 bits.
+    """Print a function that computes symbols, vector by vector, in the rows of a memory.
+
+    Its arguments are the memory, the length of a row and the vectors in a row, all in numbers of 32 bits.
 
     Args:
-        program: to add it to.
+        program: to which the function is added.
         name: of the function.
-        symbols: what to compute, arithmetic only, in this order.
-        rows: where everything lies that lies in memory; what is computed may take the place of what it needs.
-        kept: what others read.
+        symbols: symbols to compute, arithmetic only, in this order.
+        rows: row of every symbol that is in memory; a result may overwrite a row that it is computed from.
+        kept: results to write, which other functions read.
     """
 
     def body(code: Code, memory: Value, stride: Value, vectors: Value) -> None:
@@ -117,6 +119,7 @@ def write(
                     known[symbol] = code.trunc(loaded, _BOOLS) if symbol.kind == "bool" else loaded
                 return known[symbol]
 
+            # Results stay in registers, and are written only if others read them.
             for symbol in symbols:
                 args = [value(arg) for arg in symbol.args]
                 known[symbol] = (

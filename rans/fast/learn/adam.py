@@ -34,6 +34,7 @@ class Adam:
         members = network.members
         lead = () if network.members == 1 else (network.members,)
         self.rate = rate.clone()
+        # All parameters of a member in one row, so that one operation steps them; each begins at a whole piece.
         starts = []
         end = 0
         for value in tensors.values():
@@ -51,6 +52,7 @@ class Adam:
                 for start, value in zip(starts, tensors.values(), strict=True)
             ]
 
+        # The network's tensors become views of that row.
         weights = views(self.row)
         self._gradients = views(self.gradient)
         self.moments = views(self._first), views(self._second)

@@ -167,6 +167,7 @@ class PPOLearner:
         The last reward of a truncated episode is followed by the value of its final state (bootstrap); that of a
         terminated episode is not.
         """
+        # Values after the last step, and of the last states of truncated episodes, in one pass of the critic.
         steps = self.rollout.all
         rollout = self.rollout
         privileged = self._privileged()
@@ -179,12 +180,14 @@ class PPOLearner:
         ).view(self.members, 2, -1)
         last = values[:, 0].flatten()
         beyond = values[:, 1].flatten()
+        # Advantages.
         coefficients = self.coefficients
         gamma, gae_lambda, scale = map(
             rollout.spread, (coefficients.gamma, coefficients.gae_lambda, coefficients.reward_scale)
         )
         reward = steps.reward * scale + gamma * steps.truncated * beyond
         advantage = self._gae(reward, steps.value, steps.ended, last, gamma, gae_lambda)
+        # Inputs of the network, which are the same in every epoch.
         memory, privileged_columns = (
             None if x is None else x.flatten(0, 1) for x in (steps.memory, steps.privileged)
         )
@@ -196,6 +199,7 @@ class PPOLearner:
             self.backend,
             privileged_columns,
         )
+        # 0 where a step begins an episode, so that a recurrent core forgets.
         shape = reward.shape
         going_on = (
             1.0 - torch.cat((torch.zeros_like(steps.ended[:1]), steps.ended[:-1]))

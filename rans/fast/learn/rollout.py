@@ -173,14 +173,16 @@ def remember(
         ended,
         step.truncated,
     )
-    for place, value in zip(slot, values, strict=True):
-        if place is not None and value is not None:
-            place.copy_(value)
+    for buffer, value in zip(slot, values, strict=True):
+        if buffer is not None and value is not None:
+            buffer.copy_(value)
+    # Last states of truncated episodes; memories begin anew in new ones.
     last = step.truncated[:, None]
     cut.copy_(torch.where(last, step.final_observation, cut))
     if memory is not None and cut_memory is not None and acted.memory is not None:
         cut_memory.copy_(torch.where(last, acted.memory, cut_memory))
         memory.copy_(torch.where(ended[:, None], 0.0, acted.memory))
+    # Sums for the log, by member.
     members = (len(rollout.succeeded), -1)
     rollout.terms.add_(step.terms.unflatten(1, members).mean(dim=2).T)
     rollout.succeeded.add_(step.success.unflatten(0, members).sum(dim=1))

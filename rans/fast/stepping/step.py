@@ -173,10 +173,12 @@ class Backend:
         def buffer(x: Any, later: Any = None) -> Any:
             return x if isinstance(x, int | float) and later is x else self.put(zeros, real)
 
+        # First episodes, which show what varies among spacecraft or changes in a step.
         start, goal = world.scenario(clock, draws)
         new = world.begin(start, goal, clock, draws, body)
         anywhere = map_leaves(lambda x: x + self.put(zeros, real), start)
         moved = goal_after(world.task, goal, anywhere, world.timing.control_period)
+        # A buffer for each of these values.
         parameters = None
         if remember and new.parameters is not None:
             parameters = replace(
@@ -301,6 +303,7 @@ def restore(
     table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any], processes: Processes
 ) -> None:
     """Write the result of `Engine.save_state` into an engine's buffers; see `Engine.load_state`."""
+    # Refuse a state of other environments or episodes.
     buffers = episode.memory()
     values = [processes.mine(value) for value in table["buffers"]]
     if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
@@ -313,6 +316,7 @@ def restore(
             f"the saved state is one of episodes of {table['episode_steps']:,} steps, not "
             f"{world.timing.episode_steps:,}: its clocks would be misread."
         )
+    # Write the buffers and the seed's words.
     write(
         buffers,
         [
