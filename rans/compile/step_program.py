@@ -41,7 +41,7 @@ class Input:
 
 
 @dataclass(frozen=True)
-class Store:
+class BufferWrite:
     """A number for each spacecraft that a step leaves behind."""
 
     array: Literal["memory", "reals", "flags", "final"]
@@ -76,39 +76,42 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Program:
-    """What a step computes from symbols.
+class StepProgram:
+    """One step of N episodes as symbols.
 
-    They are "command_0" ..., "memory_0" ..., "setting_0" ..., the seed's words "low" and "high", and the
+    Its inputs are "command_0" ..., "memory_0" ..., "setting_0" ..., the seed's words "low" and "high", and the
     episodes' numbers "first" and "stride" (`rans.episode.restart`). Starts and goals are drawn
     for every spacecraft, and chosen where an episode ended; the kernel draws only in warps that need one.
     """
 
     memory: tuple[Input, ...]
-    """Of the episodes."""
+    """Inputs that the episodes remember, with their places in memory."""
     settings: tuple[Input, ...]
-    """Of the task's, those that lie in memory: they may change, or differ."""
+    """Settings of the task that are in memory, since they may change or differ among spacecraft."""
     ended: Symbol
-    """Where an episode ends."""
-    always: tuple[Store, ...]
-    """What to store everywhere."""
-    at_end: tuple[Store, ...]
-    """What else to store where an episode ended."""
+    """Whether an episode ends."""
+    always: tuple[BufferWrite, ...]
+    """Writes of every step."""
+    at_end: tuple[BufferWrite, ...]
+    """Further writes where an episode ended."""
     shape: Shape
 
-    def going(self) -> list[Store]:
-        """What is stored where no episode ends, with no more than that needs."""
+    def going(self) -> list[BufferWrite]:
+        """Writes where no episode ends, simplified for that case."""
         return _given(self.always, self.ended, value=False)
 
     @cached_property
     def operations(self) -> int:
-        """Of a step in which no episode ends."""
+        """Number of operations of a step in which no episode ends."""
         return sum(
             bool(s.args) for s in ordered([self.ended, *(store.value for store in self.going())])
         )
 
     def rare(self) -> set[Symbol]:
-        """What only an episode's end needs, and no choice by it enters: draws and final observations."""
+        """Symbols that only the end of an episode needs, such as draws and final observations.
+
+        A kernel computes them only in warps in which an episode ends.
+        """
         everything = list(
             ordered([self.ended, *(store.value for store in (*self.always, *self.at_end))])
         )
@@ -126,8 +129,8 @@ class Program:
         return symbol.operation == "where" and symbol.args[0] is self.ended
 
 
-def trace(world: World, episode: Episode, dtype: Any) -> Program:
-    """Run one step of these episodes on symbols; TypeError where a task does more than arithmetic on them."""
+def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
+    """Trace one step of these episodes; TypeError where a task does more than arithmetic on fields."""
     world, inputs, memory, settings = on_symbols(world, episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.commands)))
     low, high, first, stride = (
@@ -143,7 +146,7 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
         *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
     ]
     # A store of what is in memory already is left out, where an episode goes on or everywhere.
-    always = list[Store]()
+    always = list[BufferWrite]()
     at_end = [*_rows("final", seen.final_observation)]
     for store, going, begun in zip(
         stores, *(_given(stores, ended, x) for x in (False, True)), strict=True
@@ -153,7 +156,7 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
             always.append(store)
         elif begun.value is not known:
             at_end.append(begun)
-    return Program(
+    return StepProgram(
         memory,
         settings,
         ended,
@@ -174,8 +177,8 @@ def on_symbols(
     return world, inputs, memory, tuple(settings)
 
 
-def _rows(array: Any, values: Any) -> Iterator[Store]:
-    return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values))
+def _rows(array: Any, values: Any) -> Iterator[BufferWrite]:
+    return (BufferWrite(array, row, Symbol.constant(value)) for row, value in enumerate(values))
 
 
 def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
@@ -207,7 +210,7 @@ def _with_symbols(settings: Any, result: list[Input]) -> Any:
     return map_settings(symbol, settings)
 
 
-def _given(stores: Sequence[Store], condition: Symbol, value: bool) -> list[Store]:
+def _given(stores: Sequence[BufferWrite], condition: Symbol, value: bool) -> list[BufferWrite]:
     """The stores where a condition is known."""
     values = substituted([store.value for store in stores], {condition: Symbol.constant(value)})
     return [dataclasses.replace(s, value=new) for s, new in zip(stores, values, strict=True)]

@@ -23,12 +23,12 @@ from rans.fast.stepping.kernel import Kernel
 from rans.fast.stepping.step import (
     Backend,
     Step,
+    copy_into,
     divisible,
     holding,
     restore,
     snapshot,
     stepped,
-    write,
 )
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
@@ -209,19 +209,19 @@ class Engine:
         world = self._world
         now = self.episode
         if seed is None:
-            write([now.clock], [world.timing.next_episode(now.clock)])
+            copy_into([now.clock], [world.timing.next_episode(now.clock)])
         else:
             each = self.num_envs // self.members
             # Numbers are written without a copy from the CPU, which CUDA graphs cannot record.
             words = (
                 self._backend.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
             )
-            write((self._draws.low, self._draws.high), words)
-            write([now.clock], [0])
+            copy_into((self._draws.low, self._draws.high), words)
+            copy_into([now.clock], [0])
         begun = world.begin(
             *world.scenario(now.clock, self._draws), now.clock, self._draws, now.body
         )
-        write(
+        copy_into(
             leaves(now),
             leaves(begun if now.parameters is not None else replace(begun, parameters=None)),
         )
@@ -312,7 +312,7 @@ class Engine:
 
     def go_on(self, episode: Episode) -> None:
         """Continue with episodes from `stepped`."""
-        write(self.episode.memory(), [x.detach() for x in episode.memory()])
+        copy_into(self.episode.memory(), [x.detach() for x in episode.memory()])
 
     def commands(self, outputs: Tensor) -> Tensor:
         """Actions from policy outputs (N, commands) in [0, 1], see `rans.effectors.commands.of_outputs`."""

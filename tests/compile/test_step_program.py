@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rans.compile.step_program import trace
+from rans.compile.step_program import trace_step
 from rans.fast.engine import Engine
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, ordered
@@ -23,7 +23,7 @@ def test_draws_are_for_an_episodes_end_only(craft: Spacecraft, task: Any) -> Non
     A kernel that drew for everybody would give the same numbers, in twice the time.
     """
     engine = Engine(craft, TASKS[task](), 2)
-    program = trace(engine._world, engine.episode, engine.dtype)
+    program = trace_step(engine._world, engine.episode, engine.dtype)
     rare = program.rare()
     random = set[Symbol]()
     chosen = set[Symbol]()

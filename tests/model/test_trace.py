@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.compile.step_program import Program, trace
+from rans.compile.step_program import StepProgram, trace_step
 from rans.fast.engine import Engine
 from rans.model.fields import absolute, at_least, cos, where, wrap
 from rans.model.random import hash4
@@ -125,23 +125,23 @@ def test_a_branch_names_the_way_out() -> None:
 # The programs
 
 
-def traced(craft: Spacecraft, task: Any) -> Program:
+def traced(craft: Spacecraft, task: Any) -> StepProgram:
     engine = Engine(craft, task, 2)
-    return trace(engine._world, engine.episode, engine.dtype)
+    return trace_step(engine._world, engine.episode, engine.dtype)
 
 
 def operations(symbols: Any) -> set[Symbol]:
     return {s for s in ordered(symbols) if s.operation not in ("input", "constant")}
 
 
-def count(program: Program) -> tuple[int, int]:
+def count(program: StepProgram) -> tuple[int, int]:
     """Operations of a step without ends, and those on top of them because there are some."""
     going = operations([program.ended, *(store.value for store in program.going())])
     every = operations(store.value for store in (*program.always, *program.at_end))
     return len(going), len(every - going)
 
 
-def moved(program: Program, action_bytes: int) -> int:
+def moved(program: StepProgram, action_bytes: int) -> int:
     """Bytes a step must read and write where no episode ends, in float32."""
     size = {"float": 4, "int": 4, "signed char": 1}
     used = set(ordered([program.ended, *(store.value for store in program.going())]))
@@ -204,4 +204,4 @@ def test_a_task_that_branches_is_not_traced() -> None:
     setup = engine._world.setup._replace(task=Branching())
     world = replace(engine._world, setup=setup)
     with pytest.raises(Untraceable):
-        trace(world, engine.episode, engine.dtype)
+        trace_step(world, engine.episode, engine.dtype)

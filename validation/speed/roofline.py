@@ -1,6 +1,6 @@
 """What one step of one environment must read, write and compute, counted from the engine itself.
 
-The engine's step is run on symbols (`rans.compile.step_program.trace`), which write down what is done to
+The engine's step is run on symbols (`rans.compile.step_program.trace_step`), which write down what is done to
 them: every operation once, constants folded. What only the few episodes that end in a step need (their
 start, their goal, the final observation) is not counted: with one end in 125 or 52 it is one or two bytes
 a step.
@@ -15,7 +15,7 @@ from collections import Counter
 from dataclasses import dataclass
 from itertools import groupby
 
-from rans.compile.step_program import Program, Store, trace
+from rans.compile.step_program import BufferWrite, StepProgram, trace_step
 from rans.fast.engine import Engine
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -74,13 +74,13 @@ def step_work(engine: Engine, remember: bool = True) -> StepWork:
             engine._world, engine.body, engine.num_envs, engine._draws, remember=False
         )
     )
-    program = trace(engine._world, episode, engine.dtype)
+    program = trace_step(engine._world, episode, engine.dtype)
     symbols = list(ordered([program.ended, *(store.value for store in program.going())]))
     operations = Counter(s.operation for s in symbols if s.operation not in _NO_OPERATIONS)
     return StepWork(tuple(_traffic(engine, program, set(symbols))), operations)
 
 
-def _traffic(engine: Engine, program: Program, used: set[Symbol]) -> list[Traffic]:
+def _traffic(engine: Engine, program: StepProgram, used: set[Symbol]) -> list[Traffic]:
     """By part, in the order of memory."""
     real = engine.dtype.itemsize
     names = _memory_names(engine, len(program.memory))
@@ -117,7 +117,7 @@ def _memory_names(engine: Engine, count: int) -> list[str]:
     return names + ["last command"] * (count - len(names))
 
 
-def _result_name(program: Program, store: Store) -> str:
+def _result_name(program: StepProgram, store: BufferWrite) -> str:
     if store.array == "flags":
         return "flags"
     if store.row < program.shape.width:

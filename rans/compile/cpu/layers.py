@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from rans.compile.cpu.llvm import FLOAT, LONG, POINTER, Code, Program, Value
+from rans.compile.cpu.llvm import FLOAT, LONG, POINTER, Code, MachineModule, Value
 from rans.compile.cpu.matmul import WIDTH, dense_layer
 from rans.policy.capabilities import Capabilities
 from rans.policy.scalars import Stage
@@ -47,7 +47,7 @@ class CpuLayers:
             parts += [weight.ravel(), bias]
             start += weight.size + bias.size
         self._weights = np.concatenate(parts).astype(np.float32)
-        self._program = Program()
+        self._program = MachineModule()
         self._program.function(
             "layers", (POINTER, LONG, LONG, POINTER, POINTER, POINTER), self._write
         )

@@ -228,7 +228,7 @@ class Code(ir.IRBuilder):
             body(LONG(count - count % size), count % size)
 
 
-class Program:
+class MachineModule:
     """Functions that Python may call without its lock."""
 
     def __init__(self) -> None:
@@ -278,7 +278,7 @@ OPERATIONS: dict[str, Callable[..., Value]] = {
 """Operations on symbols of preprocessing, heads and activations; each is given the code and its operands."""
 
 
-_SHARED: dict[Hashable, tuple[Program, Callable[..., None]]] = {}
+_SHARED: dict[Hashable, tuple[MachineModule, Callable[..., None]]] = {}
 """Of this process."""
 
 
@@ -290,11 +290,11 @@ def shared(
     Args:
         name: of the function.
         alike: everything else that it depends on.
-        kinds: see `Program.function`.
+        kinds: see `MachineModule.function`.
         write: see there.
     """
     if (name, alike) not in _SHARED:
-        program = Program()
+        program = MachineModule()
         program.function(name, kinds, write)
         _SHARED[name, alike] = program, program.compiled(name)
     return _SHARED[name, alike][1]

@@ -12,7 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from rans.compile.cpu.program_code import LANES, Program, in_phases, is_arithmetic, write
+from rans.compile.cpu.program_code import (
+    LANES,
+    MachineModule,
+    in_phases,
+    is_arithmetic,
+    write_function,
+)
 from rans.model.trace import Symbol, ordered
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -120,10 +126,10 @@ class CompiledProgram:
                 kept |= {arg for arg in symbol.args if homes.get(arg, number) != number}
                 homes[symbol] = number
         rows = {symbol: slot for symbol, slot in self._slots.items() if isinstance(symbol, Symbol)}
-        self._machine, made = Program(), [list[Any]() for _ in self._programs]
+        self._machine, made = MachineModule(), [list[Any]() for _ in self._programs]
         for number, (_, simple, group) in enumerate(groups):
             if simple:
-                write(self._machine, f"stretch_{number}", _symbols(group), rows, kept)
+                write_function(self._machine, f"stretch_{number}", _symbols(group), rows, kept)
         for number, (part, simple, group) in enumerate(groups):
             made[part] += [self._machine.compiled(f"stretch_{number}")] if simple else group
         return made

@@ -10,7 +10,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from llvmlite import ir
 
-from rans.compile.cpu.llvm import FLOATS, INTS, LANES, LONG, POINTER, Code, Program, Value, constant
+from rans.compile.cpu.llvm import (
+    FLOATS,
+    INTS,
+    LANES,
+    LONG,
+    POINTER,
+    Code,
+    MachineModule,
+    Value,
+    constant,
+)
 from rans.model.trace import Symbol
 
 _BOOLS, _BYTES = (ir.VectorType(ir.IntType(bits), LANES) for bits in (1, 8))
@@ -78,8 +88,8 @@ def in_phases(symbols: Iterable[Symbol]) -> list[Symbol]:
     return sorted(order, key=lambda symbol: (phases[symbol], not arithmetic[symbol]))
 
 
-def write(
-    program: Program,
+def write_function(
+    program: MachineModule,
     name: str,
     symbols: Sequence[Symbol],
     rows: Mapping[Symbol, int],

@@ -24,7 +24,7 @@ class Observation:
 
     @classmethod
     def of(cls, world: World, episode: Episode, dtype: Any) -> Observation:
-        """Observe on symbols, as `rans.compile.step_program.trace` steps."""
+        """Observe on symbols, as `rans.compile.step_program.trace_step` steps."""
         world, now, memory, settings = on_symbols(world, episode)
         low, high, first, stride = (
             Symbol.input(name, "int") for name in ("low", "high", "first", "stride")

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from typing import Literal
 
-from rans.compile.step_program import Program, Store
+from rans.compile.step_program import BufferWrite, StepProgram
 from rans.model.trace import Symbol, ordered
 
 Real = Literal["float", "double"]
@@ -40,7 +40,7 @@ _BYTES = {"unsigned char": 1, "unsigned": 4, "float": 4, "double": 8}
 
 
 def source(
-    program: Program,
+    program: StepProgram,
     thrusters: int,
     action: Action,
     real: Real,
@@ -128,7 +128,7 @@ def _literal(value: float) -> str:
 class _Writer(Lines):
     """Of a step."""
 
-    def __init__(self, program: Program, together: int, members: bool) -> None:
+    def __init__(self, program: StepProgram, together: int, members: bool) -> None:
         super().__init__()
         self._program = program
         self._together = together
@@ -220,7 +220,7 @@ class _Writer(Lines):
         yield "}"
         self.names = names
 
-    def _results(self, stores: Iterable[Store]) -> Iterator[str]:
+    def _results(self, stores: Iterable[BufferWrite]) -> Iterator[str]:
         for store in stores:
             yield from self.values([store.value])
             yield f"{_name(store)}.of[k] = {self.operand(store.value)};"
@@ -245,7 +245,7 @@ class _Writer(Lines):
         yield "}"
         self.names = names | {symbol: f"drawn_{n}" for n, symbol in enumerate(self._drawn)}
 
-    def _place(self, store: Store) -> tuple[str, str]:
+    def _place(self, store: BufferWrite) -> tuple[str, str]:
         """What is stored, and where."""
         if store.array == "memory":
             return self._program.memory[store.row].type, f"memory_{store.row}_at"
@@ -277,7 +277,7 @@ def indented(lines: Iterable[str]) -> Iterator[str]:
     return (f"  {line}" for line in lines)
 
 
-def _name(store: Store) -> str:
+def _name(store: BufferWrite) -> str:
     return f"{store.array}_{store.row}_out"
 
 

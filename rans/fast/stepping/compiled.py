@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.step_program import Program, Shape, Store, trace
+from rans.compile.step_program import BufferWrite, Shape, StepProgram, trace_step
 from rans.episode import Episode, World
 from rans.errors import is_installed
 from rans.fast.stepping.step import Backend, Step, step_arrays, step_tensors
@@ -47,7 +47,7 @@ class GeneratedStep:
             CompiledProgram,
         )  # It imports LLVM, which a GPU does not need.
 
-        program = trace(world, episode, np.float32)
+        program = trace_step(world, episode, np.float32)
         self._shape = program.shape
         self._given = [
             *(
@@ -192,10 +192,12 @@ def stepping(
     return ArrayStep() if backend.on_numpy else step_tensors
 
 
-def _everywhere(program: Program) -> Iterator[Store]:
+def _everywhere(program: StepProgram) -> Iterator[BufferWrite]:
     """Every store of the program, without regard to whether the episode ended."""
     yield from program.always
     for store in program.at_end:
         old = program.memory[store.row].symbol if store.array == "memory" else store.value
         chosen = Symbol.apply("where", program.ended, store.value, old)
-        yield Store(store.array, store.row, chosen if store.array == "memory" else store.value)
+        yield BufferWrite(
+            store.array, store.row, chosen if store.array == "memory" else store.value
+        )

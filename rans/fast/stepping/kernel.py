@@ -11,7 +11,7 @@ from torch import Tensor
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.cuda.observation import Observation
 from rans.compile.cuda.source import THREADS, source
-from rans.compile.step_program import Shape, trace
+from rans.compile.step_program import Shape, trace_step
 from rans.episode import Episode, World
 from rans.fast.distributed import Processes
 from rans.fast.stepping.step import Step
@@ -50,7 +50,7 @@ class Kernel:
         dtype: torch.dtype,
         members: int = 1,
     ) -> None:
-        self._program = trace(world, episode, dtype)
+        self._program = trace_step(world, episode, dtype)
         self._observation = Observation.of(world, episode, dtype)
         self._inputs = [
             parameter.source for parameter in (*self._program.memory, *self._program.settings)

@@ -81,7 +81,7 @@ def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) ->
     command = tuple(np.ascontiguousarray(action.numpy().T).astype(draws.dtype))
     result = step_and_restart(world, episode, command, draws)
     results = _results(result, lambda fields: torch.from_numpy(np.stack(fields)), torch.from_numpy)
-    write(episode.memory(), result.after.memory())
+    copy_into(episode.memory(), result.after.memory())
     return results
 
 
@@ -236,7 +236,7 @@ def check_device(device: str | torch.device) -> None:
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
 
 
-def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
+def copy_into(buffers: Sequence[Any], values: Sequence[Any]) -> None:
     """Write values into buffers in place; a value that never varies is a number in both."""
     for buffer, value in zip(buffers, values, strict=True):
         if isinstance(buffer, Tensor):
@@ -317,14 +317,14 @@ def restore(
             f"{world.timing.episode_steps:,}: its clocks would be misread."
         )
     # Write the buffers and the seed's words.
-    write(
+    copy_into(
         buffers,
         [
             value.cpu() if isinstance(b, np.ndarray) else value.to(b.device)
             for b, value in zip(buffers, values, strict=True)
         ],
     )
-    write(
+    copy_into(
         seed,
         [
             torch.as_tensor(word).numpy() if isinstance(kept, np.ndarray) else torch.as_tensor(word)

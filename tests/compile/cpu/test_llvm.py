@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rans.compile.cpu.llvm import LANES, LONG, POINTER, Program
+from rans.compile.cpu.llvm import LANES, LONG, POINTER, MachineModule
 
 X = np.concatenate((np.linspace(-12, 12, 4096), np.geomspace(1e-30, 1e-3, 2048))).astype(np.float32)
 ORACLES = {
@@ -18,7 +18,7 @@ ORACLES = {
 
 @pytest.mark.parametrize("name", ORACLES)
 def test_activations_are_numpys(name: str) -> None:
-    program = Program()
+    program = MachineModule()
     out = np.empty_like(X)
 
     def write(code, given, to) -> None:
