@@ -258,7 +258,7 @@ class CpuGradient:
                 *((output, tile) for output in outputs),
             ]
             layers = [
-                _Layer(inputs, units, *parameters, *source, output)
+                _Layer._make((inputs, units, *parameters, *source, output))
                 for inputs, units, parameters, source, output in zip(
                     sizes[:-1], sizes[1:], addresses, sources, outputs, strict=False
                 )
