@@ -1,0 +1,55 @@
+"""What agents of missions do once their episodes are over.
+
+Nobody trained them for that, but robots and other simulators go on. The limits are those that the agents
+were measured to keep: they say what to expect, and can only get better.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+
+import rans
+from rans.episode import Setup
+from rans.scenario import scenarios
+from tests.support.past_the_end import flown_on
+
+
+class Limits(NamedTuple):
+    """What an agent keeps after its episode."""
+
+    seconds: float
+    """How long it flies on, s."""
+    spent: float
+    """Change of velocity in that time, m/s at most."""
+    margin: float
+    """Least margin of the constraints, m."""
+    inside: float
+    """Share of the time within all tolerances."""
+
+
+AGENTS = {
+    # 12 % more than it was seen to spend; it stays at the goal.
+    "avoid-2d": Limits(250.0, 100.0, 0.0, 0.95),
+    "avoid-3d": Limits(250.0, 170.0, 0.0, 0.95),
+    # They stay in the cone, and fire as much as on the way: 0.5 and 0.6 m/s a second.
+    "dock-port-2d": Limits(250.0, 150.0, 0.0, 0.1),
+    "dock-port-3d": Limits(250.0, 185.0, 0.0, 0.02),
+    # It leaves the outer limit of 800 m, by 254 m in 24,000 s. What it has inspected stays so.
+    "inspect-3d": Limits(2000.0, 1.0, -300.0, 0.99),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", AGENTS)
+def test_agents_keep_their_limits_past_the_end(name: str) -> None:
+    limits = AGENTS[name]
+    agent = rans.load_agent(f"pretrained:{name}")
+    setup = Setup(agent.craft, agent.task.for_evaluation(), agent.timing)
+    starts = scenarios(setup.task, setup.craft, 90210, 2)
+    end = setup.timing.episode_steps * setup.timing.control_period
+    rest = flown_on(setup, agent.controller, starts, end + limits.seconds).after(end)
+    assert rest.change.sum(axis=0).max() < limits.spent
+    assert rest.margin.min() > limits.margin
+    assert rest.reached.mean() > limits.inside
