@@ -124,15 +124,15 @@ def test_commands_tell_it_the_conditions() -> None:
     blind = f"{MissionGuidance.__module__}:MissionGuidance:dock-3d"
 
     def impulse(spec: str) -> float:
-        found = rans.evaluate(spec, episodes=8, conditions=noisy)
+        found = rans.evaluate(spec, episodes=2, conditions=noisy)
         assert found["solved"].value == 100.0
         return float(found["impulse"].value)
 
-    assert impulse(blind) > 1.5 * impulse(informed)
-    compared = rans.compare(informed, blind, beside=(), episodes=8, conditions=noisy, workers=1)
-    ours, theirs = (impulses(entry.flight).mean() for entry in compared.entries)
-    assert ours == pytest.approx(impulse(informed))
-    assert theirs == pytest.approx(impulse(blind))
+    expected = [impulse(informed), impulse(blind)]
+    assert expected[1] > 1.5 * expected[0]
+    compared = rans.compare(informed, blind, beside=(), episodes=2, conditions=noisy, workers=1)
+    found = [impulses(entry.flight).mean() for entry in compared.entries]
+    assert found == pytest.approx(expected)
 
 
 def test_burns_are_rounded_down_to_whole_pulses() -> None:
@@ -193,6 +193,7 @@ def test_inside_the_cone_it_spends_less_than_two_burns() -> None:
     assert ours.impulse[both].mean() < 0.9 * theirs.impulse[both].mean()
 
 
+@pytest.mark.slow
 def test_drake_docks_inside_the_cone() -> None:
     task = Rendezvous(deadline=(4000.0, 4000.0))
     starts = scenarios(task, APPROACHING, 7, 1)
