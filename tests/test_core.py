@@ -179,11 +179,9 @@ rans_command.run()
         ("casadi", "optimal go-to-pose"),
         ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),
         ("clarabel", "optimal dock"),
-        ("numba", "optimal go-to-pose --certify --certify-seconds 0.1"),
         ("matplotlib", "report ."),
         ("matplotlib", "stress go-to-pose-2d --episodes 2"),
         ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out --margins 0"),
-        ("onnx", "export go-to-pose-2d --format onnx --output out --margins 0"),
         ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
     ],
 )

@@ -20,8 +20,11 @@ def agent(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_short_loop_keeps_going_and_replays(agent: Path, tmp_path: Path) -> None:
+def test_a_short_loop_keeps_going_and_replays(
+    agent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of its rate nothing is asked here: the machine may be busy."""
+    monkeypatch.setenv("RANS_TRUST", "1")
     loop = long_flight(agent, "udp", 4.0, tmp_path / "flight.mcap")
     assert loop.decisions >= 10
     assert loop.replayed == loop.decisions
