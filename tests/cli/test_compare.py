@@ -203,6 +203,7 @@ def test_every_option_reaches_the_comparison(
     ]
 
 
+@pytest.mark.filterwarnings("ignore:.* spins floating-platform")  # an untrained agent does
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_front_of_an_agent_with_a_trade_off(
