@@ -15,6 +15,9 @@ from rans.scenario import scenarios
 from tests.support.recorded import EPISODES, flown, recorded
 from tests.support.shipped import shipped_agents
 
+# Of 64 starts one or another is lost in spin, and the flight says that such motion is inaccurate.
+pytestmark = pytest.mark.filterwarnings("ignore:.* spins .* accurate up to:UserWarning")
+
 
 @pytest.fixture(scope="module", params=shipped_agents())
 def shipped(request: pytest.FixtureRequest) -> tuple[str, Flight]:
