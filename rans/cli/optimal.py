@@ -13,7 +13,7 @@ import tyro
 
 from rans.api.names import load_spacecraft
 from rans.cli import check_count
-from rans.errors import ConfigError
+from rans.errors import ConfigError, require
 from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
@@ -101,6 +101,7 @@ class Optimal:
 
     def run(self) -> int:
         """Print a table of the starts."""
+        from rans.evaluation.compare.bounds import no_certificate
         from rans.evaluation.compare.optima import optima, table, write
         from rans.evaluation.compare.refinement import Mesh, refined_objectives, to_json
         from rans.evaluation.compare.refinement import table as refinement_table
@@ -110,6 +111,7 @@ class Optimal:
         from rans.optimal.trajectory.transcription import usual_guesses
         from rans.show.figures.optimal_figure import optimal_figure
         from rans.show.figures.svg import svg
+        from rans.tasks.goal_set import aims
 
         self._check()
         ending = self.ending or "exact"
@@ -138,8 +140,11 @@ class Optimal:
         usual = max(usual_guesses(craft, task, objective), 3 if self.keep_out else 1)
         guesses = usual if self.guesses is None else self.guesses
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
+        # Before anything is written: what would stop the trajectories or their bounds.
         check_attitude(craft, task)
-        check_goal(task)  # before anything is written
+        check_goal(task)
+        if self.certify and not no_certificate(craft, aims(task), self.control_period):
+            require("numba")
         folder = ready_folder(self.output or Path("runs") / name)
         answers = self._with_progress(
             "optimal trajectories",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import require
 from rans.files import replace_file
 from rans.policy.architecture import Architecture
 from rans.policy.program import Program
@@ -22,15 +23,12 @@ def write_onnx(
 ) -> None:
     """Write the program with inputs and outputs of any number of rows, and texts about it as metadata.
 
-    ConfigError where the package onnx is missing, or the disk refuses.
+    MissingPackage where the package onnx is missing, ConfigError where the disk refuses.
     """
-    try:
-        import onnx
-        from onnx import helper, numpy_helper
-    except ImportError as error:
-        raise ConfigError("--format onnx needs the package onnx: pip install onnx.") from error
+    onnx = require("onnx")
+    from onnx import helper, numpy_helper
 
-    def rows(name: str, width: int) -> onnx.ValueInfoProto:
+    def rows(name: str, width: int) -> Any:
         return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["N", width])
 
     nodes = [helper.make_node(step.operation, step.inputs, step.outputs) for step in program.steps]

@@ -19,7 +19,7 @@ import numpy as np
 
 from rans.effectors.commands import action_space, allowed, check, clipped, of_outputs
 from rans.episode import Guard, Setup
-from rans.errors import ConfigError, RansError, brief, where_raised
+from rans.errors import ConfigError, RansError, brief, require, where_raised
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line, read_bytes
 from rans.flight import Controller, informed
@@ -497,15 +497,10 @@ def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
 
     Its memory, (N, m), is the second input and the second output, if there is one.
     """
-    try:
-        from onnxruntime import InferenceSession
-    except ImportError as error:
-        raise ConfigError(
-            f"onnx:{name} needs the package onnxruntime: pip install onnxruntime."
-        ) from error
+    onnxruntime = require("onnxruntime")
     _check_file(name)
     try:
-        session = InferenceSession(name, providers=["CPUExecutionProvider"])
+        session = onnxruntime.InferenceSession(name, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no common class
         raise ConfigError(f"{name} is no ONNX network: {_whole(error)}.") from error
     inputs = [node.name for node in session.get_inputs()]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, MissingPackage, is_installed
 from rans.files import replace_file
 from rans.flight import Flight
 from rans.progress import Stages, unseen_stages
@@ -70,10 +69,8 @@ def check_video(file: Path) -> None:
         )
     if file.exists():
         raise ConfigError(f"{file} exists already; choose another name for the film.")
-    if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise ConfigError(
-            "films are encoded by FFmpeg, which is not installed: pip install imageio-ffmpeg moviepy."
-        )
+    if not is_installed("imageio_ffmpeg"):
+        raise MissingPackage("imageio_ffmpeg")
     require_egl()
 
 

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 import rans
 from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.errors import ConfigError, MissingPackage
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.controllers import (
     CONTROLLERS,
@@ -272,7 +272,7 @@ def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
 
 def test_onnx_needs_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(ConfigError, match="needs the package onnxruntime: pip install onnxruntime"):
+    with pytest.raises(MissingPackage, match=r"onnxruntime.*pip install 'rans\[onnx\]'"):
         user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
 
 
