@@ -15,8 +15,8 @@ else
 COMPARE_OPTIONS := --episodes 16 --certified 2
 endif
 
-# Largest wheel that `make release` accepts.
-WHEEL_BYTES := 20000000
+# Largest wheel of rans that `make release` accepts; most agents are in rans-agents.
+WHEEL_BYTES := 6000000
 
 # Commands are written as a user types them, with .venv active; but .venv is made by the Python outside it.
 override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
@@ -60,10 +60,12 @@ docs: .venv/installed-docs
 	sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/site
 	@echo "Open build/site/index.html"
 
-# The wheel flies an agent in an environment of its own, in another folder, without this checkout.
+# The wheel flies an agent in an environment of its own, in another folder, without this checkout. An agent of the
+# second distribution is refused with the command that installs it, and then flies.
 release: build/release/bin/twine build/bare/bin/pip
 	rm -rf dist
 	build/release/bin/python -m build --outdir dist .
+	build/release/bin/python -m build --outdir dist agents
 	build/release/bin/twine check --strict dist/*
 	@size=$$(stat -c %s dist/rans-*.whl); echo "The wheel has $$((size / 1000000)) MB."; test $$size -le $(WHEEL_BYTES) || { \
 		echo "It may have $(WHEEL_BYTES) bytes: leave out what no user needs." >&2; exit 1; }
@@ -71,15 +73,19 @@ release: build/release/bin/twine build/bare/bin/pip
 	build/bare/bin/pip install --quiet -c constraints.txt dist/rans-*.whl
 	cd build/bare && bin/rans --version && bin/rans list && bin/rans evaluate pretrained:go-to-pose-2d --episodes 16 && \
 		rm -rf core && bin/rans train go-to-pose --total-timesteps 20000 --run core && bin/rans evaluate core --episodes 16
+	build/bare/bin/pip uninstall --quiet --yes rans-agents
+	cd build/bare && ! bin/rans evaluate pretrained:dock-port-2d --episodes 16 2>missing && grep -q "rans\[agents\]" missing
+	build/bare/bin/pip install --quiet --no-deps dist/rans_agents-*.whl
+	cd build/bare && bin/rans evaluate pretrained:dock-port-2d --episodes 16
 
 setup: .venv/installed
 
-.venv/installed: pyproject.toml constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt -e '.[all]'
+.venv/installed: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e ./agents -e '.[all]'
 	@touch $@
 
-.venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt -e '.[dev]'
+.venv/installed-dev: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e ./agents -e '.[dev]'
 	@touch .venv/installed $@
 
 build/release/bin/twine:
@@ -89,8 +95,8 @@ build/release/bin/twine:
 build/bare/bin/pip:
 	$(PYTHON) -m venv --clear build/bare
 
-.venv/installed-docs: pyproject.toml constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt -e '.[docs]'
+.venv/installed-docs: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e ./agents -e '.[docs]'
 	@touch .venv/installed $@
 
 # Debian's Python has the module venv but, without the package python3-venv, no ensurepip. Ctrl-C waits for the

@@ -187,8 +187,9 @@ EXTRAS = {
     "zenoh": "robot",
     "mcap": "robot",
     "rosbags": "robot",
+    "rans_agents": "agents",
 }
-"""Modules that only some commands need, and the extra of RANS that installs each."""
+"""Modules that only some commands or agents need, and the extra of RANS that installs each."""
 
 
 class MissingPackage(ConfigError, ImportError):
@@ -199,16 +200,18 @@ class MissingPackage(ConfigError, ImportError):
 
     Args:
         module: name of the module, one of `EXTRAS`.
+        user: what needs it, as the subject of the sentence.
     """
 
-    def __init__(self, module: str) -> None:
+    def __init__(self, module: str, user: str = "This") -> None:
         super().__init__(
-            f"This needs the package {module}, which is not installed: pip install 'rans[{EXTRAS[module]}]'"
+            f"{user} needs the package {module}, which is not installed: pip install 'rans[{EXTRAS[module]}]'"
         )
         self.module = module
+        self.user = user
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.module,)
+        return type(self), (self.module, self.user)
 
 
 def is_installed(module: str) -> bool:

@@ -1,18 +1,27 @@
-"""Agents that come with the package: run folders without the files that only training needs."""
+"""Agents that come with RANS: run folders without the files that only training needs.
+
+Five are in this package. The others are in the distribution ``rans-agents``, which the extra ``rans[agents]``
+installs.
+"""
 
 from __future__ import annotations
 
+import importlib.util
 import warnings
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError, brief, meant
+from rans.errors import ConfigError, MissingPackage, brief, is_installed, meant
 from rans.files import read_json
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
 """Folder with one folder per agent: agent.safetensors, config.json, spacecraft.toml and card.json."""
+PACKAGE = "rans_agents"
+"""Module of the distribution with more agents, in the same form; it is located and never imported."""
 RECIPE_FOLDER = FOLDER.parent / "recipes"
-"""Folder with a recipe NAME.toml for each agent, with which it was trained (`rans.fast.learn.recipes`)."""
+"""Folder with a recipe NAME.toml for each agent, installed or not, by which it was trained."""
+_OTHER_RECIPES = ("base-", "good-", "preset-")
+"""Beginnings of the names of recipes that belong to no agent (`rans.fast.learn.recipes`)."""
 
 _FORMER_NAMES = {"go-to-pose-2d-knob": "go-to-pose-2d-trade-off"}
 """Former names of agents and recipes, which are accepted with a warning for one more version."""
@@ -30,28 +39,55 @@ def present_agent(name: str) -> str:
     return new
 
 
+def agent_recipes() -> list[str]:
+    """Names of the recipes of agents, sorted: one for each agent of this package and of ``rans-agents``."""
+    names = (file.stem for file in RECIPE_FOLDER.glob("*.toml"))
+    return sorted(name for name in names if not name.startswith(_OTHER_RECIPES))
+
+
 def pretrained_names() -> list[str]:
-    """Names of the agents that come with the package, sorted.
+    """Names of the installed agents, sorted: those of this package and, with ``rans[agents]``, of ``rans-agents``.
 
     >>> "go-to-pose-2d" in rans.pretrained_names()
     True
     """
-    return sorted(file.parent.name for file in FOLDER.glob("*/agent.safetensors"))
+    return sorted(_folders())
+
+
+def missing_agents() -> list[str]:
+    """Names of the agents of ``rans-agents``, sorted, if that distribution is not installed; else none."""
+    return [] if is_installed(PACKAGE) else sorted(set(agent_recipes()) - _folders().keys())
 
 
 def pretrained_folder(name: str) -> Path:
     """Folder of the agent of this name.
 
     Raises:
+        MissingPackage: the agent is in ``rans-agents``, which is not installed.
         ConfigError: there is no such agent.
     """
     name = present_agent(name)
-    if name not in pretrained_names():
-        raise ConfigError(
-            f"no agent named {brief(name)} comes with RANS{meant(name, pretrained_names())}; "
-            "`rans list AGENTS` prints all."
-        )
-    return FOLDER / name
+    folders = _folders()
+    if name in folders:
+        return folders[name]
+    missing = missing_agents()
+    if name in missing:
+        raise MissingPackage(PACKAGE, f"The agent {name}")
+    raise ConfigError(
+        f"no agent named {brief(name)} comes with RANS{meant(name, [*folders, *missing])}; "
+        "`rans list AGENTS` prints all."
+    )
+
+
+def _folders() -> dict[str, Path]:
+    """Folder of each installed agent, by its name; an agent of this package has precedence."""
+    spec = importlib.util.find_spec(PACKAGE) if is_installed(PACKAGE) else None
+    others = (spec and spec.submodule_search_locations) or ()
+    return {
+        file.parent.name: file.parent
+        for folder in (*map(Path, others), FOLDER)
+        for file in folder.glob("*/agent.safetensors")
+    }
 
 
 def pretrained_card(name: str) -> dict[str, Any]:

@@ -185,6 +185,9 @@ rans_command.run()
         ("onnx", "export go-to-pose-2d --format onnx --output out --margins 0"),
         ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
         ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out --margins 0"),
+        ("rans_agents", "evaluate pretrained:dock-port-2d --episodes 2"),
+        ("rans_agents", "view go-to-pose-2d-robust"),
+        ("rans_agents", "list go-to-pose-2d-robust"),
         ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
     ],
 )

@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import re
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
-from rans.errors import ConfigError
+from rans.cli import help, main
+from rans.errors import EXTRAS, ConfigError, MissingPackage
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import read_policy
-from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
+from rans.pretrained import (
+    FOLDER,
+    PACKAGE,
+    agent_recipes,
+    missing_agents,
+    pretrained_card,
+    pretrained_folder,
+    pretrained_names,
+)
 from tests.support.crafts import REAL_CRAFT
+from tests.support.processes import ROOT
 
 every_agent = pytest.mark.parametrize("name", pretrained_names())
 
@@ -38,3 +51,68 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
 def test_an_unknown_agent_is_one_sentence() -> None:
     with pytest.raises(ConfigError, match=r"no agent named 'nobody' comes with RANS; .*AGENTS"):
         pretrained_folder("nobody")
+
+
+def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:
+    """The recipes name the agents of both; a checkout has both."""
+    core = {file.name for file in FOLDER.iterdir()}
+    others = {file.name for file in (ROOT / "agents" / PACKAGE).iterdir() if file.is_dir()}
+    others.discard("__pycache__")
+    assert len(core) == 5
+    assert not core & others
+    assert agent_recipes() == pretrained_names() == sorted(core | others)
+    assert missing_agents() == []
+
+
+def test_the_core_has_the_agents_of_commands_that_a_newcomer_types() -> None:
+    """The examples of `rans COMMAND --help`, the demo and the check of the packages need no extra for agents."""
+    texts = [
+        str(vars(help)),
+        *((ROOT / name).read_text("utf-8") for name in ("Makefile", "README.md")),
+    ]
+    named = set(re.findall(r"(?:pretrained:|load_agent\(\")([a-z0-9-]+)", "".join(texts)))
+    assert len(named) > 3
+    # `make release` tries this agent to see that it is missing.
+    assert named - {"dock-port-2d"} <= {file.name for file in FOLDER.iterdir()}
+
+
+def test_without_the_second_distribution(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Five agents are left; any other is a sentence with the command that installs it."""
+    monkeypatch.setattr("rans.pretrained.PACKAGE", "rans_agents_of_nobody")
+    monkeypatch.setitem(EXTRAS, "rans_agents_of_nobody", "agents")
+    assert len(pretrained_names()) == 5
+    assert len(missing_agents()) == len(agent_recipes()) - 5
+    with pytest.raises(MissingPackage, match=r"^The agent avoid-2d needs .*'rans\[agents\]'$"):
+        contestant("pretrained:avoid-2d")
+    with pytest.raises(MissingPackage):
+        contestant("avoid-2d")
+    assert contestant("land-3d").controller.name == "land-3d"
+    assert main(["list", "agents"]) == 0
+    assert "44 more agents: pip install 'rans[agents]'" in capsys.readouterr().out
+
+
+def test_an_agent_of_the_core_has_precedence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another package's folder adds agents, and replaces none; nothing in it is imported."""
+    package = tmp_path / "rans_agents_of_somebody"
+    shutil.copytree(FOLDER / "land-3d", package / "land-3d")
+    shutil.copytree(FOLDER / "land-3d", package / "mine")
+    (package / "__init__.py").write_text("raise AssertionError\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("rans.pretrained.PACKAGE", package.name)
+    assert find_spec(package.name) is not None
+    assert pretrained_folder("mine") == package / "mine"
+    assert pretrained_folder("land-3d") == FOLDER / "land-3d"
+
+
+def test_both_distributions_have_one_version() -> None:
+    """The extra asks for exactly the agents that were released with this version."""
+    core = (ROOT / "pyproject.toml").read_text("utf-8")
+    agents = (ROOT / "agents/pyproject.toml").read_text("utf-8")
+    version = re.compile(r'^version = "(.+?)"', re.MULTILINE)
+    (number,) = version.findall(core)
+    assert version.findall(agents) == [number]
+    assert f'agents = ["rans-agents=={number}"]' in core

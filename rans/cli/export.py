@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 from rans.cli import check_count
 from rans.errors import ConfigError, brief
 from rans.files import read_json
-from rans.pretrained import FOLDER
+from rans.pretrained import pretrained_folder, pretrained_names
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 
@@ -71,7 +71,7 @@ class Export:
                 "an agent is exported as a whole, with its trade-off and all its tasks as observations: name "
                 f"it without #{part}."
             )
-        if folder.parent == FOLDER and self.format == "rans":
+        if self.format == "rans" and _comes_with_rans(folder):
             raise ConfigError(f"{folder.name} comes with RANS in this format already, in {folder}.")
         if self.margins:
             check_count("--margins", self.margins)
@@ -96,3 +96,8 @@ class Export:
         if card["episodes"] != self.episodes:
             Terminal().say(f"The card keeps its metrics from {card['episodes']:,} flights.")
         return 0
+
+
+def _comes_with_rans(folder: Path) -> bool:
+    """Whether a folder is that of a pretrained agent."""
+    return folder.name in pretrained_names() and folder == pretrained_folder(folder.name)

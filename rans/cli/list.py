@@ -12,13 +12,15 @@ from typing import Annotated, Any
 from tyro import conf
 
 from rans.api.names import load_conditions, load_spacecraft, load_task
-from rans.errors import ConfigError, brief, legible, meant
+from rans.errors import EXTRAS, ConfigError, brief, counted, legible, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import (
+    PACKAGE,
     RECIPE_FOLDER,
+    missing_agents,
     present_agent,
     pretrained_card,
     pretrained_folder,
@@ -98,7 +100,7 @@ class List:
         known: dict[str, Iterable[str]] = {
             "conditions": CONDITIONS,
             "task": TASKS,
-            "agent": pretrained_names(),
+            "agent": [*pretrained_names(), *missing_agents()],
             "controller": CONTROLLERS,
             "spacecraft": spacecraft_names(),
         }
@@ -148,8 +150,7 @@ def _everything(_: str) -> Iterable[str | Listing]:
     yield _all_tasks()
     yield _all_conditions()
     yield _all_controllers()
-    if pretrained_names():
-        yield _all_agents()
+    yield from _all_agents()
 
 
 def _all_spacecraft() -> Listing:
@@ -217,13 +218,16 @@ def _or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, 
         return "", str(error)
 
 
-def _all_agents() -> Listing:
+def _all_agents() -> Iterable[str | Listing]:
+    """Installed agents, and how to install the others."""
     cards = map(pretrained_card, pretrained_names())
-    return Listing(
+    yield Listing(
         "Agents (pretrained:NAME)",
         ("name", "spacecraft", "solved"),
         [(card["name"], card["spacecraft"], _solved(card)) for card in cards],
     )
+    if missing := missing_agents():
+        yield f"{counted(len(missing), 'more agent')}: pip install 'rans[{EXTRAS[PACKAGE]}]'"
 
 
 def _solved(card: dict[str, Any]) -> str:
@@ -313,7 +317,7 @@ _PARTS: dict[str, Callable[[str], Iterable[str | Listing]]] = {
     "task": _task_details,
     "all spacecraft": lambda _: [_all_spacecraft()],
     "all tasks": lambda _: [_all_tasks()],
-    "all agents": lambda _: [_all_agents()],
+    "all agents": lambda _: _all_agents(),
     "all controllers": lambda _: [_all_controllers()],
     "all conditions": lambda _: [_all_conditions()],
     "conditions": _conditions_details,

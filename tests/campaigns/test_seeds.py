@@ -11,6 +11,7 @@ import rans
 from campaigns.seeds import Seeds, _on_gpu, judged
 from rans.errors import ConfigError, RansError
 from rans.files import read_json
+from rans.pretrained import pretrained_folder
 from rans.scenario import SELECTION_SEED
 
 
@@ -66,7 +67,7 @@ def test_refuses_to_do_nothing(wrong: dict[str, Any], tmp_path: Path) -> None:
 
 def test_judges_as_an_evaluation_does() -> None:
     """Of the thrifty agent, which never arrives soon; "failed" is of other flights than the rest."""
-    found = judged(Path("rans/data/pretrained/go-to-pose-2d-thrifty"), 16, 16)[""]
+    found = judged(pretrained_folder("go-to-pose-2d-thrifty"), 16, 16)[""]
     metrics = rans.evaluate("go-to-pose-2d-thrifty", episodes=16, seed=SELECTION_SEED)
     values = {row.name: row.value for row in metrics.rows}
     assert found["impulse"] == pytest.approx(values["impulse"])

@@ -23,7 +23,12 @@ from rans.evaluation.fly.lookahead import PREFIX, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.files import distinct
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.pretrained import present_agent, pretrained_folder, pretrained_names
+from rans.pretrained import (
+    missing_agents,
+    present_agent,
+    pretrained_folder,
+    pretrained_names,
+)
 from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS, Task, registered_name
 
@@ -231,9 +236,10 @@ def _parse(spec: str) -> tuple[str, str, str]:
         raise ConfigError(
             f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}."
         )
-    if not _exists(spec) and present_agent(spec) in pretrained_names():
+    agents = (*pretrained_names(), *missing_agents())
+    if not _exists(spec) and present_agent(spec) in agents:
         return "pretrained", present_agent(spec), part
-    if not _exists(spec) and (near := meant(spec, (*CONTROLLERS, *pretrained_names()))):
+    if not _exists(spec) and (near := meant(spec, (*CONTROLLERS, *agents))):
         raise ConfigError(
             f"{spec} has no task; add one, as in {spec}:go-to-pose-2d."
             if spec in CONTROLLERS

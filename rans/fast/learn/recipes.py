@@ -20,19 +20,13 @@ from rans.errors import ConfigError, brief, meant, one_of
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.pretrained import RECIPE_FOLDER, present_agent
+from rans.pretrained import RECIPE_FOLDER, agent_recipes, present_agent
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.structure import LARGEST_TOML, merged, read_toml, structure
 from rans.tasks import TASKS
 
-RECIPES: tuple[str, ...] = tuple(
-    sorted(
-        file.stem
-        for file in RECIPE_FOLDER.glob("*.toml")
-        if not file.stem.startswith(("base-", "good-", "preset-"))
-    )
-)
+RECIPES: tuple[str, ...] = tuple(agent_recipes())
 """Names of the recipes, one per agent that comes with RANS.
 
 Other files of the folder: ``base-NAME.toml`` (shared values), ``preset-NAME.toml``, and
