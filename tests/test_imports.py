@@ -39,6 +39,7 @@ LAYERS: list[set[str]] = [
     {"rans.model", "rans.pretrained"},
     {"rans.effectors"},
     {"rans.randomization"},
+    {"rans.guidance"},
     {"rans.tasks"},
     {"rans.scenario", "rans.episode"},
     {"rans.verdict"},

@@ -6,18 +6,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
+from rans.guidance.arrival import TIME_ROUNDING
 from rans.model.dynamics import State
 from rans.model.fields import Field, at_least, map_leaves, where
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.observation_terms import Information, ObservationTerm
-from rans.tasks.orbital import INSTANT, OrbitalMission
+from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Ball, Shape
 
-_OUTSIDE = -1.0
-"""Time held outside the tolerances, s."""
-_NEAR = 2.0
-"""Tolerances of the position within which a craft that comes too late goes to the goal as one that stays."""
+_NOT_HELD = -1.0
+"""Time held outside the tolerances, s: any number below zero."""
+_LATE_DISTANCE = 2.0
+"""Position tolerances within which a craft that comes too late goes to the goal by the law with which it stays."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Hold(OrbitalMission):
     def plan(self, start: State, goal: State, deadline: Field) -> State:
         """Goal with a deadline, s, the plan for a start, and no time held in its notes."""
         planned = super().plan(start, goal, deadline)
-        return replace(planned, notes=(*planned.notes, deadline * 0.0 + _OUTSIDE))
+        return replace(planned, notes=(*planned.notes, deadline * 0.0 + _NOT_HELD))
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s), with less time left and more time held."""
@@ -89,7 +90,7 @@ class Hold(OrbitalMission):
     def remember(self, goal: State, state: State) -> State:
         """Goal whose notes record for how long the state has been within the tolerances, and success."""
         deadline, arrival, won, held = goal.notes
-        held = where(self.reached(state, goal), at_least(held, 0.0), _OUTSIDE)
+        held = where(self.reached(state, goal), at_least(held, 0.0), _NOT_HELD)
         goal = replace(goal, notes=(deadline, arrival, won, held))
         won = where(self.done(state, goal), 1.0, won)
         return replace(goal, notes=(deadline, arrival, won, held))
@@ -97,8 +98,8 @@ class Hold(OrbitalMission):
     def recommended(self, state: Any, goal: Any, left: Field) -> Any:
         """Velocity in W, m/s: see `OrbitalMission`, and `staying` once the craft has arrived."""
         velocity = super().recommended(state, goal, left)
-        near = (goal.p - state.p).norm() < self.position_tolerance * _NEAR
-        stays = self.reached(state, goal) | ((goal.notes[0] < INSTANT) & near)
+        near = (goal.p - state.p).norm() < self.position_tolerance * _LATE_DISTANCE
+        stays = self.reached(state, goal) | ((goal.notes[0] < TIME_ROUNDING) & near)
         return map_leaves(partial(where, stays), self.staying(state, goal), velocity)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
@@ -113,18 +114,18 @@ class Hold(OrbitalMission):
 
     def done(self, state: State, goal: State) -> Field:
         """Whether the craft has stayed for the time to hold since an arrival before the deadline."""
-        return self._arrived_in_time(goal) & (goal.notes[3] > self.hold_seconds - INSTANT)
+        return self._arrived_in_time(goal) & (goal.notes[3] > self.hold_seconds - TIME_ROUNDING)
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft is too far away, or not within the tolerances since an arrival before the deadline."""
         distance = self.errors(state, goal)["position"]
-        late = (goal.notes[0] < INSTANT) & ~self._arrived_in_time(goal)
+        late = (goal.notes[0] < TIME_ROUNDING) & ~self._arrived_in_time(goal)
         return (distance > self.fail_distance) | late
 
     def _arrived_in_time(self, goal: State) -> Field:
         """Whether the craft is within the tolerances, since before the deadline."""
         deadline, _, _, held = goal.notes
-        return (held > -INSTANT) & (deadline + held > -INSTANT)
+        return (held > -TIME_ROUNDING) & (deadline + held > -TIME_ROUNDING)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the target and goal behind it; the notes of the goal have a deadline and a plan."""

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from rans.guidance.descent import DescentLaw
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import SpatialState, State
 from rans.model.fields import Field, Quat, Vec3, cos, sin, where
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
-from rans.tasks.descent import DescentLaw
 from rans.tasks.observation_terms import (
     Dimension,
     Information,
@@ -43,7 +43,7 @@ class Land(SingleTask):
     glide slope, tilted too far, or without propellant.
 
     Observed task data: vector to the site, vertical, commanded acceleration and time to go of the guidance law of
-    D'Souza (`rans.tasks.descent.DescentLaw`), and the propellant left.
+    D'Souza (`rans.guidance.descent.DescentLaw`), and the propellant left.
     """
 
     gravity: float = 3.7114
@@ -140,7 +140,7 @@ class Land(SingleTask):
                 "a_",
                 "m/s^2",
                 law.thrust,
-                meaning="acceleration by thrust that the guidance law of rans.tasks.descent commands",
+                meaning="acceleration by thrust that the guidance law of rans.guidance.descent commands",
             ),
             Information("time to go", "s", law.time, meaning="time to go of the guidance law"),
             Information(

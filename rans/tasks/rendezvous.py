@@ -6,18 +6,19 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+from rans.guidance.arrival import whole_periods
+from rans.guidance.cone_approach import ConeApproach
 from rans.model.dynamics import State
 from rans.model.fields import Field, where
 from rans.model.random import Random
 from rans.model.timing import Timing
-from rans.tasks.approach import Approach
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Cone, Shape
 
-_OF_SPEED = 0.99
-"""Share of the velocity tolerance that recommendations do not brake."""
-_OF_ANGLE = 29.0 / 30.0
-"""Share of the cone's half angle that they use."""
+_SPEED_USE = 0.99
+"""Part of the velocity tolerance that guidance does not brake: the rest is for rounding of the brake."""
+_ANGLE_USE = 29.0 / 30.0
+"""Part of the cone's half angle that guidance uses: a degree of 30 is for errors of burns."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Rendezvous(OrbitalMission):
         return {"cone": Cone(apex, axis, math.radians(self.cone_degrees), self.cone_length)}
 
     def recommended(self, state: Any, goal: Any, left: Field) -> Any:
-        """Velocity in W, m/s, with which to go to the goal inside the cone (`rans.tasks.approach`).
+        """Velocity in W, m/s, with which to go to the goal inside the cone (`rans.guidance.cone_approach`).
 
         It arrives at the end of the last whole control period before the deadline, whatever arrival is planned.
         """
@@ -91,18 +92,18 @@ class Rendezvous(OrbitalMission):
         price = self._approach(state, goal).price()
         return where(price < self.most_gain, price, self.most_gain)
 
-    def _approach(self, state: Any, goal: Any) -> Approach:
+    def _approach(self, state: Any, goal: Any) -> ConeApproach:
         """Transfers from a state to the goal by the deadline."""
         depth = self._depth()
-        return Approach(
+        return ConeApproach(
             self.mean_motion,
             state.p,
             state.v,
             goal.p,
-            self._whole(goal.notes[0]),
+            whole_periods(goal.notes[0], self.timing.control_period),
             self.timing.control_period,
-            self.velocity_tolerance * _OF_SPEED,
-            math.tan(math.radians(self.cone_degrees * _OF_ANGLE)),
+            self.velocity_tolerance * _SPEED_USE,
+            math.tan(math.radians(self.cone_degrees * _ANGLE_USE)),
             self.cone_length - depth,
             depth,
         )

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from rans.guidance.arrival import TIME_ROUNDING
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import rounding
 from rans.tasks.base import Task
-from rans.tasks.orbital import INSTANT, OrbitalMission
+from rans.tasks.orbital import OrbitalMission
 
 _NEAR = 2.0
 """Position tolerances within which a craft whose mission is over stays."""
@@ -76,13 +77,13 @@ class Afterwards:
         mission = self._mission
         deadline, _, won = (np.broadcast_to(np.asarray(x, float), count) for x in goal.notes[:3])
         distance = np.broadcast_to((goal.p - state.p).norm(), count)
-        over = (deadline < INSTANT) | (won > 0.5)
+        over = (deadline < TIME_ROUNDING) | (won > 0.5)
         arrived = over & (distance < _NEAR * mission.position_tolerance)
         if exact:
             arrived = arrived | mission.reached(state, goal)
         self.stays = (self.stays | arrived) & (distance < _LEFT * mission.position_tolerance)
         again = over & ~self.stays
-        expired = again & (self._times[0] < INSTANT)
+        expired = again & (self._times[0] < TIME_ROUNDING)
         if expired.any():
             new = mission.plan(state, goal, np.full(count, self._again))
             self._times = np.where(expired, np.stack(new.notes[:2]), self._times)

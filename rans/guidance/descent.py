@@ -17,6 +17,9 @@ in time."""
 _SOFTENING = 1e-6
 """Added to squared distances, m^2, and squared speeds, m^2/s^2, to avoid division by zero at the site."""
 
+_LEAST_SQUARE_SPEED = 1e-9
+"""Lower bound of the squared transverse speed, m^2/s^2, which divides."""
+
 
 @dataclass(frozen=True)
 class DescentLaw:
@@ -35,7 +38,7 @@ class DescentLaw:
     """Time to go, s."""
     thrust: Vec3
     """Commanded acceleration by thrust now, in W, m/s^2."""
-    last: Vec3
+    final_thrust: Vec3
     """Commanded acceleration by thrust at the end of the time to go, in W, m/s^2."""
     speed: Field
     """Velocity change by thrust until then, m/s: root mean square of its acceleration times the time to go."""
@@ -51,15 +54,15 @@ class DescentLaw:
             haste: weight of time, m^2/s^4; a larger one lands sooner.
         """
         time = 1.0 / _rate(p.dot(p) + _SOFTENING, v.dot(v) + _SOFTENING, p.dot(v), gravity, haste)
-        by_place = p.scale(6.0 / (time * time))
-        by_speed = v.scale(2.0 / time)
+        by_position = p.scale(6.0 / (time * time))
+        by_velocity = v.scale(2.0 / time)
         zero = time * 0.0
         weight = Vec3(zero, zero, zero + gravity)
-        now = weight - by_place - by_speed.scale(2.0)
-        last = weight + by_place + by_speed
+        now = weight - by_position - by_velocity.scale(2.0)
+        final = weight + by_position + by_velocity
         # Mean square of a vector that changes linearly.
-        square = (now.dot(now) + now.dot(last) + last.dot(last)) * (1.0 / 3.0)
-        return cls(time, now, last, time * sqrt(square))
+        square = (now.dot(now) + now.dot(final) + final.dot(final)) * (1.0 / 3.0)
+        return cls(time, now, final, time * sqrt(square))
 
 
 def _rate(square: Field, speed: Field, closing: Field, gravity: float, haste: float) -> Field:
@@ -79,9 +82,9 @@ def _rate(square: Field, speed: Field, closing: Field, gravity: float, haste: fl
     # Two upper bounds: for a velocity directed at the site, and from its transverse component alone.
     bound = sqrt(speed) / (3.0 * distance) + (cost / 18.0) ** 0.25 / sqrt(distance)
     towards = at_least(-closing, 0.0)
-    across = at_least(speed - towards * towards / square, 1e-9)
-    other = sqrt(0.5 * cost / across)
-    rate = where(other < bound, other, bound)
+    across = at_least(speed - towards * towards / square, _LEAST_SQUARE_SPEED)
+    across_bound = sqrt(0.5 * cost / across)
+    rate = where(across_bound < bound, across_bound, bound)
     for _ in range(_NEWTON_STEPS):
         value = ((18.0 * square * rate + 12.0 * closing) * rate + 2.0 * speed) * rate * rate - cost
         slope = ((72.0 * square * rate + 36.0 * closing) * rate + 4.0 * speed) * rate

@@ -8,20 +8,20 @@ import math
 import numpy as np
 import pytest
 
+from rans.guidance.cone_approach import ConeApproach, unbraked
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Vec3
-from rans.tasks.approach import Approach, unbraked
 
 N = 7.2922e-5
 DRIFT = ClohessyWiltshire(N)
 SLOPE = math.tan(math.radians(29.0))
 
 
-def approach(p: tuple[float, ...], v: tuple[float, ...], left: float) -> Approach:
+def approach(p: tuple[float, ...], v: tuple[float, ...], left: float) -> ConeApproach:
     zero = np.zeros(1)
     place, speed = (Vec3(*(zero + x for x in one)) for one in (p, v))
     goal = Vec3(zero, zero, zero)
-    return Approach(N, place, speed, goal, zero + left, 50.0, 0.05, SLOPE, 98.0, 2.0)
+    return ConeApproach(N, place, speed, goal, zero + left, 50.0, 0.05, SLOPE, 98.0, 2.0)
 
 
 def flown(p: tuple[float, ...], left: float) -> tuple[np.ndarray, np.ndarray]:

@@ -5,20 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rans.guidance.few_burns import ArrivalTolerance, Coast, KeepOut
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Vec3
-from rans.tasks.transfers import Coast, Ends, KeepOut
 
 N = 0.0011
 DRIFT = ClohessyWiltshire(N)
-POINT = Ends(plane=0.0, across=0.0, speed=0.0)
+POINT = ArrivalTolerance(plane=0.0, across=0.0, speed=0.0)
 
 
-def coast(p: tuple[float, ...], v: tuple[float, ...], time: float, ends: Ends = POINT) -> Coast:
+def coast(
+    p: tuple[float, ...], v: tuple[float, ...], time: float, tolerance: ArrivalTolerance = POINT
+) -> Coast:
     zero = np.zeros(1)
     place, speed = (Vec3(*(zero + x for x in one)) for one in (p, v))
     goal = Vec3(zero, zero - 100.0, zero)
-    return Coast(N, place, speed, goal, zero + time, ends, acceleration=0.02)
+    return Coast(N, place, speed, goal, zero + time, tolerance, acceleration=0.02)
 
 
 def size(v: Vec3) -> float:
@@ -28,7 +30,7 @@ def size(v: Vec3) -> float:
 def test_a_transfer_at_once_reaches_the_goal() -> None:
     """In a plane without anything across; the drift's own solution is the oracle."""
     one = coast((200.0, 50.0, 0.0), (0.1, -0.2, 0.0), 900.0)
-    found = one.at_once()
+    found = one.burning_now()
     p, v = DRIFT.carry(one.p, one.v + found.burn, 900.0)
     np.testing.assert_allclose([p.x, p.y, p.z], [[0.0], [-100.0], [0.0]], atol=1e-6)
     assert found.price[0] == pytest.approx(size(found.burn) + size(v), rel=1e-9)
@@ -44,7 +46,7 @@ def test_across_the_plane_it_waits_for_the_node() -> None:
     angle = N * 1900.0
     at_once = 100.0 * N * (abs(np.cos(angle)) + 1.0) / np.sin(angle)
     one = coast((0.0, -100.0, 100.0), (0.0, 0.0, 0.0), 1900.0)
-    found = one.at_once()
+    found = one.burning_now()
     assert found.burn.z[0] == 0.0
     assert 100.0 * N < found.price[0] < 1.1 * 100.0 * N
     assert at_once > 1.7 * found.price[0]
@@ -53,14 +55,18 @@ def test_across_the_plane_it_waits_for_the_node() -> None:
 def test_tolerances_are_used() -> None:
     """With 5 cm/s left along each axis a transfer costs less by at least that along the axes that brake."""
     place, rest = (150.0, 100.0, 60.0), (0.0, 0.0, 0.0)
-    exact = coast(place, rest, 900.0).at_once()
-    slack = coast(place, rest, 900.0, Ends(plane=3.0, across=2.0, speed=0.03)).at_once()
+    exact = coast(place, rest, 900.0).burning_now()
+    slack = coast(
+        place, rest, 900.0, ArrivalTolerance(plane=3.0, across=2.0, speed=0.03)
+    ).burning_now()
     assert slack.price[0] < exact.price[0] - 3 * 0.03
 
 
 def test_nothing_is_corrected_within_the_tolerances() -> None:
     """A craft that drifts through the goal slowly needs no burn."""
-    found = coast((0.5, -101.0, 0.5), (0.0, 0.005, 0.0), 100.0, Ends(3.0, 2.0, 0.03)).cheapest()
+    found = coast(
+        (0.5, -101.0, 0.5), (0.0, 0.005, 0.0), 100.0, ArrivalTolerance(3.0, 2.0, 0.03)
+    ).cheapest()
     assert size(found.burn) == 0.0
     assert found.price[0] == 0.0
 
@@ -77,4 +83,4 @@ def test_a_ball_in_the_way_makes_it_dearer() -> None:
 def test_a_postponed_burn_saves_impulse() -> None:
     """From between the target and the goal by 1,900 s, one burn along the track is cheaper later."""
     one = coast((7.7, -15.8, 0.0), (0.0, 0.0, 0.0), 1900.0)
-    assert one.cheapest().price[0] <= one.at_once().price[0] * (1.0 - 0.005)
+    assert one.cheapest().price[0] <= one.burning_now().price[0] * (1.0 - 0.005)

@@ -1,0 +1,59 @@
+"""The law with which a craft stays at its goal in a drift, however long."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from rans.model.drift import Drift, velocity_to_reach
+from rans.model.fields import at_least, map_leaves, where
+
+_COASTING_PART = 0.8
+"""Part of both tolerances within which a craft coasts on: the rest is for what no coast foresees."""
+_RETURN_TIME = 4.0
+"""Time of a return to the goal, in those that the position tolerance takes at the speed tolerance: it returns at
+a quarter of the speed tolerance, and leaves the rest for errors."""
+_RETURN_PERIODS = 10.0
+"""Least time of a return, in control periods: burns last for one and displace a craft by a twentieth of the way."""
+_STOP_DISTANCE = 0.2
+"""Part of the position tolerance within which a return is stopped: twice the way of a period at least."""
+_STOP_SPEED = 0.4
+"""Least speed of a return, which is stopped, in position tolerances over its time: half of its speed at the end."""
+
+
+def staying_velocity(
+    drift: Drift,
+    state: Any,
+    goal: Any,
+    period: float,
+    position_tolerance: float,
+    velocity_tolerance: float,
+) -> Any:
+    """Velocity in W, m/s, with which a craft that has arrived stays at a goal where nothing pulls it away.
+
+    It is the craft's own while a coast of one control period keeps within 0.8 of both tolerances. Elsewhere it
+    is that of a coast to the goal, at about a quarter of the velocity tolerance from the edge of the position
+    tolerance, and in ten control periods at least. Near the goal the return is stopped.
+
+    Args:
+        drift: motion of a free point.
+        state: state, with a position and a velocity in W.
+        goal: goal, with a position and a velocity in W.
+        period: control period, s.
+        position_tolerance: distance within which it stays, m.
+        velocity_tolerance: speed within which it stays, m/s.
+    """
+    time = at_least(
+        _RETURN_TIME * position_tolerance / velocity_tolerance, _RETURN_PERIODS * period
+    )
+    distance, speed = (goal.p - state.p).norm(), (goal.v - state.v).norm()
+    coasts = (distance > position_tolerance * _STOP_DISTANCE) | (
+        speed < position_tolerance * _STOP_SPEED / time
+    )
+    for after in (0.0, 0.5 * period, period):
+        p, v = drift.carry(state.p, state.v, after)
+        near = (goal.p - p).norm() < position_tolerance * _COASTING_PART
+        slow = (goal.v - v).norm() < velocity_tolerance * _COASTING_PART
+        coasts = coasts & near & slow
+    back = velocity_to_reach(drift, state.p, goal.p, time + distance * 0.0)
+    return map_leaves(partial(where, coasts), state.v, back)
