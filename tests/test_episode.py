@@ -35,13 +35,13 @@ from rans.show.scene.scene import Motion
 from rans.tasks import (
     GoToPose,
     MultiTask,
-    TrackVelocity,
     Transition,
     observation_columns,
     observation_width,
 )
 from rans.tasks.derived import watches_switching
 from rans.tasks.observation_terms import ObservationTerm, Scalar, VectorInW
+from tests.support.switching import SwitchingGoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -150,11 +150,9 @@ def test_engine_environment_and_flight_take_the_same_steps(craft: Any) -> None:
 def test_what_a_reward_reads_is_found_not_promised() -> None:
     """Eight valves open, then shut: 8 each time, in the batch as in the single environment."""
     assert not watches_switching(GoToPose(), PLATFORM)
-    assert watches_switching(GoToPose(switching_weight=0.1), PLATFORM)
+    assert watches_switching(SwitchingGoToPose(), PLATFORM)
     assert not watches_switching(MultiTask(), PLATFORM)
-    assert watches_switching(
-        MultiTask(track_velocity=TrackVelocity(switching_weight=1.0)), PLATFORM
-    )
+    assert watches_switching(MultiTask(go_to_pose=SwitchingGoToPose()), PLATFORM)
     engine = Engine(PLATFORM, Counting(), 2, seed=1)
     env: Any = gymnasium.make("rans/GoToPose2D-v0", task=Counting()).unwrapped
     env.reset(seed=1)

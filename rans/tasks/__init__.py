@@ -24,7 +24,7 @@ from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.rendezvous import Rendezvous
-from rans.tasks.rewards import Transition
+from rans.tasks.rewards import RestReward, Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
@@ -165,6 +165,7 @@ __all__ = [
     "Inspect",
     "MultiTask",
     "Rendezvous",
+    "RestReward",
     "SingleTask",
     "Task",
     "TrackTwist",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import warnings
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
@@ -17,6 +17,7 @@ from rans.model.dynamics import State
 from rans.model.fields import Field, where
 from rans.model.random import Random
 from rans.model.timing import Timing
+from rans.renamed import AcceptsFormerNames
 from rans.tasks.observation_terms import (
     AngularVelocity,
     Dimension,
@@ -34,7 +35,7 @@ _DATA_COLUMNS = {2: 4, 3: 9}
 """Least number of columns of task data by dimension, so that the paper's tasks share a width (Table 1)."""
 
 
-class Task(Settings, ABC):
+class Task(Settings, metaclass=AcceptsFormerNames):
     """Base class of tasks: a frozen dataclass of settings with pure functions over fields.
 
     The same object serves the plane and space, and every engine. Tasks do not truncate episodes; engines do.

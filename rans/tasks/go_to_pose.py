@@ -5,17 +5,44 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
+from rans.renamed import now_constant, renamed
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import ObservationTerm, RelativeRotation, VectorInW
-from rans.tasks.rewards import Arrived, Transition, is_used, nearness, speed
+from rans.tasks.rewards import RestReward, Transition, is_used, nearness, speed
+
+_NONE = RestReward()
 
 
+@renamed(
+    fine_position_scale="fine_scale",
+    fine_attitude_scale="fine_scale",
+    arrived_weight="arrived.weight",
+    arrived_fine_weight="arrived.fine_weight",
+    arrived_still_weight="arrived.still_weight",
+    arrived_thrust_weight="arrived.thrust_weight",
+    arrived_within="arrived.within",
+    arrived_spin="arrived.spin",
+    arrived_sharpness="arrived.sharpness",
+    arrived_squarings="arrived.sharpness",
+    boundary_weight="arrived.boundary_weight",
+    verge_weight="arrived.boundary_weight",
+    departed_weight="arrived.departed_weight",
+)
+@now_constant(
+    arrived_still_scale=RestReward.still_scale,
+    arrived_speed=RestReward.speed,
+    approach_scale=1.5,
+    turn_scale=1.0,
+    position_scale=0.25,
+    attitude_scale=0.25,
+)
 @dataclass(frozen=True)
-class GoToPose(Arrived, SingleTask):
+class GoToPose(SingleTask):
     """Go to a pose and stay there (paper: Table 1, rows "Go to pose"; sections 3.2 and 4.1).
 
     >>> rans.Engine("floating-platform", rans.GoToPose(thrust_weight=0.05), num_envs=4)
@@ -33,26 +60,18 @@ class GoToPose(Arrived, SingleTask):
     """Range of the start's distance from the goal in evaluations, m (paper, section 4.1)."""
     approach_weight: float = 0.5
     """Weight of the wide rewards, for large errors; 0 gives the reward of the original system."""
-    approach_scale: float = 1.5
-    """Distance at which the approach reward has fallen to 1/e, m."""
-    turn_scale: float = 1.0
-    """Attitude error at which the turn reward has fallen to 1/e, rad."""
-    position_scale: float = 0.25
-    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
-    attitude_scale: float = 0.25
-    """Error at which the attitude reward has fallen to 1/e, rad (original system, 2023)."""
     fine_weight: float = 0.0
     """Weight of narrow copies of both rewards, for agents that keep the position within millimetres."""
-    fine_position_scale: float = 0.02
-    """Error at which the narrow position reward has fallen to 1/e, m."""
-    fine_attitude_scale: float = 0.02
-    """Error at which the narrow attitude reward has fallen to 1/e, rad."""
+    fine_scale: float = 0.02
+    """Error at which the narrow rewards have fallen to 1/e, m and rad."""
     misaligned_weight: float = 0.0
     """Weight of a penalty for a wrong attitude at the goal's position (narrow copies)."""
     rest_position: float = 0.0
     """Distance below which the position reward is constant, so that thrust gains nothing, m."""
     rest_attitude: float = 0.0
     """Attitude error below which the attitude reward is constant, so that thrust gains nothing, rad."""
+    arrived: RestReward = _NONE
+    """Reward for rest within the tolerances."""
     position_tolerance: float = 0.05
     """Distance that counts as reached, m."""
     attitude_tolerance: float = math.radians(5.0)
@@ -61,6 +80,15 @@ class GoToPose(Arrived, SingleTask):
     """Distance from the goal beyond which an episode fails, m (original system)."""
     fail_spin: float = 4.0
     """Angular rate beyond which an episode in space fails, rad/s; without it some policies spin up permanently."""
+
+    position_scale: ClassVar[float] = 0.25
+    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
+    attitude_scale: ClassVar[float] = 0.25
+    """Error at which the attitude reward has fallen to 1/e, rad (original system, 2023)."""
+    approach_scale: ClassVar[float] = 1.5
+    """Distance at which the approach reward has fallen to 1/e, m: a third of the farthest start."""
+    turn_scale: ClassVar[float] = 1.0
+    """Attitude error at which the turn reward has fallen to 1/e, rad: a third of the largest error."""
 
     flag = 1
 
@@ -94,7 +122,7 @@ class GoToPose(Arrived, SingleTask):
         distance, angle = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         aligned = partial(nearness, angle, rest=self.rest_attitude)
-        closest = near(self.fine_position_scale), aligned(self.fine_attitude_scale)
+        closest = near(self.fine_scale), aligned(self.fine_scale)
         return {
             "position": near(self.position_scale),
             "attitude": aligned(self.attitude_scale),
@@ -113,12 +141,16 @@ class GoToPose(Arrived, SingleTask):
                 if is_used(self.misaligned_weight)
                 else {}
             ),
-            **self.arrived(transition, closest, *self._shares(transition.state, transition.goal)),
-            **self.departed(transition, partial(self._shares, goal=transition.goal)),
+            **self.arrived.terms(
+                transition, closest, *self._relative_errors(transition.state, transition.goal)
+            ),
+            **self.arrived.departure(
+                transition, partial(self._relative_errors, goal=transition.goal)
+            ),
             **self.prices(transition),
         }
 
-    def _shares(self, state: State, goal: State) -> tuple[Field, ...]:
+    def _relative_errors(self, state: State, goal: State) -> tuple[Field, ...]:
         """Errors over their tolerances."""
         distance, angle = self.errors(state, goal).values()
         return distance / self.position_tolerance, angle / self.attitude_tolerance

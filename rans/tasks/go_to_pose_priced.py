@@ -16,9 +16,7 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.observation_terms import ObservationTerm, TradeOff
 from rans.tasks.rewards import Transition
 
-_PRICED = {
-    name: f"{name}_weight" for name in ("misaligned", "thrust", "switching", "speed", "spin")
-}
+_PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "spin")}
 """Terms of the reward that are multiplied by the price, and the settings of their weights."""
 
 

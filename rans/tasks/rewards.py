@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import add
-from typing import Any
+from typing import Any, ClassVar
 
+from rans.display import Settings
 from rans.model.dynamics import State
 from rans.model.fields import Field, absolute, exp, finite, sqrt, where
-from rans.renamed import renamed
+from rans.renamed import now_constant
+from rans.tasks.settings import check_settings
 
 _SQUARINGS = 4
 """Number of times that numbers up to 256 may be squared in single precision."""
@@ -92,127 +94,123 @@ class Transition:
         )
 
 
+@now_constant(switching_weight=0.0, speed_weight=0.0)
 @dataclass(frozen=True)
 class Prices:
-    """Prices of thrust, switching, speed and spin, which are settings of every task.
+    """Prices of thrust and spin, which are settings of every task.
 
-    The prices of thrust, speed and spin are linear, as in the original system of 2023; that of switching is an
-    addition. Terms of zero weight are neither computed nor logged.
+    Both are linear, as in the original system of 2023. Terms of zero weight are neither computed nor logged.
     """
 
     thrust_weight: float = 0.02
     """Reward lost per step and open thruster; it also prevents chattering at the goal."""
-    switching_weight: float = 0.0
-    """Reward lost per valve that opens or shuts; all valves are shut before an episode."""
-    speed_weight: float = 0.0
-    """Reward lost per step and m/s of speed."""
     spin_weight: float = 0.0
     """Reward lost per step and rad/s of angular speed."""
 
     def prices(self, transition: Transition) -> dict[str, Field]:
         """Price terms whose weight is not zero, by name."""
-        state = transition.state
-        command = transition.command
-        previous = transition.previous
         terms: dict[str, Field] = {}
         if is_used(self.thrust_weight):
             terms["thrust"] = reduce(add, transition.thrusters) * -self.thrust_weight
-        if is_used(self.switching_weight):
-            moved = [absolute(new - old) for new, old in zip(command, previous, strict=True)]
-            terms["switching"] = reduce(add, moved) * -self.switching_weight
-        if is_used(self.speed_weight):
-            terms["speed"] = state.v.norm() * -self.speed_weight
         if is_used(self.spin_weight):
-            terms["spin"] = speed(state.spin()) * -self.spin_weight
+            terms["spin"] = speed(transition.state.spin()) * -self.spin_weight
         return terms
 
 
-@renamed(verge_weight="boundary_weight", arrived_squarings="arrived_sharpness")
 @dataclass(frozen=True)
-class Arrived:
-    """Settings of rewards for rest at a fixed goal; by default none of them is computed or logged."""
+class RestReward(Settings):
+    """Reward for rest within the tolerances of a fixed goal; by default there is none, and no term is logged.
 
-    arrived_weight: float = 0.0
+    >>> rans.GoToPose(arrived=rans.RestReward(weight=6.0, thrust_weight=1.5))
+    GoToPose(arrived=RestReward(weight=6.0, thrust_weight=1.5))
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
+
+    weight: float = 0.0
     """Reward for rest within the tolerances, which makes agents arrive early."""
-    arrived_fine_weight: float = 0.0
+    fine_weight: float = 0.0
     """Weight of the narrow rewards of position and attitude while at rest within the tolerances; needs
-    `arrived_weight`."""
-    arrived_still_weight: float = 0.0
+    `weight`."""
+    still_weight: float = 0.0
     """Weight of a narrow reward of low speed while at rest within the tolerances, so that no corrections follow;
-    needs `arrived_weight`."""
-    arrived_still_scale: float = 0.003
-    """Speed at which the reward of low speed has fallen to 1/e, m/s."""
-    arrived_thrust_weight: float = 0.0
+    needs `weight`."""
+    thrust_weight: float = 0.0
     """Reward lost per open thruster while at rest within the tolerances, which saves propellant there without
-    slowing the approach; needs `arrived_weight`."""
-    arrived_within: float = 1.0
-    """Fraction of the tolerances that counts as arrived; below 1 leaves a margin."""
+    slowing the approach; needs `weight`."""
     boundary_weight: float = 0.0
     """Reward lost between the tolerances and twice the tolerances. An approach passes this region in a step or two,
     and an agent that has arrived should not return to it."""
     departed_weight: float = 0.0
     """Reward lost in a control period that begins at rest within the tolerances and does not end so: an agent that
     has arrived should stay, and correct itself with pulses that leave it at rest."""
-    arrived_speed: float = 0.05
-    """Speed below which a craft counts as at rest, m/s."""
-    arrived_spin: float = math.radians(5.0)
-    """Angular speed below which a craft counts as at rest, rad/s."""
-    arrived_sharpness: int = 2
+    within: float = 1.0
+    """Fraction of the tolerances that counts as arrived; below 1 leaves a margin."""
+    spin: float = math.radians(5.0)
+    """Angular speed below which a craft counts as at rest, rad/s. Under disturbances it must exceed the change of
+    spin by one pulse."""
+    sharpness: int = 2
     """Sharpness of the edges: number of times that errors over their bounds are squared."""
 
-    def arrived(
-        self, transition: Transition, closest: tuple[Field, ...], *shares: Field
+    still_scale: ClassVar[float] = 0.003
+    """Speed at which the reward of low speed has fallen to 1/e, m/s: 0.6 mm in a control period of 0.2 s."""
+    speed: ClassVar[float] = 0.05
+    """Speed below which a craft counts as at rest, m/s, as in the goal set (`rans.tasks.goal_set.REST_SPEED`)."""
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def terms(
+        self, transition: Transition, closest: tuple[Field, ...], *errors: Field
     ) -> dict[str, Field]:
-        """Reward terms for rest at the goal whose weight is not zero, by name.
+        """Terms of the reward at the end of a control period whose weight is not zero, by name.
 
         Args:
             transition: states and commands of the control period.
             closest: narrow rewards of each error.
-            shares: errors divided by the task's tolerances.
+            errors: errors divided by the task's tolerances.
         """
         state = transition.state
-        inside = partial(within, sharpness=self.arrived_sharpness)
+        inside = partial(within, sharpness=self.sharpness)
         terms: dict[str, Field] = {}  # not `dict[str, Field]()`, which torch's compiler cannot read
-        if is_used(self.arrived_weight):
-            worth = sum(closest) * self.arrived_fine_weight + self.arrived_weight
-            if is_used(self.arrived_still_weight):
-                worth = (
-                    worth
-                    + nearness(state.v.norm(), self.arrived_still_scale) * self.arrived_still_weight
-                )
-            if is_used(self.arrived_thrust_weight):
-                worth = worth - reduce(add, transition.thrusters) * self.arrived_thrust_weight
-            terms["arrived"] = self._at_rest(state, shares) * worth
+        if is_used(self.weight):
+            worth = sum(closest) * self.fine_weight + self.weight
+            if is_used(self.still_weight):
+                worth = worth + nearness(state.v.norm(), self.still_scale) * self.still_weight
+            if is_used(self.thrust_weight):
+                worth = worth - reduce(add, transition.thrusters) * self.thrust_weight
+            terms["arrived"] = self._at_rest(state, errors) * worth
         if is_used(self.boundary_weight):
-            shares = tuple(share / self.arrived_within for share in shares)
-            near = inside(*(0.5 * share for share in shares))
-            terms["boundary"] = near * (1.0 - inside(*shares)) * -self.boundary_weight
+            scaled = tuple(error / self.within for error in errors)
+            near = inside(*(0.5 * error for error in scaled))
+            terms["boundary"] = near * (1.0 - inside(*scaled)) * -self.boundary_weight
         return terms
 
-    def departed(
-        self, transition: Transition, shares: Callable[[State], tuple[Field, ...]]
+    def departure(
+        self, transition: Transition, errors: Callable[[State], tuple[Field, ...]]
     ) -> dict[str, Field]:
         """The price of leaving rest within the tolerances; nothing where its weight is zero.
 
         Args:
             transition: control period.
-            shares: errors of a state over the task's tolerances.
+            errors: errors of a state over the task's tolerances.
         """
         if not is_used(self.departed_weight):
             return {}
         after = transition.state
         before = after if transition.before is None else transition.before
-        stayed = self._at_rest(after, shares(after))
-        left = self._at_rest(before, shares(before)) * (1.0 - stayed)
+        stayed = self._at_rest(after, errors(after))
+        left = self._at_rest(before, errors(before)) * (1.0 - stayed)
         return {"departed": left * -self.departed_weight}
 
-    def _at_rest(self, state: State, shares: tuple[Field, ...]) -> Field:
+    def _at_rest(self, state: State, errors: tuple[Field, ...]) -> Field:
         """Smooth indicator of rest within the tolerances: 1 inside, 0 outside."""
         return within(
-            *(share / self.arrived_within for share in shares),
-            state.v.norm() / self.arrived_speed,
-            speed(state.spin()) / self.arrived_spin,
-            sharpness=self.arrived_sharpness,
+            *(error / self.within for error in errors),
+            state.v.norm() / self.speed,
+            speed(state.spin()) / self.spin,
+            sharpness=self.sharpness,
         )
 
 

@@ -25,7 +25,7 @@ def check_settings(task: Any) -> None:
     for field in dataclasses.fields(task):
         name = field.name
         value = getattr(task, field.name)
-        if isinstance(value, bool):
+        if isinstance(value, bool) or dataclasses.is_dataclass(value):  # which check themselves
             continue
         is_range = isinstance(field.default, tuple)
         if is_range and not (isinstance(value, tuple) and len(value) == 2):
@@ -37,12 +37,12 @@ def check_settings(task: Any) -> None:
         ]  # curricula check the numbers that they change
         if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
             raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
-        if name.endswith("_sharpness") and not (isinstance(value, int) and 1 <= value <= 8):
+        if name == "sharpness" and not (isinstance(value, int) and 1 <= value <= 8):
             raise ConfigError(f"{name} must be a whole number from 1 to 8, got {value!r}.")
         if isinstance(value, tuple) and value[0] > value[1]:
             raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
         may_be_zero = (
-            isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
+            isinstance(value, tuple) or name.endswith("weight") or name.startswith("rest_")
         )
         if numbers == [0] and not may_be_zero:
             raise ConfigError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,9 @@ from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity
 from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts, run
+from tests.support.switching import SwitchingGoToPose
 
-COSTLY = replace(NEAR, switching_weight=0.25)
+COSTLY = SwitchingGoToPose(**vars(NEAR), switching_weight=0.25)
 MIXED = MultiTask(
     tasks=("go-to-pose", "go-to-position", "track-velocity"),
     go_to_pose=COSTLY,

@@ -30,6 +30,7 @@ from rans.model.trace import Symbol
 from rans.tasks import GoToPose, MultiTask, Task
 from rans.tasks.rewards import Transition
 from tests.support.draws import FLYER, PLATFORM
+from tests.support.switching import SwitchingGoToPose
 
 SHORT = Timing(episode_steps=40)
 PACKAGE = Path(rans.__file__).parent
@@ -115,7 +116,7 @@ def test_no_symbol_is_seen_in_a_whole_training(witness: Witness, tmp_path: Path)
 @pytest.mark.parametrize(
     ("craft", "task", "conditions"),
     [
-        (PLATFORM, GoToPose(switching_weight=0.01), None),
+        (PLATFORM, SwitchingGoToPose(switching_weight=0.01), None),
         (PLATFORM, MultiTask(), None),
         (FLYER, GoToPose(), None),
         (PLATFORM, GoToPose(), "harsh"),

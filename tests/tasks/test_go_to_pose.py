@@ -13,7 +13,7 @@ from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
-from rans.tasks.rewards import Transition
+from rans.tasks.rewards import RestReward, Transition
 
 HALF = math.sqrt(0.5)
 
@@ -91,20 +91,21 @@ def test_reward() -> None:
         "thrust": -0.06,
     }
     assert terms == pytest.approx(expected, abs=1e-7)
-    far = GoToPose(position_scale=3.0, attitude_scale=2 * math.pi / 3)
-    terms = far.reward(Transition(SPATIAL, SPATIAL_GOAL, (1.0,), (0.0,)))
+
+    class Far(GoToPose):
+        position_scale = 3.0
+        attitude_scale = 2 * math.pi / 3
+
+    terms = Far().reward(Transition(SPATIAL, SPATIAL_GOAL, (1.0,), (0.0,)))
     assert [terms["position"], terms["attitude"]] == pytest.approx([0.3678794] * 2, abs=1e-7)
 
 
 def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     """Half of it in the middle of a side of the set, 1 / (1 + 4) in its corner, next to none at twice."""
     task = GoToPose(
-        arrived_weight=6.0,
+        arrived=RestReward(weight=6.0, spin=0.3, sharpness=3),
         position_tolerance=0.04,
         attitude_tolerance=0.1,
-        arrived_speed=0.2,
-        arrived_spin=0.3,
-        arrived_sharpness=3,
     )
 
     def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
@@ -116,37 +117,36 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     for side in (
         (0.04, 0.0, 0.0, 0.0),
         (0.0, -0.1, 0.0, 0.0),
-        (0.0, 0.0, 0.2, 0.0),
+        (0.0, 0.0, 0.05, 0.0),
         (0.0, 0.0, 0.0, -0.3),
     ):
         assert arrived(task, *side) == pytest.approx(3.0)
         assert arrived(task, *(2.0 * x for x in side)) == pytest.approx(6.0 / 257.0)  # 2^8 + 1
-    assert arrived(task, 0.04, 0.1, 0.2, 0.3) == pytest.approx(1.2)
+    assert arrived(task, 0.04, 0.1, 0.05, 0.3) == pytest.approx(1.2)
     spare = replace(
-        task, arrived_within=0.5
+        task, arrived=replace(task.arrived, within=0.5)
     )  # half of it at 2 cm instead of 4; rest is asked for as before
     for side in (
         (0.02, 0.0, 0.0, 0.0),
         (0.0, -0.05, 0.0, 0.0),
-        (0.0, 0.0, 0.2, 0.0),
+        (0.0, 0.0, 0.05, 0.0),
         (0.0, 0.0, 0.0, -0.3),
     ):
         assert arrived(spare, *side) == pytest.approx(3.0)
     fine = replace(
         task,
-        arrived_fine_weight=4.0,
-        fine_position_scale=0.04 / math.log(2.0),
-        fine_attitude_scale=0.1 / math.log(2.0),
+        arrived=replace(task.arrived, fine_weight=4.0),
+        fine_scale=0.04 / math.log(2.0),
     )
     # Half of 6 + 4 (1/2 + 1), then half of 6 + 4 (1 + 1).
     assert arrived(fine, 0.04, 0.0, 0.0, 0.0) == pytest.approx(6.0)
-    assert arrived(fine, 0.0, 0.0, 0.2, 0.0) == pytest.approx(7.0)
+    assert arrived(fine, 0.0, 0.0, 0.05, 0.0) == pytest.approx(7.0)
     assert "arrived" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
 
 
 def test_thrust_costs_those_who_have_arrived() -> None:
     """Two of three open at 0.5 each: 1 of 6 in the set, half on the middle of a side, next to none beyond."""
-    task = GoToPose(arrived_weight=6.0, arrived_thrust_weight=0.5, position_tolerance=0.04)
+    task = GoToPose(arrived=RestReward(weight=6.0, thrust_weight=0.5), position_tolerance=0.04)
     for x, expected in ((0.0, 5.0), (0.04, 2.5), (0.4, 5.0 / 10_001.0)):
         state = PlanarState(Vec2(x, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
         goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
@@ -155,16 +155,10 @@ def test_thrust_costs_those_who_have_arrived() -> None:
 
 
 def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
-    """ln 2 scales of speed: half of 8 beside the 6; the speed is a tenth of what counts as rest."""
-    task = GoToPose(
-        arrived_weight=6.0,
-        arrived_still_weight=8.0,
-        arrived_still_scale=0.01 / math.log(2.0),
-        arrived_speed=0.1,
-        arrived_sharpness=3,
-    )
+    """ln 2 scales of 3 mm/s: half of 8 beside the 6; the speed is a 24th of what counts as rest."""
+    task = GoToPose(arrived=RestReward(weight=6.0, still_weight=8.0, sharpness=3))
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    for v, expected in ((0.0, 14.0), (0.01, 10.0), (0.2, 6.0 / 257.0)):
+    for v, expected in ((0.0, 14.0), (0.003 * math.log(2.0), 10.0), (0.1, 6.0 / 257.0)):
         state = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, -v), 0.0)
         terms = task.reward(Transition(state, goal, (0.0,), (0.0,)))
         assert terms["arrived"] == pytest.approx(expected, abs=1e-6)
@@ -186,13 +180,20 @@ def test_who_is_nearly_there_pays_for_not_being_there(
 ) -> None:
     """Half of 8 at 1 and at 2 tolerances, all of it between; x^(2^6) is 1e-10 of it at the root of two."""
     task = GoToPose(
-        boundary_weight=8.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_sharpness=6
+        arrived=RestReward(boundary_weight=8.0, sharpness=6),
+        position_tolerance=0.04,
+        attitude_tolerance=0.1,
     )
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     state = PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0)
     cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["boundary"]
     assert cost == pytest.approx(expected, abs=1e-6)
-    spare = replace(task, position_tolerance=0.05, attitude_tolerance=0.125, arrived_within=0.8)
+    spare = replace(
+        task,
+        position_tolerance=0.05,
+        attitude_tolerance=0.125,
+        arrived=replace(task.arrived, within=0.8),
+    )
     assert spare.reward(Transition(state, goal, (0.0,), (0.0,)))["boundary"] == pytest.approx(
         cost, abs=1e-9
     )
@@ -214,7 +215,7 @@ def test_who_leaves_rest_pays_once(
     spin_before: float, spin_after: float, x_after: float, expected: float
 ) -> None:
     """Edges to the power of 64: 1e-5 of the weight is left at 1.2 times a bound."""
-    task = GoToPose(departed_weight=8.0, arrived_sharpness=6)
+    task = GoToPose(arrived=RestReward(departed_weight=8.0, sharpness=6))
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     before = replace(goal, w=spin_before)
     after = replace(goal, p=Vec2(x_after, 0.0), w=spin_after)
@@ -225,15 +226,13 @@ def test_who_leaves_rest_pays_once(
 
 @pytest.mark.parametrize("sharpness", [0, 9, 2.5])
 def test_edges_of_no_sharpness(sharpness: float) -> None:
-    with pytest.raises(
-        ConfigError, match="arrived_sharpness must be a whole number from 1 to 8, got"
-    ):
-        GoToPose(arrived_sharpness=sharpness)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="sharpness must be a whole number from 1 to 8, got"):
+        RestReward(sharpness=sharpness)  # type: ignore[arg-type]
 
 
 def test_edges_however_sharp_are_finite_in_single_precision() -> None:
     """160 tolerances away, to the power of 64, which single precision has no number for."""
-    task = GoToPose(boundary_weight=1.0, arrived_weight=1.0, arrived_sharpness=6)
+    task = GoToPose(arrived=RestReward(boundary_weight=1.0, weight=1.0, sharpness=6))
     still = Vec2(np.zeros(1, np.float32), np.zeros(1, np.float32))
     far = PlanarState(Vec2(np.full(1, 8.0, np.float32), still.x), Heading(still.x), still, still.x)
     near = PlanarState(still, Heading(still.x), still, still.x)
@@ -244,7 +243,7 @@ def test_edges_however_sharp_are_finite_in_single_precision() -> None:
 
 def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
-    task = GoToPose(misaligned_weight=8.0, fine_position_scale=0.1, fine_attitude_scale=0.2)
+    task = GoToPose(misaligned_weight=8.0, fine_scale=0.1)
 
     def cost(x: float, angle: float) -> float:
         return task.reward(
@@ -257,15 +256,14 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
         )["misaligned"]
 
     half = math.log(2.0)
-    assert cost(0.0, 0.2 * half) == pytest.approx(-4.0)
-    assert cost(0.1 * half, -0.2 * half) == pytest.approx(-2.0)
+    assert cost(0.0, 0.1 * half) == pytest.approx(-4.0)
+    assert cost(0.1 * half, -0.1 * half) == pytest.approx(-2.0)
     assert cost(0.1 * half, 0.0) == 0.0
     assert cost(5.0, math.pi) == pytest.approx(0.0, abs=1e-15)
     # In space 3 m and a third of a turn off; beyond the rests 2 m and 2 rad, ln 2 scales each: -8 / 2 / 2.
     spatial = GoToPose(
         misaligned_weight=8.0,
-        fine_position_scale=2.0 / half,
-        fine_attitude_scale=2.0 / half,
+        fine_scale=2.0 / half,
         rest_position=1.0,
         rest_attitude=2 * math.pi / 3 - 2.0,
     )

@@ -32,7 +32,7 @@ def test_the_price_doubles_by_quarters(trade_off: float, thrust: float) -> None:
     assert plain.thrust_weight == pytest.approx(thrust)
     assert plain.spin_weight == pytest.approx(2 * thrust)
     assert plain.misaligned_weight == pytest.approx(10 * thrust)
-    assert plain.arrived_speed == TASK.arrived_speed
+    assert plain.arrived == TASK.arrived
 
 
 @pytest.mark.parametrize("spacecraft", ["floating-platform", "free-flyer"])

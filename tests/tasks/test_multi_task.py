@@ -18,7 +18,7 @@ from rans.tasks.rewards import Transition
 from tests.support.crafts import random_states
 
 COUNT = 500
-TASK = MultiTask(go_to_pose=GoToPose(switching_weight=0.1, evaluation_distance=(2.0, 2.5)))
+TASK = MultiTask(go_to_pose=GoToPose(spin_weight=0.1, evaluation_distance=(2.0, 2.5)))
 FLAGS = {
     "go-to-position": 0,
     "go-to-pose": 1,

@@ -13,9 +13,10 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.tasks import TASKS, GoToPose, GoToPosePriced, SingleTask
+from rans.tasks import TASKS, GoToPosePriced, SingleTask
 from rans.tasks.rewards import Prices, Transition, nearness
 from tests.support.crafts import ANY_CRAFT
+from tests.support.switching import SwitchingGoToPose
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""
@@ -27,16 +28,16 @@ WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
 """Three valves are open; of the two open before one has shut, and two of the three have opened."""
 
 
-@pytest.mark.parametrize(("state", "speed", "spin"), [(PLANAR, 0.5, 0.2), (SPATIAL, 1.1, 0.7)])
-def test_prices(state: Any, speed: float, spin: float) -> None:
-    prices = Prices(thrust_weight=0.1, switching_weight=0.01, speed_weight=2.0, spin_weight=3.0)
-    expected = {"thrust": -0.3, "switching": -0.03, "speed": -2.0 * speed, "spin": -3.0 * spin}
+@pytest.mark.parametrize(("state", "spin"), [(PLANAR, 0.2), (SPATIAL, 0.7)])
+def test_prices(state: Any, spin: float) -> None:
+    prices = Prices(thrust_weight=0.1, spin_weight=3.0)
+    expected = {"thrust": -0.3, "spin": -3.0 * spin}
     assert prices.prices(Transition(state, state, *WORK)) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("name", ["thrust", "switching", "speed", "spin"])
+@pytest.mark.parametrize("name", ["thrust", "spin"])
 def test_a_price_of_zero_is_no_term(name: str) -> None:
-    free = {f"{other}_weight": 0.0 for other in ("thrust", "switching", "speed", "spin")}
+    free = {f"{other}_weight": 0.0 for other in ("thrust", "spin")}
     assert Prices(**free).prices(Transition(PLANAR, PLANAR, *WORK)) == {}
     assert Prices(**free | {f"{name}_weight": 0.5}).prices(
         Transition(PLANAR, PLANAR, *WORK)
@@ -53,20 +54,14 @@ def test_a_price_of_zero_is_no_term(name: str) -> None:
 )
 def test_every_task_charges_for_open_thrusters_only(kind: Any) -> None:
     """Unless it is told to charge for more; and no weight may be negative."""
-    charged = kind().reward(Transition(PLANAR, PLANAR, *WORK)).keys() & {
-        "thrust",
-        "switching",
-        "speed",
-    }
+    charged = kind().reward(Transition(PLANAR, PLANAR, *WORK)).keys() & {"thrust", "spin"}
     assert charged == {"thrust"}
-    dearer = kind(thrust_weight=0.5, switching_weight=0.25).reward(
-        Transition(PLANAR, PLANAR, *WORK)
-    )
-    assert (dearer["thrust"], dearer["switching"]) == (-1.5, -0.75)
+    dearer = kind(thrust_weight=0.5, spin_weight=0.25).reward(Transition(PLANAR, PLANAR, *WORK))
+    assert (dearer["thrust"], dearer["spin"]) == (-1.5, -0.05)
     with pytest.raises(
-        ConfigError, match=r"switching_weight must be finite and not negative, got -0\.1"
+        ConfigError, match=r"spin_weight must be finite and not negative, got -0\.1"
     ):
-        kind(switching_weight=-0.1)
+        kind(spin_weight=-0.1)
 
 
 def test_a_flight_pays_for_every_valve_from_the_first_command_on() -> None:
@@ -78,7 +73,7 @@ def test_a_flight_pays_for_every_valve_from_the_first_command_on() -> None:
     goals = PlanarState(
         Vec2(still[0], still[0]), Heading(still[0]), Vec2(still[0], still[0]), still[0]
     )
-    task = GoToPose(switching_weight=0.5, thrust_weight=0.25)
+    task = SwitchingGoToPose(switching_weight=0.5, thrust_weight=0.25)
     flight = Flight(
         load_spacecraft("floating-platform-shared"),
         task,

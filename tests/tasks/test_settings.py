@@ -127,6 +127,6 @@ def test_numbers_of_tasks_within_a_task() -> None:
 
 def test_what_a_map_makes_is_checked_where_that_is_asked() -> None:
     negative = map_settings(lambda name, number: -number, GoToPose())
-    assert negative.position_scale == -GoToPose().position_scale
+    assert negative.fine_scale == -GoToPose().fine_scale
     with pytest.raises(ConfigError, match="not negative"):
         map_settings(lambda name, number: -number, GoToPose(), checked=True)

@@ -17,7 +17,7 @@ from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
 from rans.tasks.goal_set import arrived, asks_rest
-from rans.tasks.rewards import paid
+from rans.tasks.rewards import RestReward, paid
 
 PREFIX = "lookahead"
 """Prefix of an agent's name, with a colon, for the same agent with look-ahead."""
@@ -349,7 +349,7 @@ def looking_ahead(run: LoadedRun) -> Lookahead:
     The cost of arrival is for agents with a reward for arriving, and for controllers of tasks that ask for rest.
     """
     if isinstance(run.controller, Agent):
-        arriving = getattr(run.task, "arrived_weight", 0.0) > 0
+        arriving = getattr(run.task, "arrived", RestReward()).weight > 0
     else:
         arriving = asks_rest(run.task)
     return Lookahead(run, arrival=ArrivalCost() if arriving else None)

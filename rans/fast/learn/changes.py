@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import difflib
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rans.errors import ConfigError, brief
+from rans.fast.learn.config import Failures, PPOSettings
+from rans.model.timing import Timing
 from rans.registry import typed
+from rans.renamed import drop_constant, present_name
+from rans.tasks import TASKS
 
 _OTHERS_NAMES = {
     "lr": "ppo.learning_rate",
@@ -35,14 +38,6 @@ _OTHERS_NAMES = {
     "dt": "timing.control_period",
 }
 """Names of entries in SB3, CleanRL, rl_games, rsl_rl and Gymnasium, for suggestions."""
-_FORMER_NAMES = {
-    "timing.looks": "timing.checks",
-    "failures.looks": "failures.searches",
-    "settings.verge_weight": "settings.boundary_weight",
-    "settings.arrived_squarings": "settings.arrived_sharpness",
-    "settings.knob": "settings.trade_off",
-}
-"""Former names of entries, which are accepted with a warning for one more version."""
 _NEAR = 0.7
 """Similarity from which a name is suggested."""
 
@@ -59,15 +54,11 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         ConfigError: there is no such entry, or the name is not unique.
     """
     known = list(_names(table))
-    former = [old for old in _FORMER_NAMES if old == name or old.endswith(f".{name}")]
-    if name not in known and len(former) == 1 and _FORMER_NAMES[former[0]] in known:
-        new = _FORMER_NAMES[former[0]]
-        warnings.warn(
-            f"{name} is deprecated and will be removed in the next version: name it {new}.",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        name = new
+    if not any(one == name or one.endswith(f".{name}") for one in known):
+        present = _present(table, name, value)
+        if present is None:
+            return
+        name = present
     result = [name] if name in known else [one for one in known if one.endswith(f".{name}")]
     if len(result) > 1:
         raise ConfigError(
@@ -83,6 +74,26 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     for parent in parents:
         inner = inner[parent]
     inner[last] = _typed(value)
+
+
+def _present(table: dict[str, Any], name: str, value: Any) -> str | None:
+    """Present name of an entry that may have had another; None: it is a constant now, and has that value.
+
+    Raises:
+        ConfigError: the entry is a constant now, and the value is another.
+    """
+    owners: dict[str, type] = {"ppo": PPOSettings, "timing": Timing, "failures": Failures}
+    owners |= {"settings": TASKS[table["task"]]} if table.get("task") in TASKS else {}
+    part, _, last = name.rpartition(".")
+    for owner, kind in owners.items():
+        if part not in ("", owner):
+            continue
+        if last in getattr(kind, "former_constants", {}):
+            drop_constant(kind, last, list(value) if isinstance(value, tuple) else value)
+            return None
+        if last in getattr(kind, "former_names", {}):
+            return f"{owner}.{present_name(kind, last)}"
+    return name
 
 
 def _typed(value: Any) -> Any:

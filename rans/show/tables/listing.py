@@ -170,15 +170,18 @@ def _ends(task: Task) -> Listing:
 
 def settings_listing(settings: Any, prefix: str = "", title: str = "Settings") -> Listing:
     """Listing with a row for each field; keys have the prefix of ``rans train --set``."""
+    return Listing(title, ("key", "value", "meaning"), list(_settings(settings, prefix)))
+
+
+def _settings(settings: Any, prefix: str) -> Iterator[tuple[str, str, str]]:
+    """Rows of a listing of settings; those of the tasks within a multi-task are left out."""
     known = meanings(type(settings))
-    return Listing(
-        title,
-        ("key", "value", "meaning"),
-        [
-            (prefix + one.name, setting(getattr(settings, one.name)), known.get(one.name, ""))
-            for one in dataclasses.fields(settings)
-        ],
-    )
+    for one in dataclasses.fields(settings):
+        value = getattr(settings, one.name)
+        if dataclasses.is_dataclass(value) and not isinstance(value, Task):
+            yield from _settings(value, f"{prefix}{one.name}.")
+        else:
+            yield prefix + one.name, setting(value), known.get(one.name, "")
 
 
 def conditions_listing(conditions: Conditions) -> Listing:

@@ -16,8 +16,9 @@ from rans.fast.stepping.step import Step
 from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.tasks import TASKS, GoToPose
+from rans.tasks import TASKS
 from tests.support.crafts import ANY_CRAFT
+from tests.support.switching import SwitchingGoToPose
 
 pytestmark = [
     pytest.mark.gpu,
@@ -26,7 +27,7 @@ pytestmark = [
 COUNTS = {1: 4099, 2: 4098}
 STEPS = 200
 """Environments by how many a thread steps, not multiples of a warp; and steps, six episodes long."""
-MADE = {name: TASKS[name]() for name in ANY_CRAFT} | {"switching": GoToPose(switching_weight=0.1)}
+MADE = {name: TASKS[name]() for name in ANY_CRAFT} | {"switching": SwitchingGoToPose()}
 """The last one remembers commands."""
 TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
 """Rounding of one step, to a value of one: hundreds of operations; float32 has fast divisions and roots."""

@@ -26,6 +26,7 @@ from rans.tasks import TASKS, GoToPose
 from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.support.host_kernels import SEED, TOLERANCE, compare, needs_compiler
+from tests.support.switching import SwitchingGoToPose
 from tests.support.worlds import EFFECTS
 
 pytestmark = needs_compiler
@@ -157,7 +158,7 @@ def test_a_lost_state_earns_nothing(on_host: Any) -> None:
 
 @pytest.mark.usefixtures("together")
 def test_the_previous_command_is_remembered(on_host: Any) -> None:
-    made = (PLATFORM, replace(NEAR, switching_weight=0.1), 16, SHORT)
+    made = (PLATFORM, SwitchingGoToPose(**vars(NEAR)), 16, SHORT)
     assert compare(Engine(*made), on_host(*made)) > 16
 
 
@@ -232,7 +233,7 @@ def with_actuators(kind: Any) -> Spacecraft:
 @pytest.mark.usefixtures("together")
 def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
     """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
-    made: Any = (with_actuators(kind), replace(NEAR, switching_weight=0.1), 16, SHORT)
+    made: Any = (with_actuators(kind), SwitchingGoToPose(**vars(NEAR)), 16, SHORT)
     ours = Engine(*made, seed=SEED, dtype=dtype)
     theirs = on_host(*made, seed=SEED, dtype=dtype)
     assert {array.dtype for array in theirs.episode.commands[0]} == {torch.float32}

@@ -26,11 +26,12 @@ from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced
 from rans.tasks.goal_set import arrived
 from tests.support.engines import PLATFORM
+from tests.support.switching import SwitchingGoToPose
 from tests.support.training import scatter, tiny_learner
 
 PERIODS = 4
 FAST = "pretrained:go-to-pose-2d-fast"
-CHATTERING = GoToPose(switching_weight=0.3, thrust_weight=0.05, spawn_distance=(1.0, 2.0))
+CHATTERING = SwitchingGoToPose(switching_weight=0.3, thrust_weight=0.05, spawn_distance=(1.0, 2.0))
 """What was open before matters to its reward."""
 
 

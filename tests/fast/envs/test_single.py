@@ -25,6 +25,7 @@ from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation
 from tests.support.crafts import ANY_CRAFT
+from tests.support.switching import SwitchingGoToPose
 
 PLANE = "rans/GoToPose2D-v0"
 IDS = [gymnasium_ids(name)[d - 2] for name in TASKS for d in TASKS[name].dimensions]
@@ -132,7 +133,7 @@ def test_success_is_to_be_there_when_time_is_up(start: PlanarState, success: boo
 
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared"])
 def test_open_and_moved_valves_are_counted_however_they_share(craft: str) -> None:
-    env = make(spacecraft=craft, task=GoToPose(thrust_weight=0.5, switching_weight=0.25))
+    env = make(spacecraft=craft, task=SwitchingGoToPose(thrust_weight=0.5, switching_weight=0.25))
     for _ in range(2):
         env.reset()
         for command, opened, moved in (

@@ -20,9 +20,9 @@ from rans.tasks import GoToPose, MultiTask
 from tests.support.engines import PLATFORM, SHORT, actions, run, way_to_go
 from tests.support.training import CONFIG, after, ignore, resumed, tiny_trainer, weights
 
-TASK = GoToPose(spawn_distance=(0.5, 4.5), switching_weight=0.2)
+TASK = GoToPose(spawn_distance=(0.5, 4.5), spin_weight=0.2)
 NEARER = Ramp("spawn_distance", (0.25, 0.5), duration=1000, begin=200)
-CHEAPER = Ramp("switching_weight", 0.0, duration=400)
+CHEAPER = Ramp("spin_weight", 0.0, duration=400)
 RAMPS = (NEARER, CHEAPER)
 
 
@@ -41,8 +41,8 @@ def test_linear_ramps(steps: int, distance: tuple[float, float], weight: float) 
     moved = task_at(TASK, RAMPS, steps)
     assert isinstance(moved, GoToPose)
     assert moved.spawn_distance == pytest.approx(distance)
-    assert moved.switching_weight == pytest.approx(weight)
-    assert replace(moved, spawn_distance=(0.5, 4.5), switching_weight=0.2) == TASK
+    assert moved.spin_weight == pytest.approx(weight)
+    assert replace(moved, spawn_distance=(0.5, 4.5), spin_weight=0.2) == TASK
 
 
 def test_geometric() -> None:
@@ -85,7 +85,7 @@ def test_a_setting_within_a_multi_task() -> None:
             [Ramp("fine_weight", 1.0, 10, shape="geometric")],
             r"fine_weight must end above 0, got 0\.0",
         ),
-        ([CHEAPER, CHEAPER], "switching_weight has more than one ramp"),
+        ([CHEAPER, CHEAPER], "spin_weight has more than one ramp"),
         ([Ramp("fail_spin", 0.0, 10)], r"fail_spin must be > 0, got 0\.0"),
         ([Ramp("fail_spin", float("nan"), 10)], "fail_spin must be finite"),
         (
@@ -215,9 +215,7 @@ def test_at_its_end_it_is_the_task_itself() -> None:
 
 
 def test_single_precision_stays_single() -> None:
-    ramps = [
-        Ramp(name, getattr(GoToPose(), name), 10) for name in ("position_scale", "fail_distance")
-    ]
+    ramps = [Ramp(name, getattr(GoToPose(), name), 10) for name in ("fine_scale", "fail_distance")]
     task = Curriculum([TASK], [*RAMPS, *ramps], np.float32).task
     step = Engine(PLATFORM, task, 16, SHORT).step(actions(PLATFORM, 16, 1)[0])
     assert {x.dtype for x in step} == {torch.float32, torch.bool}

@@ -26,6 +26,7 @@ from rans.model.timing import Timing
 from rans.policy.heads import Inward
 from rans.tasks import GoToPose, Task
 from tests.support.draws import FLYER, PLATFORM
+from tests.support.switching import SwitchingGoToPose
 from tests.support.training import (
     CONFIG,
     TINY,
@@ -98,7 +99,7 @@ def losses_by(learner: GradientLearner, name: str, place: int, size: float) -> f
         (THROTTLED, NEAR, {}),
         (THROTTLED, NEAR, {"n_steps": 20, "batch_size": 80}),
         (FLYER_THROTTLED, NEAR, {}),
-        (THROTTLED, replace(NEAR, switching_weight=0.05, speed_weight=0.1), {"symmetric": True}),
+        (THROTTLED, SwitchingGoToPose(**vars(NEAR), switching_weight=0.05), {"symmetric": True}),
         (THROTTLED, NEAR, {"memory": "history", "history": 2}),
         (THROTTLED, NEAR, {"conditions": "lab", "privileged_critic": True}),
     ],
@@ -149,7 +150,7 @@ def test_a_command_out_of_bounds_finds_back() -> None:
 
 def test_a_root_at_rest_leaves_gradients_finite() -> None:
     """All thrusters are shut and episodes begin at rest, where a speed and a spin have no gradient."""
-    task = replace(NEAR, speed_weight=0.1, spin_weight=0.1)
+    task = replace(NEAR, spin_weight=0.1)
     learner = gradient_learner(task=task, own=replace(OWN, noise=1e-6))
     with torch.no_grad():
         learner.network.tensors["action_net.bias"].fill_(-0.1)

@@ -45,7 +45,7 @@ CHOICES: list[dict[str, Any]] = [
 ]
 TASKS = [
     NEAR,
-    replace(NEAR, position_scale=0.1, thrust_weight=0.5, switching_weight=0.1),
+    replace(NEAR, approach_weight=0.1, thrust_weight=0.5, spin_weight=0.1),
     replace(NEAR, spawn_distance=(0.2, 0.3), fail_distance=0.4),
 ]
 

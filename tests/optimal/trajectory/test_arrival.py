@@ -98,7 +98,7 @@ def test_zero_stays_zero() -> None:
 @pytest.mark.parametrize("name", [name for name in ANY_CRAFT if name != "multi-task"])
 def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     """Where their norms do not; and are worth the same there."""
-    task = TASKS[name](switching_weight=0.1, speed_weight=0.1, spin_weight=0.1)
+    task = TASKS[name](spin_weight=0.1)
     rest: PlanarState | SpatialState = (
         PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
         if dimension == 2

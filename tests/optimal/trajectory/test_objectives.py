@@ -38,6 +38,7 @@ from tests.support.problems import (
     replay_error,
     solved,
 )
+from tests.support.switching import SwitchingGoToPose
 
 
 def test_least_energy_along_a_body_axis_is_a_parabola_of_speed() -> None:
@@ -127,7 +128,7 @@ def test_a_goal_set_is_never_worse_than_its_middle() -> None:
 
 def test_the_cost_is_the_tasks_own_return() -> None:
     """As evaluations sum it over a flight: no rounded corner in it, switching and thrust included."""
-    task = GoToPose(switching_weight=0.01, spin_weight=0.02).for_evaluation()
+    task = SwitchingGoToPose(switching_weight=0.01, spin_weight=0.02).for_evaluation()
     objective = MaximumReward(10.0, 0.5)
     starts = scenarios(task, PLATFORM, 6, 1)
     case = scenario(task, 2, 6, 0)

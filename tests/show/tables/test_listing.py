@@ -15,9 +15,12 @@ from rans.show.tables.listing import conditions_listing, task_listings
 from rans.tasks import Task
 from rans.tasks.formula import OF_STATE, reward_formulas
 from rans.tasks.rewards import Transition
+from tests.support.switching import SwitchingGoToPose
 
 TASKS: list[Task] = [
-    rans.GoToPose(fine_weight=0.7, misaligned_weight=20.0, rest_position=0.4, switching_weight=0.3),
+    SwitchingGoToPose(
+        fine_weight=0.7, misaligned_weight=20.0, rest_position=0.4, switching_weight=0.3
+    ),
     rans.GoToPosition(rest_spin=0.2, fine_weight=2.0),
     rans.TrackVelocity(),
     rans.TrackTwist(),
