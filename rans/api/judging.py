@@ -72,6 +72,7 @@ def evaluate(
     conditions: ConditionsLike | None = None,
     protocol: ProtocolName = "own",
     guard: bool = False,
+    guard_slack: float | None = None,
 ) -> Metrics:
     """Fly an agent or a controller from fixed starts, and return metrics with 95 % intervals.
 
@@ -88,6 +89,8 @@ def evaluate(
             `Conditions`; None: those of the training.
         protocol: "own", "paper" or "original", see `rans.evaluation.fly.protocols.under_protocol`.
         guard: whether to fly behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
+        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and three standard deviations of
+            the conditions' noise.
 
     Raises:
         ConfigError: one of these does not exist, or a multi-task agent is named without a task: name it
@@ -105,7 +108,8 @@ def evaluate(
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)
-    return measure(flown(run.under(conditions).guarded(guard), count, seed, engine))
+    flying = run.under(conditions).guarded(guard, guard_slack)
+    return measure(flown(flying, count, seed, engine))
 
 
 def compare(
@@ -119,6 +123,7 @@ def compare(
     trust: bool = False,
     workers: int | None = None,
     guard: bool = False,
+    guard_slack: float | None = None,
 ) -> Comparison:
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
@@ -140,6 +145,7 @@ def compare(
         trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
         workers: number of processes; None: one per processor.
         guard: see `evaluate`.
+        guard_slack: see `evaluate`.
 
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
@@ -168,6 +174,7 @@ def compare(
         _conditions(contestants[0], conditions),
         trust,
         guard,
+        guard_slack,
     )
     result = Comparison(contest)
     entrants = enlisted(invited, contest, trust)
@@ -195,6 +202,7 @@ def stress(
     workers: int | None = None,
     output: str | Path | None = None,
     guard: bool = False,
+    guard_slack: float | None = None,
 ) -> StressReport:
     """Robustness sweep: fly under one disturbance at a time, at increasing magnitude.
 
@@ -216,6 +224,7 @@ def stress(
         output: folder to write stress.html and stress.json into; None: nothing is written, see
             `rans.show.pages.stress_page.StressReport.write`.
         guard: see `evaluate`.
+        guard_slack: see `evaluate`.
 
     Raises:
         ConfigError: there is no such contestant or disturbance, or a number is out of its range.
@@ -227,7 +236,9 @@ def stress(
     from rans.show.progress import watched
 
     first, invited = invitations(contestants)
-    contest = contest_of(first, whole("episodes", episodes), seed, trust=trust, guard=guard)
+    contest = contest_of(
+        first, whole("episodes", episodes), seed, trust=trust, guard=guard, slack=guard_slack
+    )
     sets = stress_conditions(conditions, only)
     planned = prepared(contest, invited, sets, only, whole("slow_episodes", slow_episodes), trust)
     folder = Path() if output is None else ready_folder(Path(output))

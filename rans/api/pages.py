@@ -106,6 +106,7 @@ def view(
     trust: bool = False,
     save: str | Path | None = None,
     guard: bool = False,
+    guard_slack: float | None = None,
 ) -> Replay:
     """Fly agents and controllers from the same starts, and replay the flights in three dimensions.
 
@@ -126,6 +127,8 @@ def view(
         trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
         save: HTML file to write the page to; None: none.
         guard: whether all fly behind the safety filter for their spacecraft and task.
+        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and three standard deviations of
+            the conditions' noise.
 
     Raises:
         ConfigError: there is no such contestant, or a number is out of its range.
@@ -134,7 +137,7 @@ def view(
         raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
-    runs = flyers(contestants, conditions, trust, guard)
+    runs = flyers(contestants, conditions, trust, guard, guard_slack)
     flights = [flown(run, count, seed, engine, first) for run in runs]
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     replay = Replay(flights, title_of(flights, label))
@@ -148,8 +151,9 @@ def flyers(
     conditions: ConditionsLike | None,
     trust: bool,
     guard: bool = False,
+    guard_slack: float | None = None,
 ) -> list[LoadedRun]:
-    """Who flies, in which setup; a bare name after the first flies the first one's.
+    """Runs of contestants, behind the safety filter if asked for; a bare name after the first flies its setup.
 
     Raises:
         ConfigError: there is no such contestant.
@@ -161,7 +165,7 @@ def flyers(
     for one in contestants:
         setup = results[0].judged if results else None
         run = run_of(one) or contestant(text_of(one), default_setup=setup, trust=trust)
-        results.append(run.under(conditions).guarded(guard))
+        results.append(run.under(conditions).guarded(guard, guard_slack))
     return results
 
 

@@ -121,6 +121,8 @@ class Evaluate:
     def _suggest(self) -> None:
         more = [] if self.full else ["--full"]
         guard = ["--guard"] if self.guard else []
+        if self.guard_slack is not None:
+            guard += ["--guard-slack", f"{self.guard_slack:g}"]
         command = shlex.join(["rans", "evaluate", self.contestant, *guard, *more])
         Terminal().suggest(
             f"{command}   # all metrics" if more else f"{command} --engine drake",

@@ -46,6 +46,9 @@ class View:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint
     (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
+    three standard deviations of the conditions' noise."""
     save: Path | None = None
     """Write a page that replays the flights offline and without RANS, and return."""
     frames: Path | None = None
@@ -88,7 +91,7 @@ class View:
             check_video(self.video)
         folders = [one for one in self.contestants if (Path(one) / "optimal.npz").is_file()]
         others = tuple(one for one in self.contestants if one not in folders)
-        runs = flyers(others, self.conditions, self.trust, self.guard)
+        runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
         if self.page is not None:
             return self._write_page(runs, self.page)
         if self.play:

@@ -13,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rans
+from rans.api.pages import flyers
 from rans.episode import Setup, World
 from rans.errors import ConfigError
+from rans.evaluation.fly.agent import run_of
 from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.guard import FlownBackup, safety_filter
@@ -179,6 +181,28 @@ def test_metrics_tell_what_the_filter_did() -> None:
     assert free["failed"].value > 0.0
     with pytest.raises(KeyError):
         _ = free["interventions"]
+
+
+@pytest.mark.slow
+def test_the_slack_of_the_filter_is_an_argument_wherever_the_filter_is() -> None:
+    agent = rans.load_agent("avoid-2d")
+    margin = 0.3
+    wide = run_of(agent)
+    assert wide is not None
+    wide = wide.guarded(True, margin)
+    assert flyers((agent,), None, False, True, margin)[0].guard == wide.guard
+    assert flyers((agent,), None, False, True)[0].guard != wide.guard
+    assert (
+        rans.compare(agent, beside=[], episodes=1, guard=True, guard_slack=margin).contest.guard
+        == wide.guard
+    )
+    less = rans.evaluate(agent, episodes=6, guard=True)["interventions"].value
+    assert (
+        rans.evaluate(agent, episodes=6, guard=True, guard_slack=margin)["interventions"].value
+        > less
+    )
+    with pytest.raises(ConfigError, match="--guard-slack is the slack"):
+        rans.evaluate(agent, episodes=1, guard_slack=margin)
 
 
 def test_a_task_without_constraints_is_refused() -> None:

@@ -33,6 +33,8 @@ _VIOLATION = 100.0
 """Cost of a negative margin of a constraint after a period, s, and what it grows by per unit (SI)."""
 _DOUBT = 0.04
 """Least chance of a thruster to be drawn open, or shut."""
+_PARTS = 0.5 ** np.arange(8.0)
+"""Parts of a pulse that throttled and pulsed thrusters give: a whole one may be too fast for a speed limit."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ class MPPI(ModelBased):
     A plan is a chance of every thruster to be open in each of the next `PERIODS`. Plans are drawn from it and
     flown by the engines' equations in the task's drift, all at once; those that cost less count more in the
     new chances (after Williams, Aldrich and Theodorou, J. Guidance Control Dynamics 40, 2017: bits, no normal
-    deviates). A plan costs its thrust, and the mean over its time of the least time that is left by the
+    deviates). Throttled and pulsed thrusters also draw which part of its pulses each period of a plan gives. A plan
+    costs its thrust, and the mean over its time of the least time that is left by the
     `Curve` of `Switching`: what is left at its end alone could be had by waiting first. Negative margins of the
     task's constraints cost more than any way round; they are seen no farther ahead than a plan is long. In missions
     on an orbit it stays at the goal from the arrival on (`rans.optimal.control.afterwards`).
@@ -110,6 +113,7 @@ class MPPI(ModelBased):
         self._price = curve.thrust_weight
         self._patterns = Patterns(craft)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
+        self._parts = _PARTS if craft.actuators.is_continuous else _PARTS[:1]
         self._afterwards = Afterwards.of(craft, self._task, self._timing)
         self.reset(0)
 
@@ -141,36 +145,48 @@ class MPPI(ModelBased):
         chances = self._chances[which]
         shape = len(which), self._draws.samples, *chances.shape[1:]
         best = np.zeros(chances.shape)
+        part = np.ones(chances.shape[:2])
         least = np.full(len(which), np.inf)
         for _ in range(self._draws.rounds):
             plans = self._random.random(shape) < np.clip(chances, _DOUBT, 1.0 - _DOUBT)[:, None]
+            parts = np.ones(shape[:3])
+            if len(self._parts) > 1:
+                parts = self._random.choice(self._parts, shape[:3])
             plans[:, 0] = best > 0.5  # in the first round: to coast
-            costs = self._costs(state, goal, plans)
+            parts[:, 0] = part
+            costs = self._costs(state, goal, plans, parts)
             lowest = costs.argmin(axis=1)
             episodes = np.arange(len(which))
             better = costs[episodes, lowest] < least
             best = np.where(better[:, None, None], plans[episodes, lowest], best)
+            part = np.where(better[:, None], parts[episodes, lowest], part)
             least = np.minimum(least, costs[episodes, lowest])
             weights = np.exp((least[:, None] - costs) / self._draws.temperature)
             chances = np.einsum("nk,nkst->nst", weights / weights.sum(axis=1, keepdims=True), plans)
         self._chances[which] = np.concatenate(
             [chances[:, 1:], np.full_like(chances[:, :1], _FIRST)], axis=1
         )
-        return best[:, 0]
+        return best[:, 0] * part[:, :1]
 
-    def _costs(self, state: Any, goal: Any, plans: np.ndarray) -> np.ndarray:
-        """(M, samples) s, of plans (M, samples, periods, thrusters) of bits."""
+    def _costs(self, state: Any, goal: Any, plans: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        """(M, samples) s, of plans (M, samples, periods, thrusters) of bits and the parts of their pulses given.
+
+        The parts are (M, samples, periods).
+        """
         samples = plans.shape[1]
         drift = self._task.drift
         left, spent = np.zeros((2, len(plans) * samples))
         state, goal = (map_leaves(lambda x: np.repeat(x, samples), s) for s in (state, goal))
-        flat = plans.reshape(-1, *plans.shape[2:]).astype(float)
-        for k, pattern in enumerate(np.moveaxis(flat, 1, 0), 1):
-            applied = wrench(self._craft, tuple(pattern.T))
+        periods = plans.shape[2]
+        bits = plans.reshape(-1, *plans.shape[2:])
+        sizes = parts.reshape(-1, periods)
+        for k in range(1, periods + 1):
+            pattern, size = bits[:, k - 1], sizes[:, k - 1]
+            applied = wrench(self._craft, tuple((pattern * size[:, None]).T))
             state = advance(state, applied, self._body, self._period, drift=drift)
             there = goal_ahead(self._task, goal, state, k * self._period)
             left = left + self._value.time_left(state, there) / PERIODS
             for margin in self._task.constraints(state, there).values():
                 left = left + np.where(margin < 0.0, _VIOLATED - _VIOLATION * margin, 0.0)
-            spent = spent + self._period * (self._patterns.shares(pattern > 0.5) @ self._forces)
+            spent = spent + self._period * size * (self._patterns.shares(pattern) @ self._forces)
         return (left + self._price * spent).reshape(plans.shape[:2])

@@ -10,6 +10,10 @@ from scipy import sparse
 
 from rans.errors import SolverFailed, require
 
+_REGULARIZATIONS = 1e-8, 1e-7, 1e-10
+"""Clarabel's own, and others that are tried after it. A program that is barely infeasible may end in a numerical
+error with one and with a certificate with another; what is believed is checked the same way."""
+
 
 @dataclass(frozen=True)
 class ConeProgram:
@@ -46,13 +50,29 @@ class ConeProgram:
         Raises:
             SolverFailed: Clarabel ends neither with a solution nor with a certificate that passes `is_infeasible`.
         """
+        status = ""
+        for regularization in _REGULARIZATIONS:
+            answer = self._answer(regularization)
+            status = str(answer.status)
+            if status in ("Solved", "AlmostSolved"):
+                return answer
+            if "PrimalInfeasible" in status and self.is_infeasible(np.array(answer.z)):
+                return None
+        raise SolverFailed(
+            f"Clarabel ended with {status} for {what}, which neither solves it nor proves that it has no solution; "
+            "the usual cause is one that is just out of reach."
+        )
+
+    def _answer(self, regularization: float) -> Any:
+        """What Clarabel ends with, with this constant added to the diagonal of its linear systems."""
         # Clarabel has no stubs for what its compiled module holds.
         clarabel: Any = require("clarabel")
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
+        settings.static_regularization_constant = regularization
         count = len(self.cost)
-        answer = clarabel.DefaultSolver(
+        return clarabel.DefaultSolver(
             sparse.csc_matrix((count, count)),
             self.cost,
             self.matrix,
@@ -64,15 +84,6 @@ class ConeProgram:
             ],
             settings,
         ).solve()
-        status = str(answer.status)
-        if status in ("Solved", "AlmostSolved"):
-            return answer
-        if "PrimalInfeasible" in status and self.is_infeasible(np.array(answer.z)):
-            return None
-        raise SolverFailed(
-            f"Clarabel ended with {status} for {what}, which neither solves it nor proves that it has no solution; "
-            "the usual cause is one that is just out of reach."
-        )
 
     def is_infeasible(self, certificate: np.ndarray) -> bool:
         """Whether multipliers (m,) of the rows prove that no x fulfils all of them (Farkas' lemma).

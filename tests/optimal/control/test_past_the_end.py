@@ -76,8 +76,6 @@ def test_mission_guidance_stays_after_the_arrival(mission: str) -> None:
 @pytest.mark.parametrize("name", [*QUICK, *SLOW])
 @pytest.mark.parametrize("mission", MISSIONS)
 def test_controllers_hold_for_5000_s_after_the_last_deadline(name: str, mission: str) -> None:
-    if name == "mppi" and mission != "hold":
-        pytest.xfail("MPPI is not within the tolerances past its end, an open defect")
     setup = setup_of(MISSIONS[mission])
     task = setup.task
     assert isinstance(task, OrbitalMission)

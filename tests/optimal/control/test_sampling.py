@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.sampling import MPPI, Sampling
 from rans.optimal.control.switching import Switching
-from rans.scenario import scenarios
+from rans.scenario import Scenario, scenarios
 from rans.tasks import TASKS, GoToPose
 from tests.support.settling import NAMES, SLOWEST
 
@@ -80,6 +82,21 @@ def test_rests_at_the_goal_and_pushes_towards_it() -> None:
     controller.reset(2)
     both = controller.act(resting, map_leaves(lambda x: np.zeros(2), resting), np.zeros((2, 0)))
     assert both.any(axis=1).tolist() == [False, True]
+
+
+def test_throttled_thrusters_give_parts_of_pulses() -> None:
+    """A whole pulse of 10 s gives 0.83 m/s, and four metres from the goal docking allows 0.21 m/s."""
+    task = TASKS["dock"]().for_evaluation()
+    assert task.spacecraft is not None
+    craft = load_spacecraft(task.spacecraft)
+    drawn = scenarios(task, craft, 1, 1)
+    away = replace(drawn.goal.p, x=drawn.goal.p.x + 4.0)
+    start = replace(drawn.start, p=away, v=drawn.start.v.scale(0.0))
+    flight = fly(craft, task, MPPI(craft, task), Scenario(start, drawn.goal), Timing(10.0, None, 8))
+    first = flight.commands[0, 0]
+    assert first[1] > first[0]  # along -x, towards the goal
+    assert first.max() * 10.0 / craft.mass < 0.21
+    assert flight.errors()["position"][-1].max() < 1.0
 
 
 @pytest.mark.parametrize("settings", [{"samples": 0}, {"rounds": 1.5}, {"temperature": 0.0}])
