@@ -554,12 +554,12 @@ def is_steerable(craft: Spacecraft) -> bool:
     """
     if can_turn(craft):
         return controls_every_direction(craft)
-    return _positively_spans(wrenches_either_way(craft)[: craft.dimension])
+    return positively_spans(wrenches_either_way(craft)[: craft.dimension])
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:
     """Whether the wrenches of thrusters and reaction wheels positively span all degrees of freedom."""
-    return _positively_spans(wrenches_either_way(craft))
+    return positively_spans(wrenches_either_way(craft))
 
 
 def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
@@ -574,7 +574,7 @@ def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
     return np.vstack([craft.wrench_map, wheels]).T
 
 
-def _positively_spans(columns: np.ndarray) -> bool:
+def positively_spans(columns: np.ndarray) -> bool:
     """Whether the columns (n, m) positively span R^n: sums with factors >= 0 give every vector.
 
     This is the case if and only if they span R^n and zero is a combination of them with strictly positive

@@ -30,7 +30,7 @@ from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.reference.flight import DrakeMover
 from rans.scenario import draws, scenarios
-from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, commands
+from tests.support.effector_crafts import CUBESAT, LANDER, WHEELED, commands
 from tests.support.effector_flights import ALL, BOTH, Scripted, task_of, untrained_policy
 from tests.support.worlds import EFFECTS
 
@@ -184,14 +184,6 @@ class Full(Scripted):
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         return np.tile([one.high for one in self._craft.commands], (len(observation), 1))
-
-
-def test_controllers_refuse_what_they_cannot_command() -> None:
-    for controller in (rans.LQR, rans.MPC, rans.Switching, rans.MPPI):
-        with pytest.raises(ConfigError, match="3 reaction wheels"):
-            controller(CUBESAT, "go-to-pose")
-    with pytest.raises(ConfigError, match="uses propellant"):
-        rans.optimal_trajectory("go-to-pose", BURNING)
 
 
 def test_no_bound_covers_wheels_or_propellant() -> None:

@@ -41,7 +41,7 @@ class Afterwards:
         self._craft = craft
         self._mission = mission
         self._period = timing.control_period
-        self._rounding = rounding(craft, np.zeros(craft.degrees_of_freedom, bool))
+        self._rounding = rounding(craft, self._period, np.zeros(craft.degrees_of_freedom, bool))
         latest = mission.deadline
         self._again = float(latest if isinstance(latest, int | float) else latest[1])
         self.reset(0)
@@ -102,7 +102,7 @@ class Afterwards:
         force = state.attitude.to(level).rotate(map_leaves(self._force, change))
         rows = np.stack(np.broadcast_arrays(*leaves(force)), axis=1)
         wrench = np.pad(rows, ((0, 0), (0, self._craft.degrees_of_freedom - rows.shape[1])))
-        staying = self._rounding.round(wrench, ~(self.stays & wrench.any(axis=1)))
+        staying = self._rounding.round(wrench, ~(self.stays & wrench.any(axis=1)), state.stores)
         return np.where(self.stays[:, None], staying, others)
 
     def _force(self, change: Any) -> Any:

@@ -110,7 +110,9 @@ class Circumnavigation:
         self._period = self._timing.control_period
         length = self._timing.control_period * self._timing.episode_steps
         self._within = length if within is None else within
-        self._rounding = rounding(self.craft, np.zeros(self.craft.degrees_of_freedom, bool))
+        self._rounding = rounding(
+            self.craft, self._timing.control_period, np.zeros(self.craft.degrees_of_freedom, bool)
+        )
         self._filter: NavigationFilter | None = None
         self._plans: _Plans | None = None
         self._step = 0
@@ -176,7 +178,7 @@ class Circumnavigation:
         wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
         if self._filter is not None:
             self._filter.burn(gain.T)
-        return self._rounding.round(wrench, ~burns)
+        return self._rounding.round(wrench, ~burns, state.stores)
 
     def _estimated(self, navigation: NavigationFilter, state: Any) -> tuple[Any, Any, Any]:
         """Estimated state after a reading, and standard deviations (N,) of a component of position and velocity."""

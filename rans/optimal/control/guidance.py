@@ -107,7 +107,7 @@ class VelocityToGain(ModelBased):
         # A velocity that was not given is wanted anew; an angle that is held adds up to pulses.
         carried = np.zeros(craft.degrees_of_freedom, bool)
         carried[craft.dimension :] = self._rotation.price[0] > 0
-        self._rounding = rounding(craft, carried)
+        self._rounding = rounding(craft, period, carried)
         self._afterwards = Afterwards.of(craft, self._task, self._timing)
         self._motions: dict[int, LinearMotion] = {}
         self._flown = 0
@@ -135,7 +135,7 @@ class VelocityToGain(ModelBased):
         if self._afterwards is not None:
             goal = self._afterwards.goal(state, goal, exact=not self._stop)
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
-        commands = self._rounding.round(self.wrench(state, goal), rest)
+        commands = self._rounding.round(self.wrench(state, goal), rest, state.stores)
         if self._afterwards is not None:
             commands = self._afterwards.commands(state, goal, commands)
         self._flown += 1

@@ -65,7 +65,9 @@ class LQR(ModelBased):
         self._inertia = inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, self._task, self._timing, weights)
-        self._rounding = rounding(craft, self._regulator.carried(craft))
+        self._rounding = rounding(
+            craft, self._timing.control_period, self._regulator.carried(craft)
+        )
 
     @classmethod
     def sweep(cls, craft: Spacecraft, task: Task, timing: Timing) -> dict[str, LQR]:
@@ -97,7 +99,7 @@ class LQR(ModelBased):
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         period = self._timing.control_period
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
-        return self._rounding.round(self.wrench(state, goal), rest)
+        return self._rounding.round(self.wrench(state, goal), rest, state.stores)
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
         """The regulator's force and torque on B, (N, 3 or 6), N and N m."""

@@ -8,6 +8,7 @@ they are independent, which curvature matrices and linear dynamics ask for.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -22,6 +23,7 @@ from rans.model.dynamics import State, advance, wrench
 from rans.model.fields import (
     Heading,
     Quat,
+    Vec3,
     leaves,
     map_leaves,
 )
@@ -72,6 +74,9 @@ _VIOLATION = 1e4
 """Cost of a margin that lacks 1 (SI units) after one period; full thrust along an axis costs 1."""
 _RESERVE = 0.01
 """Margin that plans keep after every period, in SI units: between two periods it may be less."""
+_WHEEL_EFFORT = 1e-2
+"""Price of a wheel's largest torque over that of a thruster's full thrust: wheels take no impulse, and a program
+whose curvature were zero in them would be solved less well."""
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.0)
 """Parts of the way from a plan to the next one, of which the best is gone where there are constraints."""
 
@@ -120,16 +125,20 @@ class MPC(ModelBased):
         timing = self._timing
         self._deadband = checked("deadband", deadband, Deadband)
         self._settings = checked("settings", settings, Settings)
-        self._wrenches = np.array(craft.wrench_map)
+        self._wrenches = _wrenches(craft)
+        self._wheels = len(craft.wheels)
+        self._tank = craft.propellant is not None
         self._allocation = Allocation(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, task, timing, weights)
-        self._rounding = rounding(craft, self._regulator.carried(craft))
+        self._rounding = rounding(craft, timing.control_period, self._regulator.carried(craft))
         like = scenario(task, craft.dimension, seed=0, episode=0).goal
         step = _step(craft, timing.control_period, like, task.drift)
         margins = _margins(craft, task, like)
-        self._program = _Program(craft, self._regulator, step, settings.horizon, margins)
-        self._plans = np.zeros((0, len(craft.thrusters), settings.horizon))
+        self._program = _Program(
+            craft, self._regulator, step, settings.horizon, timing.control_period, margins
+        )
+        self._plans = np.zeros((0, len(self._wrenches), settings.horizon))
         self.failures = 0
         """Quadratic programs since `reset` that PIQP did not solve: the plan before was flown on."""
 
@@ -155,17 +164,20 @@ class MPC(ModelBased):
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         period = self._timing.control_period
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
-        return self._rounding.round(self._planned(state, goal, rest), rest)
+        return self._rounding.round(self._planned(state, goal, rest), rest, state.stores)
 
     def _planned(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
         """The wrench on B, (N, 3 or 6), with which better plans begin; those that rest plan nothing."""
         errors = shortest(state, goal)
         goals = self._goals(state, goal)
         holding = self._holding(state, goal)
+        momenta = np.array(
+            [np.broadcast_to(h, len(rest)) for h in state.stores[int(self._tank) :][: self._wheels]]
+        ).reshape(self._wheels, len(rest))
         self._plans[rest] = 0.0
         for k in np.repeat(np.flatnonzero(~rest), self._settings.iterations):
             better = self._program.improved(
-                self._plans[k], errors[:, k], goals[:, :, k], holding[k]
+                self._plans[k], errors[:, k], goals[:, :, k], holding[k], momenta[:, k]
             )
             self.failures += better is None
             self._plans[k] = self._plans[k] if better is None else better
@@ -193,13 +205,16 @@ class MPC(ModelBased):
         return np.moveaxis(np.array(ahead, dtype=float), 0, 1)
 
     def _holding(self, state: Any, goal: Any) -> np.ndarray:
-        """Commands (N, thrusters) that keep the craft at its goal in its drift, with the attitude it has."""
+        """Commands (N, thrusters and wheels) that keep the craft at its goal in its drift, as it is turned."""
         later = goal_ahead(self._task, goal, state, self._timing.control_period)
         push = self._regulator.holding(state, goal, later)
         force = state.attitude.to(self._identity).rotate(type(state.p)(*(self._craft.mass * push)))
         wrench = np.zeros((push.shape[1], self._craft.degrees_of_freedom))
         wrench[:, : self._craft.dimension] = np.array(leaves(force)).T
-        return self._allocation.commands(wrench) if wrench.any() else 0.0 * self._plans[..., 0]
+        holding = np.zeros(self._plans.shape[:2])
+        if wrench.any():
+            holding[:, : len(self._craft.thrusters)] = self._allocation.commands(wrench)
+        return holding
 
 
 class _Program:
@@ -207,8 +222,9 @@ class _Program:
 
     Minimises the sum of e' Q e and (u - h)' R (u - h), where the commands h hold the craft at its goal,
     subject to 0 <= u <= 1 (their sum too, where thrust is shared) and e_k+1 = f(e_k, u_k) linearised along
-    the plan. Where there are constraints, slacks s_1 .. s_T >= 0 at their price make up for margins of the
-    errors that would be negative.
+    the plan. Wheels follow the thrusters, with commands from -1 to 1 at a small price, and rows that keep the
+    momentum of each within its limit after every period. Where there are constraints, slacks s_1 .. s_T >= 0 at
+    their price make up for margins of the errors that would be negative.
     """
 
     def __init__(
@@ -217,9 +233,12 @@ class _Program:
         regulator: Regulator,
         step: ca.Function,
         horizon: int,
+        period: float,
         margins: ca.Function | None = None,
     ) -> None:
-        self._nozzles = len(craft.thrusters)
+        thrusters = len(craft.thrusters)
+        self._wheels = len(craft.wheels)
+        self._nozzles = thrusters + self._wheels
         self._count = horizon
         self._size = 2 * craft.degrees_of_freedom
         commands = horizon * self._nozzles
@@ -228,9 +247,19 @@ class _Program:
         curvature = self._curvature(craft, regulator)
         self._effort = float(curvature[0, 0])
         rows = horizon if craft.thrust_sharing == "split" else 0
-        sums = ca.kron(ca.DM.eye(rows), ca.DM.ones(1, self._nozzles))  # of the commands of a period
+        sums = ca.kron(  # of the commands of a period
+            ca.DM.eye(rows), ca.horzcat(ca.DM.ones(1, thrusters), ca.DM(1, self._wheels))
+        )
         self._sharing = ca.horzcat(sums, ca.DM(rows, commands + errors - sums.size2()))
-        limits = ca.vertcat(self._linearised.sparsity_out(1), self._sharing.sparsity())
+        self._momenta = np.array([wheel.max_momentum for wheel in craft.wheels])
+        changes = np.array([wheel.max_torque * period for wheel in craft.wheels])
+        of_wheels = ca.horzcat(ca.DM(self._wheels, thrusters), ca.diag(ca.DM(changes)))
+        summed = ca.kron(ca.DM(np.tril(np.ones((horizon, horizon)))), of_wheels)
+        self._spun = ca.sparsify(ca.horzcat(summed, ca.DM(summed.size1(), errors)))
+        self._bounds = np.repeat([[0.0], [-1.0]], [thrusters, self._wheels], axis=0)
+        limits = ca.vertcat(
+            self._linearised.sparsity_out(1), self._sharing.sparsity(), self._spun.sparsity()
+        )
 
         # Constraints have a slack each, after commands and errors.
         self._margins = None if margins is None else self._margin_rows(margins)
@@ -250,28 +279,40 @@ class _Program:
         counts = [commands, errors, self._slacks]
         self._fixed = {
             "h": curvature,
-            "lbx": np.repeat([0.0, -np.inf, 0.0], counts),
+            "lbx": np.concatenate(
+                [np.tile(self._bounds[:, 0], horizon), np.repeat([-np.inf, 0.0], counts[1:])]
+            ),
             "ubx": np.repeat([1.0, np.inf, np.inf], counts),
         }
 
     def improved(
-        self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, holding: np.ndarray
+        self,
+        plan: np.ndarray,
+        error: np.ndarray,
+        goals: np.ndarray,
+        holding: np.ndarray,
+        momenta: Sequence[float] | np.ndarray = (),
     ) -> np.ndarray | None:
-        """The best plan (thrusters, horizon) of the linearised problem; None if PIQP finds none.
+        """The best plan (thrusters and wheels, horizon) of the linearised problem; None if PIQP finds none.
 
         Args:
             plan: along which the motion is linearised.
             error: now, (6 or 12,).
             goals: now and after every period, (fields of a goal, horizon + 1).
-            holding: commands that hold the craft at its goal, (thrusters,).
+            holding: commands that hold the craft at its goal, (thrusters and wheels,).
+            momenta: of the wheels now, (wheels,) N m s.
         """
         flown, matrix = self._linearised(error, plan, goals)
         slope = np.zeros(self._fixed["lbx"].shape)
         slope[: plan.size] = np.tile(-self._effort * holding, self._count)
         joined = matrix @ ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
         sums = self._sharing.size1()
-        low, high = (ca.vertcat(joined, bound * ca.DM.ones(sums)) for bound in (-ca.inf, 1.0))
-        limits = ca.vertcat(matrix, self._sharing)
+        free, full = (
+            np.tile(sign * self._momenta - np.asarray(momenta), self._count) for sign in (-1.0, 1.0)
+        )
+        low = ca.vertcat(joined, -ca.inf * ca.DM.ones(sums), ca.DM(free))
+        high = ca.vertcat(joined, ca.DM.ones(sums), ca.DM(full))
+        limits = ca.vertcat(matrix, self._sharing, self._spun)
         if self._margins is not None:
             least, by_variables = self._margins(flown, goals)
             slope[-self._slacks :] = _VIOLATION
@@ -284,7 +325,9 @@ class _Program:
         if not self._solver.stats()["success"]:
             return None
         commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
-        better = np.clip(commands, 0.0, 1.0)  # the interior point method leaves bounds a little
+        better = np.clip(
+            commands, self._bounds, 1.0
+        )  # the interior point method leaves bounds a little
         if self._missing is None:
             return better
         # Margins bend: of the way to the new plan that part is gone after which the flown plan costs least.
@@ -373,8 +416,11 @@ class _Program:
             last[own] = gains.cost_to_go
         stage = ca.sparsify(ca.DM(stage))
         last = ca.sparsify(ca.DM(last))
+        efforts = np.repeat(
+            [effort, effort * _WHEEL_EFFORT], [self._nozzles - self._wheels, self._wheels]
+        )
         return 2.0 * ca.diagcat(
-            effort * ca.DM.eye(self._nozzles * self._count), *[stage] * (self._count - 1), last
+            ca.diag(ca.DM(np.tile(efforts, self._count))), *[stage] * (self._count - 1), last
         )
 
 
@@ -389,12 +435,25 @@ def _step(craft: Spacecraft, period: float, like: State, drift: Drift) -> ca.Fun
     goal = map_leaves(lambda _: ca.SX.sym("g"), like)
     later = map_leaves(lambda _: ca.SX.sym("l"), like)
     e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]
-    u = [ca.SX.sym("u") for _ in craft.thrusters]
-    after = advance(around(goal, e), wrench(linear, u), body, period, drift=drift)
+    u = [ca.SX.sym("u") for _ in _wrenches(craft)]
+    pushed = wrench(linear, u[: len(craft.thrusters)])
+    if craft.wheels:
+        turned = ca.DM(np.array(craft.wheel_map).T) @ ca.vertcat(*u[len(craft.thrusters) :])
+        torque = Vec3(*ca.vertsplit(turned)) if craft.dimension == 3 else turned
+        pushed = replace(pushed, torque=pushed.torque + torque)
+    after = advance(around(goal, e), pushed, body, period, drift=drift)
     columns = [
         ca.vertcat(*x) for x in (e, u, leaves(goal), leaves(later), coordinates(after, later))
     ]
     return ca.Function("step", columns[:4], columns[4:])
+
+
+def _wrenches(craft: Spacecraft) -> np.ndarray:
+    """(thrusters and wheels, 3 or 6) wrench of each command of 1, N and N m."""
+    wheels = np.zeros((len(craft.wheels), craft.degrees_of_freedom))
+    if craft.wheels:
+        wheels[:, craft.dimension :] = craft.wheel_map
+    return np.vstack([np.array(craft.wrench_map), wheels])
 
 
 def _margins(craft: Spacecraft, task: Task, like: State) -> ca.Function | None:

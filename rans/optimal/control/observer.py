@@ -18,7 +18,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.mpc import MPC, Settings
 from rans.optimal.control.regulator import Deadband, Weights
-from rans.optimal.trajectory.allocation import inertia
+from rans.optimal.trajectory.allocation import check_thrusters_alone, inertia
 from rans.tasks.base import Task
 
 
@@ -117,7 +117,7 @@ class ObserverMPC(MPC):
     wants (Ohnishi's disturbance observer). It is told nothing but readings: no condition, no true body.
 
     Raises:
-        ConfigError: see `MPC`.
+        ConfigError: the craft has effectors besides thrusters, or see `MPC`.
     """
 
     name = "MPC + observer"
@@ -133,6 +133,7 @@ class ObserverMPC(MPC):
         trust: Trust = _TRUST,
     ) -> None:
         super().__init__(craft, task, timing, weights, deadband, settings)
+        check_thrusters_alone(self._craft, "estimates of disturbances")
         self._observer = Observer(
             self._craft, self._timing, checked("trust", trust, Trust), self._task.drift
         )
@@ -161,6 +162,6 @@ class ObserverMPC(MPC):
             self._timing.control_period,
         )
         wanted = self._planned(state, goal, rest) - self._observer.in_body(state)
-        commands = self._rounding.round(wanted, rest)
+        commands = self._rounding.round(wanted, rest, state.stores)
         self._observer.expect(state, commands)
         return commands

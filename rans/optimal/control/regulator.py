@@ -18,7 +18,7 @@ from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.linear_motion import LinearMotion
-from rans.optimal.trajectory.allocation import Allocation, check_attitude, inertia
+from rans.optimal.trajectory.allocation import Allocation, check_attitude
 from rans.registry import typed
 from rans.scenario import scenarios
 from rans.tasks import Task, load_task
@@ -319,9 +319,7 @@ class Regulator:
             ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
         """
         checked("weights", weights, Weights)
-        force, torque = Allocation(craft).authority()
-        push = force / craft.mass
-        turn = torque / float(np.linalg.eigvalsh(inertia(craft))[-1])
+        push, turn = Allocation(craft).accelerations()
         held = task.tolerances()
         period = timing.control_period
         motion = LinearMotion.of(task.drift, craft.dimension, period)

@@ -19,7 +19,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead
 from rans.optimal.control.switching import Curve, Switching
-from rans.optimal.trajectory.allocation import Patterns
+from rans.optimal.trajectory.allocation import Patterns, check_thrusters_alone
 from rans.tasks.base import Task
 
 PERIODS = 2
@@ -83,7 +83,7 @@ class MPPI(ModelBased):
     on an orbit it stays at the goal from the arrival on (`rans.optimal.control.afterwards`).
 
     Raises:
-        ConfigError: see `Switching`.
+        ConfigError: the craft has effectors besides thrusters, or see `Switching`.
     """
 
     name = "MPPI"
@@ -103,6 +103,7 @@ class MPPI(ModelBased):
         draws: Sampling = _DRAWS,
     ) -> None:
         super().__init__(craft, task, timing)
+        check_thrusters_alone(self._craft, "plans of open thrusters")
         self._deadband = deadband
         self._draws = checked("draws", draws, Sampling)
         with warnings.catch_warnings(action="ignore"):  # it need not know the constraints

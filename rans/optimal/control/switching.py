@@ -19,6 +19,7 @@ from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead, holding
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
+from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.scenario import scenarios
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
@@ -54,6 +55,9 @@ _LEAST_PUSH = 0.05
 _SLOW = 0.1
 """Counts as at rest: what full thrust stops in this share of a control period."""
 
+_SLACK = 1.5
+"""Time in which wheels bring small deviations to the goal, control periods: a third is left after each."""
+
 _PARTS = 0.5 ** np.arange(8.0)
 """Parts of a pulse that throttled and pulsed thrusters give."""
 
@@ -71,6 +75,9 @@ class Switching(ModelBased):
     patterns of open thrusters the one is taken after which both times, and the thrust at its price, are
     least. The search goes on from the pattern before, see `Patterns.best`. Where the task has no tolerance
     for the position or the attitude, only the velocity or the spin is brought to the goal's.
+
+    Reaction wheels give the torque that takes the craft to that curve, less what the pattern gives, as far as
+    they can (`rans.optimal.trajectory.wheel_torques`), also within the dead band.
 
     Throttled and pulsed thrusters give the part of a pulse after which it is nearest. In a mission on an orbit it
     stays at the goal from the arrival on (`rans.optimal.control.afterwards`).
@@ -108,17 +115,18 @@ class Switching(ModelBased):
         self._period = self._timing.control_period
         self._patterns = Patterns(craft)
         matrix = inertia(craft)
-        force, torque = Allocation(craft).authority()
-        self._push = force / craft.mass
+        self._push, self._turn = Allocation(craft).accelerations()
         self._can_turn = can_turn(craft)
         self._motion = LinearMotion.of(self._task.drift, craft.dimension, self._period)
         self._check_drift()
-        self._turn = torque / float(np.linalg.eigvalsh(matrix)[-1])
         wrenches = self._patterns.wrenches
         axes = craft.dimension
         self._pushes = wrenches[:, :axes] / craft.mass
         self._turns = wrenches[:, axes:]
-        self._turns = self._turns @ np.linalg.inv(matrix)
+        self._inertia = matrix
+        self._inverse_inertia = np.linalg.inv(matrix)
+        self._turns = self._turns @ self._inverse_inertia
+        self._wheels = WheelTorques(craft, self._period) if craft.wheels else None
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._last = np.zeros((0, len(wrenches)), bool)
         self._parts = _PARTS if craft.actuators.is_continuous else _PARTS[:1]
@@ -158,12 +166,14 @@ class Switching(ModelBased):
             rest = rest | self._afterwards.stays
         now, coast = (self._gap(h, state, goal) for h in (0.0, self._period))
         scales = self._scales_to_move(now, coast)
+        helped = None if self._wheels is None else self._wheel_help(coast, scales, state, rest)
 
         # Costs (M, C, parts) of parts of the pulses of patterns.
         def costs(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
             gap, scale = coast.of_episodes(which), scales[:, which]
+            wheels = None if helped is None else helped.of_episodes(which)
             return np.stack(
-                [self._cost(gap, patterns, scale, part) for part in self._parts], axis=-1
+                [self._cost(gap, patterns, scale, part, wheels) for part in self._parts], axis=-1
             )
 
         def cost(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
@@ -172,6 +182,9 @@ class Switching(ModelBased):
         self._last = self._patterns.best(self._last & ~rest[:, None], cost, ~rest)
         chosen = costs(np.arange(len(rest)), self._last[:, None])[:, 0].argmin(axis=-1)
         commands = self._last * self._parts[chosen, None]
+        if helped is not None:
+            turn = (self._patterns.shares(self._last) * self._parts[chosen, None]) @ self._turns
+            commands = np.hstack([commands, helped.commands(turn[:, None])[:, 0]])
         if self._afterwards is not None:
             commands = self._afterwards.commands(state, goal, commands)
         return commands
@@ -191,6 +204,21 @@ class Switching(ModelBased):
         middle = advance(state, shut, body, 0.5 * time, drift=drift).attitude
         pull = _pull(self._motion, self._task, self._period, state, goal)
         return _Gap.between(end, goal_ahead(self._task, goal, state, time), middle, pull)
+
+    def _wheel_help(
+        self, coast: _Gap, scales: np.ndarray, state: Any, rest: np.ndarray
+    ) -> _WheelHelp:
+        """What wheels would give in the period, without thrusters and within which bounds."""
+        assert self._wheels is not None
+        low, high = self._wheels.bounds(state.stores, len(rest))
+        # Nothing balances the unloading of a wheel while thrusters rest.
+        low = np.where(rest[:, None], np.minimum(low, 0.0), low)
+        high = np.where(rest[:, None], np.maximum(high, 0.0), high)
+        held = "attitude" in self._task.tolerances()
+        spin_up = _to_curve(
+            coast.turn if held else None, coast.spin, self._turn * scales[1], self._period
+        )
+        return _WheelHelp(self._wheels, self._inertia, self._inverse_inertia, spin_up, low, high)
 
     def _scales(self, count: int) -> np.ndarray:
         """(2, N, 1) the curve's shares of what there is to push and turn with."""
@@ -217,9 +245,17 @@ class Switching(ModelBased):
         return scales
 
     def _cost(
-        self, gap: _Gap, patterns: np.ndarray, scales: np.ndarray, part: float = 1.0
+        self,
+        gap: _Gap,
+        patterns: np.ndarray,
+        scales: np.ndarray,
+        part: float = 1.0,
+        wheels: _WheelHelp | None = None,
     ) -> np.ndarray:
-        """(M, C) s, of a part of the pulses of patterns (M, C, thrusters) and scales of push and turn (2, M, 1)."""
+        """(M, C) s, of a part of the pulses of patterns (M, C, thrusters) and scales of push and turn (2, M, 1).
+
+        With the help of wheels in this period, or without.
+        """
         shares = self._patterns.shares(patterns) * part
         held = self._task.tolerances()
         h = self._period
@@ -233,6 +269,8 @@ class Switching(ModelBased):
         turning = np.zeros_like(way)
         if self._can_turn:
             turn = shares @ self._turns
+            if wheels is not None:
+                turn = turn + wheels.accelerations(turn)
             turning = least_time(
                 gap.turn[:, None] + 0.5 * h * h * turn if "attitude" in held else None,
                 gap.spin[:, None] + h * turn,
@@ -274,6 +312,55 @@ class _Gap:
     def of_episodes(self, which: np.ndarray) -> _Gap:
         """Gaps of some episodes, by number."""
         return _Gap(*(x[which] for x in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class _WheelHelp:
+    """What wheels give beside thrusters in one period: arrays of N episodes."""
+
+    wheels: WheelTorques
+    inertia: np.ndarray
+    inverse_inertia: np.ndarray
+    spin_up: np.ndarray
+    """(N, 1 or 3) angular acceleration that all effectors together should give, in B, rad/s^2."""
+    low: np.ndarray
+    """(N, wheels) least commands."""
+    high: np.ndarray
+    """(N, wheels) largest commands."""
+
+    def of_episodes(self, which: np.ndarray) -> _WheelHelp:
+        """Help of some episodes, by number."""
+        spin_up, low, high = (x[which] for x in (self.spin_up, self.low, self.high))
+        return _WheelHelp(self.wheels, self.inertia, self.inverse_inertia, spin_up, low, high)
+
+    def commands(self, turn: np.ndarray) -> np.ndarray:
+        """Commands (N, C, wheels) beside angular accelerations (N, C, 1 or 3) by thrusters."""
+        torque = (self.spin_up[:, None] - turn) @ self.inertia
+        return self.wheels.commands(torque, self.low[:, None], self.high[:, None])
+
+    def accelerations(self, turn: np.ndarray) -> np.ndarray:
+        """Angular accelerations (N, C, 1 or 3) by the wheels beside those by thrusters."""
+        return self.commands(turn) @ self.wheels.map @ self.inverse_inertia
+
+
+def _to_curve(x: np.ndarray | None, v: np.ndarray, most: np.ndarray, period: float) -> np.ndarray:
+    """Accelerations (N, axes) that take coasting deviations to the curve on which braking ends at rest.
+
+    Args:
+        x: deviations (N, axes) after a period without acceleration; None: rest anywhere.
+        v: rates (N, axes).
+        most: acceleration to brake with, (N, 1).
+        period: length of the period, s.
+    """
+    if x is None:
+        return -v / period
+    # Midway between now and then, so that x + h^2 a / 2 with h a = u - v is middle + h u / 2.
+    middle = x - 0.5 * period * v
+    distance = np.linalg.norm(middle, axis=-1, keepdims=True)
+    # Far away sqrt(2 a s), near the goal s / slack: it must be above half a period, or craft would oscillate.
+    slack = _SLACK * period
+    speed = np.sqrt(2.0 * most * distance + (most * slack) ** 2) - most * slack
+    return (-middle / np.maximum(distance, 1e-12) * speed - v) / period
 
 
 def _pull(motion: LinearMotion, task: Task, period: float, state: Any, goal: Any) -> np.ndarray:

@@ -81,7 +81,9 @@ class Visiting:
             deadline=(_AWAY, _AWAY),
         )
         self._afterwards = Afterwards(self.craft, self._hold, self._timing)
-        self._rounding = rounding(self.craft, np.zeros(self.craft.degrees_of_freedom, bool))
+        self._rounding = rounding(
+            self.craft, self._timing.control_period, np.zeros(self.craft.degrees_of_freedom, bool)
+        )
 
     def __repr__(self) -> str:
         return f"<{self.name}: {type(self.task).__name__} for {self.craft.name}>"
@@ -102,7 +104,7 @@ class Visiting:
         level = Quat(1.0, 0.0, 0.0, 0.0)
         force = np.array(leaves(state.attitude.to(level).rotate(Vec3(*push))))
         wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
-        return self._rounding.round(wrench, ~burns)
+        return self._rounding.round(wrench, ~burns, state.stores)
 
     def _velocity_to_leave(self, state: Any) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, of craft that have seen enough."""

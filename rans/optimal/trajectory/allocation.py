@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from rans.errors import ConfigError, counted
 from rans.model.dynamics import thrust
-from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
+from rans.model.spacecraft import (
+    Spacecraft,
+    can_turn,
+    is_steerable,
+    positively_spans,
+    wrenches_either_way,
+)
+from rans.optimal.trajectory.wheel_torques import WheelTorques, thruster_turns
 from rans.tasks.base import Task
 from rans.tasks.goal_set import aims
 
@@ -37,7 +44,9 @@ class Allocation:
     positive part goes to one thruster and the negative part to the other.
 
     Where no thruster gives a torque (`rans.model.spacecraft.can_turn`), forces alone are met, and the torques
-    of wanted wrenches are ignored.
+    of wanted wrenches are ignored. Of a craft with reaction wheels, wrenches are those that its wheels leave to
+    the thrusters (`WithWheels`), and torques about axes that no thruster turns are ignored. Where the thrusters
+    of such a craft cannot do without its wheels, each wheel is a column of torque either way.
 
     Raises:
         ConfigError: the thrusters cannot push it in every direction, or turn it about some axes only, or in
@@ -52,8 +61,15 @@ class Allocation:
                 "thrusters do not push and turn it in every direction; the usual cause is a "
                 "missing or reversed thruster."
             )
-        self._rows = slice(0, craft.degrees_of_freedom if can_turn(craft) else craft.dimension)
-        columns = np.array(craft.wrench_map).T[self._rows]
+        self._craft = craft
+        self._thrusters = len(craft.thrusters)
+        self._basis: np.ndarray | None = None
+        if craft.wheels:
+            columns, self._basis = _with_wheels(craft)
+        else:
+            rows = craft.degrees_of_freedom if can_turn(craft) else craft.dimension
+            columns = np.array(craft.wrench_map).T[:rows]
+        self._joint = columns.shape[1] > self._thrusters
         self._size = np.abs(columns).max(axis=1)
         self._columns = columns / self._size[:, None]
         if (spread := np.linalg.cond(self._columns)) > _UNEVEN:
@@ -62,7 +78,6 @@ class Allocation:
                 f"{spread:.2g} times harder in one direction than in another, {_UNEVEN:.0e} at "
                 "most can be computed with; the usual cause is a force in other units."
             )
-        self._dimension = craft.dimension
         self._shared = craft.thrust_sharing == "split"
 
     def commands(self, wrench: np.ndarray) -> np.ndarray:
@@ -71,27 +86,74 @@ class Allocation:
         The wrench is (N, 3 or 6), force then torque on B, N and N m; commands are (N, thrusters), 0 to 1.
         Where thrust is shared, so is their sum.
         """
-        command = self._unbounded(wrench[..., self._rows] / self._size)
-        return command / np.maximum(self._load(command), 1.0)[:, None]
+        command = self._unbounded(self._rows(wrench) / self._size)
+        command = command / np.maximum(self._load(command), 1.0)[:, None]
+        return command[:, : self._thrusters]
 
     def load(self, wrench: np.ndarray) -> np.ndarray:
         """(N,) how many times as much the wrench, (N, 3 or 6), is as the thrusters can give."""
-        return self._load(self._unbounded(wrench[..., self._rows] / self._size))
+        return self._load(self._unbounded(self._rows(wrench) / self._size))
 
     def authority(self) -> tuple[float, float]:
         """Force (N) and torque (N m) that can be given along every axis of B, in both senses.
 
-        The torque of a craft that cannot turn is 0.
+        The torque of a craft that cannot turn is 0. Torques include reaction wheels that are not full.
         """
-        axes = np.diag(self._size)
-        load = self._load(self._unbounded(np.vstack([axes, -axes]) / self._size))
-        reach = (np.tile(self._size, 2) / load).reshape(2, -1).min(axis=0)
-        torques = reach[self._dimension :]
-        return float(reach[: self._dimension].min()), float(torques.min()) if len(torques) else 0.0
+        reach = self._reach()
+        torques = reach[self._craft.dimension :]
+        return float(reach[: self._craft.dimension].min()), (
+            float(torques.min()) if len(torques) else 0.0
+        )
+
+    def accelerations(self) -> tuple[float, float]:
+        """Acceleration (m/s^2) along, and angular acceleration (rad/s^2) about, every axis of B that is possible.
+
+        The latter is the least torque over the largest moment of inertia; with reaction wheels it is the least over
+        the axes, since a wheel is often weak about an axis of little inertia.
+        """
+        craft = self._craft
+        force, torque = self.authority()
+        matrix = inertia(craft)
+        if not craft.wheels:
+            return force / craft.mass, torque / float(np.linalg.eigvalsh(matrix)[-1])
+        about = self._reach()[craft.dimension :] / np.linalg.norm(matrix, axis=0)
+        return force / craft.mass, float(about.min())
+
+    def _reach(self) -> np.ndarray:
+        """Force along (N) and torque about (N m) every axis of B in both senses; no torques if it cannot turn."""
+        craft = self._craft
+        if self._basis is None:
+            axes = np.diag(self._size)
+            load = self._load(self._unbounded(np.vstack([axes, -axes]) / self._size))
+            return (np.tile(self._size, 2) / load).reshape(2, -1).min(axis=0)
+        unit = np.eye(craft.degrees_of_freedom)
+        rows = self._rows(np.vstack([unit, -unit]))
+        load = self._load(self._unbounded(rows / self._size))
+        # About an axis with a part that no thruster turns, the wheels alone count.
+        whole = np.isclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-9)
+        with np.errstate(divide="ignore"):
+            thrusters = np.where(whole & (load > 0.0), 1.0 / load, 0.0)
+        reach = thrusters.reshape(2, -1).min(axis=0)
+        if self._joint:
+            return reach
+        wheels = np.array(craft.wheel_map)
+        inverse = np.linalg.pinv(wheels)
+        turned = np.isclose(np.linalg.norm(inverse @ wheels, axis=1), 1.0, atol=1e-9)
+        largest = np.abs(inverse).max(axis=1)
+        reach[craft.dimension :] += np.where(turned, 1.0 / np.maximum(largest, 1e-300), 0.0)
+        return reach
+
+    def _rows(self, wrench: np.ndarray) -> np.ndarray:
+        """The components of wrenches, (..., 3 or 6), that columns have: (..., rows)."""
+        if self._basis is None:
+            return wrench[..., : len(self._size)]
+        return wrench @ self._basis
 
     def _load(self, command: np.ndarray) -> np.ndarray:
         """(N,) by how much commands without upper bound ask for more than there is."""
-        return command.sum(axis=1) if self._shared else command.max(axis=1)
+        thrusters = command[:, : self._thrusters]
+        most = thrusters.sum(axis=1) if self._shared else thrusters.max(axis=1)
+        return np.maximum(most, command[:, self._thrusters :].max(axis=1, initial=0.0))
 
     def _unbounded(self, wrench: np.ndarray) -> np.ndarray:
         columns = self._columns
@@ -127,17 +189,60 @@ class Allocation:
         return (wrench * dual).sum(axis=1) - 0.5 * (push * push).sum(axis=1)
 
 
+def _with_wheels(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (rows, effectors) of a craft with wheels, and the map of wrenches to these rows, (3 or 6, rows).
+
+    Thrusters alone along all forces and about the axes that they turn; if they do not span these, thrusters and
+    every wheel either way along all.
+    """
+    size = craft.degrees_of_freedom
+    turns = thruster_turns(craft)
+    basis = np.zeros((size, craft.dimension + turns.shape[1]))
+    basis[: craft.dimension, : craft.dimension] = np.eye(craft.dimension)
+    basis[craft.dimension :, craft.dimension :] = turns
+    columns = basis.T @ np.array(craft.wrench_map).T
+    if positively_spans(columns):
+        return columns, basis
+    return wrenches_either_way(craft), np.eye(size)
+
+
 def check_effectors(craft: Spacecraft) -> None:
-    """Refuse a craft whose commands are not those of thrusters from shut to full force.
+    """Refuse a craft whose commands are not those of thrusters from shut to full force, and of reaction wheels.
 
     Raises:
-        ConfigError: it has reaction wheels, or throttles with another least or largest level than 0 and 1.
+        ConfigError: it has effectors of another kind, or throttles with other least or largest levels than 0 and 1.
     """
-    _check_wheels(craft)
+    if craft.further_effectors:
+        raise ConfigError(
+            f"controllers command thrusters and reaction wheels, but {craft.name!r} has effectors of other "
+            "kinds: fly an agent or a controller of your own."
+        )
     if (craft.actuators.low, craft.actuators.high) != (0.0, 1.0):
         raise ConfigError(
             f"controllers open thrusters from 0 to 1, but those of {craft.name!r} take "
             f"{craft.actuators.allowed}: fly an agent or a controller of your own."
+        )
+
+
+def check_thrusters_alone(craft: Spacecraft, who: str) -> None:
+    """Refuse a craft with effectors besides thrusters.
+
+    Args:
+        craft: any.
+        who: what commands thrusters alone, as the subject of a sentence.
+
+    Raises:
+        ConfigError: it has reaction wheels, or effectors of another kind.
+    """
+    if craft.further_effectors or craft.wheels:
+        others = (
+            "effectors of other kinds"
+            if craft.further_effectors
+            else counted(len(craft.wheels), "reaction wheel")
+        )
+        raise ConfigError(
+            f"{who} command thrusters alone, but {craft.name!r} has {others}: LQR, switching and MPC fly "
+            "reaction wheels too, and agents fly every kind."
         )
 
 
@@ -147,11 +252,11 @@ def check_relaxation(craft: Spacecraft) -> None:
     Raises:
         ConfigError: it has reaction wheels or propellant, or throttles that are shut below a least level.
     """
-    _check_wheels(craft)
+    check_thrusters_alone(craft, "optimal trajectories")
     if craft.propellant is not None:
         raise ConfigError(
             f"optimal trajectories are those of a constant mass, but {craft.name!r} uses propellant: take "
-            "[propellant] out of its file for what its full mass could do."
+            "[propellant] out of its file for what its full mass could do. Controllers fly it as it is."
         )
     actuators = craft.actuators
     if (
@@ -162,19 +267,6 @@ def check_relaxation(craft: Spacecraft) -> None:
         raise ConfigError(
             f"the thrusters of {craft.name!r} are shut or give a least level, and optimal trajectories "
             "have commands without gaps: set always_lit = true, or least = 0 for a bound."
-        )
-
-
-def _check_wheels(craft: Spacecraft) -> None:
-    if craft.further_effectors:
-        raise ConfigError(
-            f"controllers and optimal trajectories command thrusters alone, but {craft.name!r} has effectors "
-            "of other kinds: fly an agent or a controller of your own."
-        )
-    if craft.wheels:
-        raise ConfigError(
-            f"controllers and optimal trajectories command thrusters alone, but {craft.name!r} has "
-            f"{counted(len(craft.wheels), 'reaction wheel')}: fly an agent or a controller of your own."
         )
 
 
@@ -275,12 +367,16 @@ class SigmaDelta:
         self._root = np.linalg.cholesky(metric)
         self._carried = np.ones(size, bool) if carried is None else carried
         self.owed = np.zeros((0, size))
+        self.left = self.owed
+        self.kept = np.zeros((0, size), bool)
 
     def reset(self, count: int) -> None:
         """Forget what is owed: ``count`` new episodes start."""
         self.owed = np.zeros((count, self.owed.shape[1]))
 
-    def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
+    def round(
+        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
+    ) -> np.ndarray:
         """Open (1.0) or shut (0.0) for every episode.
 
         Starts with the thrusters of which the allocation asks for half or more, then opens or shuts one
@@ -300,8 +396,9 @@ class SigmaDelta:
             return (left * left).sum(axis=2)
 
         pulse = self._patterns.best(first, energy, ~rest)
-        carried = self._carried | (load > _SATURATED)[:, None]
-        self.owed = np.where(carried, owed - self._patterns.wrench(pulse), 0.0)
+        self.kept = self._carried | (load > _SATURATED)[:, None]
+        self.left = owed - self._patterns.wrench(pulse)
+        self.owed = np.where(self.kept, self.left, 0.0)
         return pulse.astype(float)
 
 
@@ -314,8 +411,13 @@ class Rounding(Protocol):
     def reset(self, count: int) -> None:
         """Forget what is owed: ``count`` new episodes start."""
 
-    def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
-        """Commands (N, thrusters) for wrenches on B, (N, 3 or 6), N and N m; zero where episodes rest."""
+    def round(
+        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
+    ) -> np.ndarray:
+        """Commands (N, commands) for wrenches on B, (N, 3 or 6), N and N m; thrusters are shut where episodes rest.
+
+        ``stores`` are those of the states, of which momenta of wheels count.
+        """
         ...
 
 
@@ -331,20 +433,24 @@ class Proportional:
         self._craft = craft
         self._allocation = Allocation(craft)
         self._wrenches = np.array(craft.wrench_map)
-        self._carried = np.ones(craft.degrees_of_freedom, bool) if carried is None else carried
+        self.kept = np.ones(craft.degrees_of_freedom, bool) if carried is None else carried
         self.owed = np.zeros((0, craft.degrees_of_freedom))
+        self.left = self.owed
 
     def reset(self, count: int) -> None:
         """See `Rounding`."""
         self.owed = np.zeros((count, self.owed.shape[1]))
 
-    def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
+    def round(
+        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
+    ) -> np.ndarray:
         """See `Rounding`."""
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
         owed = np.where(rest[:, None], 0.0, self.owed + within_reach)
         commands = self._allocation.commands(owed)
-        self.owed = np.where(self._carried, owed - self._mean(commands) @ self._wrenches, 0.0)
+        self.left = owed - self._mean(commands) @ self._wrenches
+        self.owed = np.where(self.kept, self.left, 0.0)
         return commands
 
     def _mean(self, commands: np.ndarray) -> np.ndarray:
@@ -356,10 +462,73 @@ class Proportional:
         return mean
 
 
-def rounding(craft: Spacecraft, carried: np.ndarray | None = None) -> Rounding:
-    """Rounding for the craft's kind of thrusters.
+class WithWheels:
+    """Gives torques to reaction wheels first, which take no impulse, and the rest to the thrusters.
 
-    `SigmaDelta` where they are on or off, else `Proportional`; see these for what is carried.
+    Wheels take of a torque what `WheelTorques` lets them. The rounding of the thrusters gets the force and the
+    rest. What is left over then, as pulses are too coarse or thrusters cannot push without turning, wheels take as
+    far as they can; the rest is owed. While thrusters rest, wheels go on.
+    """
+
+    def __init__(
+        self, craft: Spacecraft, thrusters: SigmaDelta | Proportional, period: float
+    ) -> None:
+        self._thrusters = thrusters
+        self._wheels = WheelTorques(craft, period)
+        self._turns = slice(craft.dimension, None)
+        basis = thruster_turns(craft)
+        self._turned = basis @ basis.T
+
+    @property
+    def owed(self) -> np.ndarray:
+        """See `Rounding`."""
+        return self._thrusters.owed
+
+    @owed.setter
+    def owed(self, owed: np.ndarray) -> None:
+        self._thrusters.owed = owed
+
+    def reset(self, count: int) -> None:
+        """See `Rounding`."""
+        self._thrusters.reset(count)
+
+    def round(
+        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
+    ) -> np.ndarray:
+        """See `Rounding`."""
+        count = len(wrench)
+        rest = np.zeros(count, bool) if rest is None else rest
+        low, high = self._wheels.bounds(stores, count)
+        # Nothing balances the unloading of a wheel while thrusters rest.
+        low = np.where(rest[:, None], np.minimum(low, 0.0), low)
+        high = np.where(rest[:, None], np.maximum(high, 0.0), high)
+
+        torque = wrench[:, self._turns]
+        given = self._wheels.commands(torque, low, high) @ self._wheels.map
+        wanted = wrench.copy()
+        wanted[:, self._turns] = (torque - given) @ self._turned
+        opened = self._thrusters.round(wanted, rest)
+
+        # Wheels give what they were asked for and what thrusters gave too little of or too much.
+        thrusters = self._thrusters
+        left = np.where(rest[:, None], 0.0, thrusters.left[:, self._turns])
+        wheels = self._wheels.commands(given + left, low, high)
+        left = left - (wheels @ self._wheels.map - given)
+        kept = np.broadcast_to(thrusters.kept, thrusters.owed.shape)[:, self._turns]
+        thrusters.owed[:, self._turns] = np.where(kept & ~rest[:, None], left, 0.0)
+        return np.hstack([opened, wheels])
+
+
+def rounding(craft: Spacecraft, period: float, carried: np.ndarray | None = None) -> Rounding:
+    """Rounding for the craft's kind of thrusters, and its reaction wheels.
+
+    `SigmaDelta` where thrusters are on or off, else `Proportional`; see these for what is carried.
+
+    Args:
+        craft: any.
+        period: control period, s.
+        carried: see `SigmaDelta`.
     """
     kind = Proportional if craft.actuators.is_continuous else SigmaDelta
-    return kind(craft, carried)
+    thrusters = kind(craft, carried)
+    return WithWheels(craft, thrusters, period) if craft.wheels else thrusters

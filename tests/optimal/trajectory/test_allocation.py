@@ -245,7 +245,7 @@ def test_authority_is_there_in_both_senses(craft: Spacecraft) -> None:
 
 def test_throttled_thrusters_give_the_wanted_wrench_and_owe_nothing() -> None:
     craft = replace(CRAFTS[0], actuators=Throttle())
-    proportional = rounding(craft)
+    proportional = rounding(craft, 0.2)
     proportional.reset(3)
     wanted = np.array([[0.3, -0.2, 0.05], [0.0, 0.0, 0.0], [50.0, 0.0, 0.0]])
     for _ in range(3):
@@ -261,7 +261,7 @@ def test_what_pulses_round_off_is_given_later() -> None:
     """Of pulses in tenths of a period, of two at least, a force of 0.05 N needs one in some periods only: its
     mean over 200 periods is off by less than a pulse."""
     craft = replace(CRAFTS[0], actuators=Pulsed(10, 2))
-    pulsed = rounding(craft)
+    pulsed = rounding(craft, 0.2)
     pulsed.reset(1)
     wanted = np.array([[0.05, 0.02, 0.0]])
     total = np.zeros(3)
