@@ -80,6 +80,7 @@ from rans.tasks import (
 )
 
 if TYPE_CHECKING:
+    from rans.api.flying import fly
     from rans.api.trajectory import OptimalTrajectory
     from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
@@ -90,7 +91,7 @@ if TYPE_CHECKING:
     from rans.fast.envs.vector import SpacecraftVectorEnv
     from rans.fast.learn.config import PPOSettings
     from rans.fast.learn.front import PPO
-    from rans.flight import Controller, Flight, fly
+    from rans.flight import Controller, Flight
     from rans.optimal.control.circumnavigation import Circumnavigation
     from rans.optimal.control.convex_guidance import ConvexGuidance
     from rans.optimal.control.guidance import VelocityToGain
@@ -119,7 +120,7 @@ _LAZY = {
     "Pilot": "rans.evaluation.fly.pilot",
     "Controller": "rans.flight",
     "Flight": "rans.flight",
-    "fly": "rans.flight",
+    "fly": "rans.api.flying",
     "LQR": "rans.optimal.control.lqr",
     "LandingGuidance": "rans.optimal.control.landing_guidance",
     "Switching": "rans.optimal.control.switching",

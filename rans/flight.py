@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,12 +19,10 @@ from rans.model.body import Body
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
-from rans.registry import typed
 from rans.scenario import Scenario
-from rans.tasks import Task, load_task
+from rans.tasks import Task
 from rans.tasks.base import reward_terms
 from rans.tasks.rewards import Transition
 from rans.verdict import FlightAccumulator
@@ -227,8 +224,8 @@ class Flight:
 
 
 def fly(
-    craft: str | Path | Spacecraft,
-    task: str | Task,
+    craft: Spacecraft,
+    task: Task,
     controller: Controller,
     starts: Scenario,
     timing: Timing,
@@ -239,11 +236,7 @@ def fly(
     draws: Draws | None = None,
     guard: Guard | None = None,
 ) -> Flight:
-    """Simulate a controller from a batch of scenarios, in float64.
-
-    >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
-    >>> rans.fly("atmos", "go-to-pose", rans.Switching("atmos", "go-to-pose"), starts, rans.Timing())
-    <Flight of switching: 3 episodes of 25 s with atmos (fast engine)>
+    """Simulate a controller from a batch of scenarios, in float64; `rans.fly` takes names too.
 
     Episodes run for the full time even after a failure, so that no flight is missing in statistics. The states of
     an episode are NaN after a state that is not finite, and the controller then receives its start. The state of an
@@ -251,8 +244,8 @@ def fly(
     for its substeps before it fails.
 
     Args:
-        craft: spacecraft, by name, TOML file or object.
-        task: task, by name or as an object.
+        craft: spacecraft.
+        task: task.
         controller: controller, which receives all N episodes at once.
         starts: scenarios with float64 arrays (N,), as `rans.scenario.scenarios` returns them.
         timing: control period, substeps, checks and number of periods.
@@ -265,12 +258,10 @@ def fly(
         guard: safety filter between controller and effectors; None: every command is executed.
 
     Raises:
-        ConfigError: there is no such spacecraft or task, the starts are not a batch of its dimension, the
+        ConfigError: the starts are not a batch of its dimension, the
             controller is not a `Controller` or belongs to another dimension, number of commands or width of
             the observation, or there are conditions without ``draws``.
     """
-    craft = load_spacecraft(typed(craft))
-    task = load_task(typed(task))
     _check_starts(checked("starts", starts, Scenario), craft)
     _check_controller(controller, craft)
     checked("timing", timing, Timing)

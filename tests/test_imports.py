@@ -72,6 +72,17 @@ JUDGES = {"rans.reference.nozzles": {"Pulsed", "Throttle"}}
 """Drake's side reads settings only, and has to have equations of its own for each kind."""
 
 
+LOADERS = {"load_spacecraft", "load_task", "load_conditions"}
+"""Functions that take a name, a file or an object."""
+DOORS = "rans.api", "rans.cli", "rans.environment", "rans.fast.engine"
+"""Where users' names, files and strings become values; below them functions take values."""
+INNER_DOORS = {
+    "rans.evaluation.fly.contestants",  # the text of a contestant names a task and a spacecraft
+    "rans.fast.learn.recipes",  # so do training configs, which are files
+    "rans.optimal.control.arguments",  # controllers are public classes, like Engine
+}
+
+
 def modules() -> list[tuple[str, Path]]:
     """Every module but the front door: name and file."""
     found = []
@@ -174,6 +185,29 @@ def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors(name: str, file:
         if isinstance(part, ast.Name) and imported.get(part.id) in kinds
     }
     assert asked == CHECKED.get(name, set()) | JUDGES.get(name, set())
+
+
+def loaders_used(source: str) -> set[str]:
+    """Loaders that a module imports, under any name, or reads from another module."""
+    used = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom):
+            used |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Attribute):
+            used.add(node.attr)
+    return used & LOADERS
+
+
+@every_module
+def test_names_become_values_at_the_door(name: str, file: Path) -> None:
+    if name.startswith("rans.") and not name.startswith(DOORS) and name not in INNER_DOORS:
+        assert not loaders_used(file.read_text("utf-8"))
+
+
+def test_loaders_are_seen_under_any_name() -> None:
+    assert loaders_used("from rans.tasks import load_task as task") == {"load_task"}
+    found = loaders_used("from rans.model import spacecraft_file as s; s.load_spacecraft('x')")
+    assert found == {"load_spacecraft"}
 
 
 def test_tests_import_nothing_from_other_tests() -> None:

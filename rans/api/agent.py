@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.api.names import load_spacecraft, load_task
+from rans.api.names import conditions_if_named, load_spacecraft, load_task
 from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL
@@ -120,7 +120,7 @@ class Agent:
         Raises:
             ConfigError: there are no such conditions.
         """
-        return Agent(self.run.under(conditions), self.spec)
+        return Agent(self.run.under(conditions_if_named(conditions)), self.spec)
 
     def reset(self) -> None:
         """Clear the memory that `act` keeps; call it at the beginning of every episode."""

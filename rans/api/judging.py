@@ -9,7 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from rans.api.agent import Agent
-from rans.api.names import load_conditions, load_spacecraft
+from rans.api.names import (
+    conditions_by_name,
+    conditions_if_named,
+    load_conditions,
+    load_spacecraft,
+)
 from rans.errors import ConfigError, brief, one_of, whole
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
@@ -108,7 +113,7 @@ def evaluate(
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)
-    flying = run.under(conditions).guarded(guard, guard_slack)
+    flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack)
     return measure(flown(flying, count, seed, engine))
 
 
@@ -171,7 +176,7 @@ def compare(
         whole("episodes", episodes),
         seed,
         engine,
-        _conditions(contestants[0], conditions),
+        conditions_if_named(_conditions(contestants[0], conditions)),
         trust,
         guard,
         guard_slack,
@@ -239,7 +244,7 @@ def stress(
     contest = contest_of(
         first, whole("episodes", episodes), seed, trust=trust, guard=guard, slack=guard_slack
     )
-    sets = stress_conditions(conditions, only)
+    sets = conditions_by_name(stress_conditions(conditions, only))
     planned = prepared(contest, invited, sets, only, whole("slow_episodes", slow_episodes), trust)
     folder = Path() if output is None else ready_folder(Path(output))
     report = StressReport(planned, folder, whole("worst", worst, least=0), "rans.stress")
@@ -302,14 +307,16 @@ def assure(
     from rans.evaluation.assure.bounds import plan
     from rans.evaluation.assure.campaign import Campaign
     from rans.evaluation.assure.rare import check_count
-    from rans.evaluation.assure.search import unit
+    from rans.evaluation.assure.search import check_unit
     from rans.evaluation.fly.contestants import contestant
     from rans.files import ready_folder, write_json
     from rans.show.pages.assure_page import page
     from rans.show.progress import watched
 
+    unit = None
     if search:
-        unit(search)  # a wrong name is refused before anything flies
+        unit = load_conditions(search)
+        check_unit(search, unit)  # a wrong name is refused before anything flies
     if rare:
         check_count("rare", whole("rare", rare))
     if episodes is not None or failure_below is None:
@@ -321,7 +328,7 @@ def assure(
     made = Assurance(spec, label, Campaign(planned, seed), command="rans.assure", trust=trust)
     if known or isinstance(conditions, Conditions):
         run = known.run if known else contestant(spec, trust=trust)
-        made.given = run.under(conditions)
+        made.given = run.under(conditions_if_named(conditions))
     _ = made.run
     processor = chosen_device(device)
     with watched() as stage:
@@ -331,9 +338,9 @@ def assure(
         if rare:
             stage("rarer failures", None)
             made.sample(rare, processor)
-        if search:
+        if search and unit:
             stage("the worst case", None)
-            made.search(search, processor)
+            made.search(search, unit, processor)
     if output is not None:
         folder = ready_folder(Path(output))
         write_json(folder / "assurance.json", made.to_json())

@@ -1,10 +1,26 @@
-"""Loading by names that a user gives, of which MODULE:NAME may run code (`rans.registry.typed`)."""
+"""Names that a user gives become values here, once; MODULE:NAME may run code (`rans.registry.typed`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
 
 from rans.model import spacecraft_file
 from rans.randomization import conditions_file
+from rans.randomization.conditions import Conditions
 from rans.registry import by_user
 from rans.tasks import load_task as _load_task
 
 load_spacecraft = by_user(spacecraft_file.load_spacecraft)
 load_conditions = by_user(conditions_file.load_conditions)
 load_task = by_user(_load_task)
+
+
+def conditions_if_named(name: str | Path | Conditions | None) -> Conditions | None:
+    """Conditions of a name, a TOML file or as such; None for None, which leaves an agent under its own."""
+    return None if name is None else load_conditions(name)
+
+
+def conditions_by_name(names: Iterable[str]) -> dict[str, Conditions]:
+    """Conditions of several names or TOML files, by these."""
+    return {name: load_conditions(name) for name in names}

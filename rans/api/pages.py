@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from rans.api.agent import Agent
 from rans.api.judging import ConditionsLike, flown
+from rans.api.names import conditions_if_named
 from rans.errors import ConfigError, named, one_of, whole
 from rans.scenario import EVALUATION_SEED
 
@@ -165,7 +166,7 @@ def flyers(
     for one in contestants:
         setup = results[0].judged if results else None
         run = run_of(one) or contestant(text_of(one), default_setup=setup, trust=trust)
-        results.append(run.under(conditions).guarded(guard, guard_slack))
+        results.append(run.under(conditions_if_named(conditions)).guarded(guard, guard_slack))
     return results
 
 

@@ -70,10 +70,11 @@ class Assure:
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""
+        from rans.api.names import conditions_if_named, load_conditions
         from rans.evaluation.assure.assurance import made
         from rans.evaluation.assure.bounds import plan
         from rans.evaluation.assure.rare import check_count as check_rare
-        from rans.evaluation.assure.search import unit
+        from rans.evaluation.assure.search import check_unit
         from rans.evaluation.fly.contestants import output_folder, picked_task
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
@@ -85,13 +86,21 @@ class Assure:
         if self.rare:
             check_rare("--rare", self.rare)
         if self.search:
-            unit(self.search)  # reject a wrong name before the flights
+            check_unit(
+                self.search, load_conditions(self.search)
+            )  # reject a wrong name before the flights
         episodes = (
             _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
         )
         planned = plan(self.confidence, episodes, self.failure_below)
         assurance = made(
-            self.agent, self.conditions, planned, self.seed, command_line(), self.trust
+            self.agent,
+            self.conditions,
+            conditions_if_named(self.conditions),
+            planned,
+            self.seed,
+            command_line(),
+            self.trust,
         )
         if self.plan:
             _print_plan(assurance)
@@ -113,6 +122,7 @@ class Assure:
 
         Returns whether this is the first of torchrun's processes; the others only fly.
         """
+        from rans.api.names import load_conditions
         from rans.evaluation.assure.assurance import chosen_device
         from rans.fast.distributed import join
 
@@ -146,7 +156,7 @@ class Assure:
                 assurance.sample(self.rare, device)
             if self.search:
                 stage("the worst case", None)
-                assurance.search(self.search, device)
+                assurance.search(self.search, load_conditions(self.search), device)
         return True
 
 

@@ -90,6 +90,7 @@ class Compare:
 
     def run(self) -> int:
         """Print the table of scores."""
+        from rans.api.names import conditions_if_named
         from rans.evaluation.compare.entrants import contest_of, enlisted, turned
         from rans.evaluation.compare.run import Comparison
         from rans.evaluation.fly.contestants import output_folder
@@ -103,7 +104,7 @@ class Compare:
             self.episodes,
             self.seed,
             self.engine,
-            self.conditions,
+            conditions_if_named(self.conditions),
             self.trust,
             self.guard,
             self.guard_slack,

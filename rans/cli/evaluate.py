@@ -89,11 +89,13 @@ class Evaluate:
 
     def judge(self) -> bool:
         """Evaluate on one task; returns whether the engines agree, if both are compared."""
+        from rans.api.names import conditions_if_named
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
 
-        run = contestant(self.contestant, self.protocol, trust=self.trust).under(self.conditions)
+        run = contestant(self.contestant, self.protocol, trust=self.trust)
+        run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack)
         ready_folder(output_folder(self.contestant))
         self._file(run)  # reject a symbolic link before the flights

@@ -66,6 +66,7 @@ class Stress:
 
     def run(self) -> int:
         """Print the largest tolerated size of each disturbance."""
+        from rans.api.names import conditions_by_name
         from rans.evaluation.compare.entrants import contest_of
         from rans.evaluation.fly.contestants import output_folder
         from rans.evaluation.stress.run import prepared
@@ -87,7 +88,12 @@ class Stress:
         )
         sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
         stress = prepared(
-            contest, self.contestants, sets, self.only, self.slow_episodes, self.trust
+            contest,
+            self.contestants,
+            conditions_by_name(sets),
+            self.only,
+            self.slow_episodes,
+            self.trust,
         )
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         inside(

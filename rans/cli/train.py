@@ -310,13 +310,14 @@ def _nominal_hole(trainer: Trainer) -> str:
     from rans.evaluation.fly.episodes import fly_episodes
     from rans.evaluation.measure.metrics import solved
     from rans.evaluation.stress.outcome import WANTED
+    from rans.randomization.conditions import Conditions
     from rans.scenario import SELECTION_SEED
 
     config = trainer.config
     if config.conditions.or_none is None:
         return ""
     # Of 256 flights one lost flight of a hundred is seen: it takes a second.
-    run = load_agent(trainer.run.path).under("perfect").guarded(config.guard)
+    run = load_agent(trainer.run.path).under(Conditions()).guarded(config.guard)
     flight = fly_episodes(run.controller, run.judged, SELECTION_SEED, 256, workers=1).flight
     share = float(solved(flight).mean())
     trained = trainer.members[0].rows[-1]["success"]

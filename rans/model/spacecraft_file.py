@@ -126,11 +126,18 @@ def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
     if isinstance(name_or_file, Spacecraft):
         return name_or_file
     given = named("spacecraft", name_or_file, Spacecraft)
-    if not given.endswith(".toml"):
-        return SPACECRAFT[given].craft
-    craft = parse_spacecraft(_file_text(given), given)
-    for one in misfits(craft):
-        warnings.warn(f"spacecraft {craft.name!r}: {one}.", stacklevel=2)
+    return read_spacecraft(Path(given)) if given.endswith(".toml") else SPACECRAFT[given].craft
+
+
+def read_spacecraft(file: Path) -> Spacecraft:
+    """Spacecraft of a TOML file, such as that of a run folder or of an exported agent.
+
+    Raises:
+        ConfigError: the file cannot be read, or does not describe a spacecraft.
+    """
+    craft = parse_spacecraft(_file_text(str(file)), str(file))
+    for misfit in misfits(craft):
+        warnings.warn(f"spacecraft {craft.name!r}: {misfit}.", stacklevel=3)
     return craft
 
 

@@ -24,7 +24,7 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.randomization.conditions_file import CONDITIONS
+from rans.randomization.conditions_file import CONDITIONS, load_conditions
 from rans.randomization.plausible import implausible
 from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM
@@ -61,7 +61,9 @@ def test_a_flight_warns(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="distance in mm"):
         Engine(PLATFORM, GoToPose(), 2, conditions=tmp_path / "mine.toml")
     with pytest.warns(UserWarning, match="distance in mm"):
-        load_agent(pretrained_folder("go-to-pose-2d")).under(tmp_path / "mine.toml")
+        load_agent(pretrained_folder("go-to-pose-2d")).under(
+            load_conditions(tmp_path / "mine.toml")
+        )
 
 
 def test_what_rans_ships_is_meant() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.stress.run import Stress, prepared
+from rans.randomization.conditions_file import load_conditions
 
 FIRST = "pretrained:go-to-pose-2d"
 
@@ -19,7 +20,8 @@ def small(
 ) -> Stress:
     """Without failed thrusters, and at the first sizes only."""
     specs = specs or (FIRST, "lqr")
-    stress = prepared(contest_of(specs[0], episodes, 7), specs, conditions, only, slow)
+    sets = {name: load_conditions(name) for name in conditions}
+    stress = prepared(contest_of(specs[0], episodes, 7), specs, sets, only, slow)
     stress.named = stress.named[: 1 + len(conditions)]
     stress.effects = [replace(effect, sizes=effect.sizes[:3]) for effect in stress.effects]
     return stress

@@ -34,7 +34,7 @@ from rans.guard import safety_filter
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import read_spacecraft
 from rans.scenario import scenario
 from rans.structure import LARGEST_TOML
 from rans.tasks.base import Task, observation
@@ -197,7 +197,7 @@ class Pilot:
         self.plan = plan
         folder = Path(plan.folder)
         self.contract = read_contract(folder, for_flight=True)
-        self.craft = load_spacecraft(folder / "spacecraft.toml")
+        self.craft = read_spacecraft(folder / "spacecraft.toml")
         self.period = float(self.contract["control_period"])
         self.oldest = float(self.contract["readings"]["oldest"])
         self.agent = exported_agent(folder)

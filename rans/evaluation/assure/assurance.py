@@ -17,7 +17,7 @@ from rans.evaluation.assure.chances import Chances
 from rans.evaluation.assure.evidence import hashes
 from rans.evaluation.assure.rare import Rare, rare
 from rans.evaluation.assure.replay import Replays, replays
-from rans.evaluation.assure.search import Searched, on_device, searched, unit
+from rans.evaluation.assure.search import Searched, on_device, searched
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
 from rans.evaluation.fly.controllers import split_policy
@@ -38,7 +38,7 @@ class Assurance:
     spec: str
     """Name of the agent, as `rans.evaluation.fly.contestants.contestant` takes it."""
     conditions: str | None
-    """Name or file of the conditions; None: those of the training."""
+    """Name or file of the conditions, for texts; None: those of the training."""
     campaign: Campaign
     replays: Replays | None = None
     """Failed flights, flown again; None: not yet."""
@@ -52,6 +52,8 @@ class Assurance:
     """Environment of the machine that flew last; another may fly the failures again."""
     trust: bool = False
     """Whether the policy may be a pickle, which runs the code in it."""
+    world: Conditions | None = None
+    """The conditions of that name; None: those of the training."""
     given: LoadedRun | None = None
     """Agent or controller to fly instead of the one of that name."""
 
@@ -64,7 +66,7 @@ class Assurance:
         """
         if self.given is not None:
             return self.given
-        result = contestant(self.spec, trust=self.trust).under(self.conditions)
+        result = contestant(self.spec, trust=self.trust).under(self.world)
         if len(parts := judged_separately(self.spec)) > 1:
             raise ConfigError(
                 f"{self.spec} has several tasks, and each is assured by itself: name one of "
@@ -139,11 +141,13 @@ class Assurance:
             self.campaign.seed,
         )
 
-    def search(self, world: str, device: str, progress: Progress = unseen) -> None:
-        """Search the smallest disturbance that breaks the agent; see `rans.evaluation.assure.search`."""
+    def search(
+        self, world: str, conditions: Conditions, device: str, progress: Progress = unseen
+    ) -> None:
+        """Search the smallest disturbance that breaks the agent; see `rans.evaluation.assure.search.searched`."""
         self.searched = searched(
             world,
-            unit(world),
+            conditions,
             self.run.controller,
             on_device(self._needed_network("the search for the worst case"), device),
             self.run.judged,
@@ -250,14 +254,21 @@ def _bound(bound: Bound) -> dict[str, float]:
 
 
 def made(
-    spec: str, conditions: str | None, plan: Plan, seed: int, command: str, trust: bool = False
+    spec: str,
+    conditions: str | None,
+    world: Conditions | None,
+    plan: Plan,
+    seed: int,
+    command: str,
+    trust: bool = False,
 ) -> Assurance:
-    """Assurance without flights.
+    """Assurance without flights, of a contestant under conditions and their name.
 
     Raises:
         ConfigError: as `Assurance.run`.
     """
-    new = Assurance(spec, conditions, Campaign(plan, seed), command=command, trust=trust)
+    campaign = Campaign(plan, seed)
+    new = Assurance(spec, conditions, campaign, command=command, trust=trust, world=world)
     _ = new.run
     return new
 

@@ -23,8 +23,6 @@ from rans.model.random import generator
 from rans.policy.network import Network
 from rans.progress import Progress, unseen
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
-from rans.randomization.conditions_file import load_conditions
-from rans.registry import typed
 from rans.verdict import Failure
 
 _LARGEST = 2.0
@@ -127,19 +125,21 @@ class Searched:
         }
 
 
-def unit(world: str) -> Conditions:
-    """Conditions whose ranges are the unit of disturbances.
+def check_unit(world: str, conditions: Conditions) -> None:
+    """Refuse conditions whose ranges cannot be the unit of disturbances.
+
+    Args:
+        world: name of the conditions, for the message.
+        conditions: conditions.
 
     Raises:
-        ConfigError: there are none of this name, or they are a mixture or nominal, which have no size.
+        ConfigError: they are a mixture or nominal, which have no size.
     """
-    conditions = load_conditions(typed(world))
     if conditions.others or conditions.or_none is None:
         raise ConfigError(
             f"--search {world} gives no unit of disturbance: it must be conditions that are no "
             "mixture and not perfect, such as lab."
         )
-    return conditions
 
 
 def searched(
@@ -155,7 +155,7 @@ def searched(
 
     Args:
         world: name of the conditions.
-        conditions: conditions of the `unit`; draws of these and of the start are searched.
+        conditions: conditions whose ranges are the unit; draws of these and of the start are searched.
         controller: agent.
         network: network of the agent, of one member on the device of the search.
         setup: setup of the flights.

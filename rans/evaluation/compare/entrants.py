@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 from typing import Any, cast
 
 from rans.episode import Setup
@@ -90,14 +89,14 @@ def contest_of(
     episodes: int,
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
-    conditions: str | Path | Conditions | None = None,
+    conditions: Conditions | None = None,
     trust: bool = False,
     guard: bool = False,
     slack: float | None = None,
 ) -> Contest:
     """Contest in the setup of its first contestant.
 
-    Conditions, given by name, file or as an object, replace those of the setup. With ``guard`` all contestants fly
+    Conditions replace those of the setup. With ``guard`` all contestants fly
     with the safety filter for spacecraft and task, and its slack (`rans.guard.safety_filter`).
 
     Raises:

@@ -19,7 +19,7 @@ from rans.files import environment, inside, read_json, write_json, write_text
 from rans.flight import Flight
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.model.spacecraft_file import read_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.trajectory.arrival import moves_goal
 from rans.optimal.trajectory.endpoints import NAMES
@@ -317,7 +317,7 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
         task = TASKS[about["task"]]().for_evaluation()
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
-    craft = load_spacecraft(inside(folder, "spacecraft.toml"))
+    craft = read_spacecraft(inside(folder, "spacecraft.toml"))
     like = example(task, craft.dimension, seed=0, episode=0)
     _check_trajectories(folder, craft, like, commands, periods, starts, goals)
     results = []

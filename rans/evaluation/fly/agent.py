@@ -20,9 +20,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
-from rans.randomization.conditions_file import load_conditions
 from rans.randomization.plausible import warn_of_implausible
-from rans.registry import typed
 from rans.tasks import Task
 from rans.tasks.derived import layout
 
@@ -86,14 +84,14 @@ class LoadedRun(NamedTuple):
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions, self.guard)
 
-    def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
-        """The run under other conditions, given by name, file or as an object; None: under its own.
+    def under(self, conditions: Conditions | None) -> LoadedRun:
+        """The run under other conditions; None: under its own.
 
         A controller that can expect conditions is informed of them (`rans.flight.informed`).
         """
         if conditions is None:
             return self
-        loaded = load_conditions(typed(conditions)).or_none
+        loaded = conditions.or_none
         if loaded is not None:
             warn_of_implausible(loaded, self.craft)
         return self._replace(controller=informed(self.controller, loaded), conditions=loaded)

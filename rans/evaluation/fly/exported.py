@@ -16,7 +16,7 @@ from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.controllers import UserPolicy, answered, user_policy
 from rans.files import first_line, inside, read_json, read_text
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import are_files_trusted
 from rans.structure import structure
 from rans.tasks import TASKS, Task
@@ -99,7 +99,7 @@ def load_exported(folder: Path) -> LoadedRun:
     contract = read_contract(folder)
     where = f"{folder / CONTRACT}: settings"
     task = structure(contract["settings"], TASKS[contract["task"]], where)
-    craft = load_spacecraft(inside(folder, "spacecraft.toml"))
+    craft = read_spacecraft(inside(folder, "spacecraft.toml"))
     timing = replace(task.timing, control_period=float(contract["control_period"]))
     return LoadedRun(_controller(folder, craft, task), craft, task, timing)
 

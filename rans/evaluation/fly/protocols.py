@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 from rans.episode import Setup
 from rans.errors import ConfigError, one_of
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import SPACECRAFT
 from rans.model.timing import Timing
 from rans.tasks import Task
 
@@ -38,7 +38,7 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
     one_of("protocol", protocol, get_args(ProtocolName))
     if protocol == "own":
         return own
-    craft = load_spacecraft(_SPACECRAFT[protocol])
+    craft = SPACECRAFT[_SPACECRAFT[protocol]].craft
     if (own.craft.dimension, len(own.craft.commands)) != (craft.dimension, len(craft.commands)):
         raise ConfigError(
             f"--protocol {protocol} is for planar spacecraft with {len(craft.thrusters)} "

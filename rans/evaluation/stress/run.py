@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -22,8 +22,6 @@ from rans.flight import Controller, informed
 from rans.processes import Workers
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
-from rans.randomization.conditions_file import load_conditions
-from rans.registry import typed
 from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
@@ -156,7 +154,7 @@ class Stress:
 def prepared(
     contest: Contest,
     specs: Sequence[Invited],
-    conditions: Sequence[str],
+    conditions: Mapping[str, Conditions],
     only: Sequence[str],
     slow_episodes: int,
     trust: bool = False,
@@ -166,7 +164,7 @@ def prepared(
     Args:
         contest: contest of the first contestant, see `rans.evaluation.compare.entrants.contest_of`.
         specs: contestants; after the first also controllers by their bare names.
-        conditions: conditions by name or file.
+        conditions: conditions by their names, which reports show.
         only: names of effects; empty: all, and failed thrusters.
         slow_episodes: see `Stress`.
         trust: see `enlisted`.
@@ -185,8 +183,8 @@ def prepared(
     named = [
         _PERFECT,
         *(
-            Level(name, None, load_conditions(typed(name)))
-            for name in dict.fromkeys(conditions)
+            Level(name, None, world)
+            for name, world in conditions.items()
             if name != _PERFECT.effect
         ),
         *(() if only else failures()),

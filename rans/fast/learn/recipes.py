@@ -19,6 +19,7 @@ import torch
 from rans.errors import ConfigError, brief, meant, one_of
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import RECIPE_FOLDER, agent_recipes, present_agent
 from rans.randomization.conditions import Conditions
@@ -117,7 +118,7 @@ def training_of_quality(
     quick = training(task, spacecraft, device)
     if quality == "quick":
         return quick
-    dimension = load_spacecraft(quick.spacecraft).dimension
+    dimension = craft_of(quick).dimension
     file = _recipe_file(task, dimension, quality, randomized)
     if file is None:
         result = _to_the_end(quick)
@@ -129,6 +130,15 @@ def training_of_quality(
         remembered = {name: adaptive[name] for name in _MEMORY}
         ppo = replace(ppo, **remembered | {"averages": tuple(remembered["averages"])})
     return replace(result, ppo=ppo, conditions=Conditions())
+
+
+def craft_of(config: TrainConfig) -> Spacecraft:
+    """Spacecraft that a training config names; a module (MODULE:NAME) only if the user has typed or trusts it.
+
+    Raises:
+        ConfigError: there is no such spacecraft.
+    """
+    return load_spacecraft(config.spacecraft)
 
 
 def _to_the_end(quick: TrainConfig) -> TrainConfig:

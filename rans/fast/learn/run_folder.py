@@ -12,7 +12,7 @@ from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
 
 CHECKPOINT = "checkpoint.safetensors"
 """File from which a training resumes."""
@@ -121,7 +121,7 @@ class RunFolder:
 
     def spacecraft(self) -> Spacecraft:
         """Spacecraft at the start of training, independent of later changes to its file."""
-        return load_spacecraft(self.spacecraft_file)
+        return read_spacecraft(self.spacecraft_file)
 
     def append_metrics(self, row: dict[str, Any]) -> None:
         """Add one row to ``metrics.jsonl``; ConfigError if it cannot be written."""

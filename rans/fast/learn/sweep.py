@@ -18,10 +18,10 @@ from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.config import Coefficients, TrainConfig, from_table, to_table
 from rans.fast.learn.member import Member, architecture_of, check_sizes
+from rans.fast.learn.recipes import craft_of
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.files import LOCK, Lock, inside, read_json, write_json
-from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.architecture import Architecture
 from rans.structure import entries
 
@@ -158,7 +158,7 @@ class Sweep:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit
         if not run.config_file.exists():
             run.begin(configs[0], self.command)
-        trainer = Trainer(configs, load_spacecraft(configs[0].spacecraft), run, goes_on=True)
+        trainer = Trainer(configs, run.spacecraft(), run, goes_on=True)
         trainer.resume()
         for number, member in zip(batch, trainer.members, strict=True):
             self.members[number] = member
@@ -233,9 +233,7 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
 def check(config: TrainConfig) -> Architecture:
     """Network architecture of a config; ConfigError if the config is invalid."""
     check_device(config.device)
-    engine = Engine(
-        load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing
-    )
+    engine = Engine(craft_of(config), config.settings, config.ppo.n_envs, config.timing)
     check_sizes(engine, config.ppo, 1)
     return architecture_of(engine, config.ppo)
 

@@ -14,12 +14,11 @@ import numpy as np
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Quat, Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.control.navigation_filter import NavigationFilter
 from rans.optimal.trajectory.allocation import rounding
 from rans.randomization.conditions import Conditions, bounds, largest
-from rans.tasks import load_task
 from rans.tasks.base import Task
 from rans.tasks.inspect import Inspect
 
@@ -104,8 +103,8 @@ class Circumnavigation:
         timing: Timing | None = None,
         within: float | None = None,
     ) -> None:
-        self.craft = load_spacecraft(craft)
-        self.task = Inspect.expected(load_task(task), "circumnavigation flies inspections")
+        self.craft, asked = craft_and_task(craft, task)
+        self.task = Inspect.expected(asked, "circumnavigation flies inspections")
         self._timing = self.task.timing if timing is None else timing
         self._period = self._timing.control_period
         length = self._timing.control_period * self._timing.episode_steps

@@ -15,13 +15,12 @@ from rans.errors import ConfigError, checked
 from rans.model.body import Body
 from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.spacecraft import Spacecraft, can_turn
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.trajectory.allocation import Allocation, check_attitude
-from rans.registry import typed
 from rans.scenario import scenarios
-from rans.tasks import Task, load_task
+from rans.tasks import Task
 from rans.tasks.base import goal_after
 from rans.tasks.settings import check_settings
 
@@ -188,8 +187,7 @@ class ModelBased:
     def __init__(
         self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
     ) -> None:
-        self._craft = load_spacecraft(typed(craft))
-        self._task = load_task(typed(task))
+        self._craft, self._task = craft_and_task(craft, task)
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
         check_attitude(self._craft, self._task)
         if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:

@@ -12,12 +12,10 @@ import numpy as np
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Quat, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
+from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.trajectory.allocation import rounding
-from rans.registry import typed
-from rans.tasks import load_task
 from rans.tasks.base import Task
 from rans.tasks.hold import Hold
 from rans.tasks.inspect import Inspect
@@ -67,8 +65,8 @@ class Visiting:
         turn: float = 0.9,
         least: float = 0.05,
     ) -> None:
-        self.craft = load_spacecraft(typed(craft))
-        self.task = Inspect.expected(load_task(typed(task)), "visiting flies inspections")
+        self.craft, asked = craft_and_task(craft, task)
+        self.task = Inspect.expected(asked, "visiting flies inspections")
         self._timing = self.task.timing if timing is None else timing
         self._distance = distance
         self._speed = speed

@@ -18,6 +18,7 @@ from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import solved
 from rans.flight import Flight
 from rans.flight_statistics import FlightStatistics
+from rans.randomization.conditions_file import load_conditions
 from rans.verdict import Failure
 from tests.support.policies import idle
 
@@ -108,7 +109,7 @@ def test_what_was_interrupted_goes_on_to_the_same_end() -> None:
 
 @pytest.fixture(scope="module")
 def run() -> LoadedRun:
-    return contestant("pretrained:go-to-pose-2d").under("lab")
+    return contestant("pretrained:go-to-pose-2d").under(load_conditions("lab"))
 
 
 def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(

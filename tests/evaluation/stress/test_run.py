@@ -29,7 +29,7 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     told = list[int]()
     stress.fly(lambda *_: told.append, workers=1)
     assert sum(told) == 4 * len(stress.levels)
-    agent = contestant(FIRST).under("lab")
+    agent = contestant(FIRST).under(load_conditions("lab"))
     flight = fly_episodes(agent.controller, agent.judged, 7, 4).flight
     found = stress.outcomes["lab", "go-to-pose-2d"]
     assert found.held.tolist() == solved(flight).tolist()
@@ -76,7 +76,7 @@ def test_a_controller_that_expects_errors_knows_those_of_each_level(tmp_path: Pa
     stress = small("mission:dock-3d", episodes=1, conditions=(str(noisy),))
     stress.effects = []
     stress.fly(workers=1)
-    informed = contestant("mission:dock-3d").under(str(noisy))
+    informed = contestant("mission:dock-3d").under(load_conditions(noisy))
     for level, conditions in zip(stress.levels, (None, informed.conditions), strict=True):
         expected = controller("mission", informed.judged._replace(conditions=conditions))
         setup = stress.contest.setup._replace(conditions=conditions)
@@ -157,7 +157,9 @@ def test_one_of_several_tasks_must_be_picked() -> None:
 
 def test_one_trouble_alone_flies_nothing_that_is_not_shown() -> None:
     specs = ["lqr:go-to-pose-2d"]
-    alone = prepared(contest_of(specs[0], 2, 7), specs, (), ["latency"], 2)
+    alone = prepared(contest_of(specs[0], 2, 7), specs, {}, ["latency"], 2)
     assert {level.effect for level in alone.levels} == {"perfect", "latency"}
-    beside = prepared(contest_of(specs[0], 2, 7), specs, ("lab",), ["latency"], 2)
+    beside = prepared(
+        contest_of(specs[0], 2, 7), specs, {"lab": load_conditions("lab")}, ["latency"], 2
+    )
     assert {level.effect for level in beside.levels} == {"perfect", "lab", "latency"}

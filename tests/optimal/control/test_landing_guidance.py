@@ -19,6 +19,7 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.convex.landing import Descent, Lander, best_landing
+from rans.randomization.conditions_file import load_conditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks.land import Land
@@ -94,7 +95,7 @@ def _engine_out(folder: Path) -> tuple[LoadedRun, LoadedRun]:
     file = folder / "engine-out.toml"
     file.write_text('[faults]\nthrusters = [0]\nkinds = ["dead"]\n', encoding="utf-8")
     nominal = contestant("landing:land-3d")
-    return nominal, nominal.under(file)
+    return nominal, nominal.under(load_conditions(file))
 
 
 def _lands(guidance: LandingGuidance, run: LoadedRun) -> bool:

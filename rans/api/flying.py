@@ -1,0 +1,76 @@
+"""Flights of a controller from scenarios, with spacecraft and task by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rans.api.names import load_spacecraft, load_task
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rans.episode import Guard, Mover
+    from rans.flight import Controller, Flight
+    from rans.model.body import Body
+    from rans.model.spacecraft import Spacecraft
+    from rans.model.timing import Timing
+    from rans.randomization.conditions import Conditions
+    from rans.scenario import Draws, Scenario
+    from rans.tasks import Task
+
+
+def fly(
+    craft: str | Path | Spacecraft,
+    task: str | Task,
+    controller: Controller,
+    starts: Scenario,
+    timing: Timing,
+    engine: str = "fast",
+    move: Mover | None = None,
+    body: Body | None = None,
+    conditions: Conditions | None = None,
+    draws: Draws | None = None,
+    guard: Guard | None = None,
+) -> Flight:
+    """Simulate a controller from a batch of scenarios, in float64.
+
+    >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
+    >>> rans.fly("atmos", "go-to-pose", rans.Switching("atmos", "go-to-pose"), starts, rans.Timing())
+    <Flight of switching: 3 episodes of 25 s with atmos (fast engine)>
+
+    Episodes run for the full time even after a failure, see `rans.flight.fly`.
+
+    Args:
+        craft: spacecraft, by name, TOML file or object.
+        task: task, by name or as an object.
+        controller: controller, which receives all N episodes at once.
+        starts: scenarios with float64 arrays (N,), as `rans.scenario.scenarios` returns them.
+        timing: control period, substeps, checks and number of periods.
+        engine: name of the engine for `Flight.engine`.
+        move: function that moves the spacecraft; None: the equations of `rans.model.dynamics`.
+        body: body of numbers or arrays (N,); None: as designed.
+        conditions: domain randomization, disturbances, faults and sensors; None: everything is nominal. Under
+            conditions the controller receives measured states.
+        draws: random numbers of the scenarios (`rans.scenario.draws`); needed under conditions.
+        guard: safety filter between controller and effectors; None: every command is executed.
+
+    Raises:
+        ConfigError: there is no such spacecraft or task, the starts are not a batch of its dimension, the
+            controller is not a `Controller` or belongs to another dimension, number of commands or width of
+            the observation, or there are conditions without ``draws``.
+    """
+    from rans import flight
+
+    return flight.fly(
+        load_spacecraft(craft),
+        load_task(task),
+        controller,
+        starts,
+        timing,
+        engine,
+        move,
+        body,
+        conditions,
+        draws,
+        guard,
+    )
