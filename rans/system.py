@@ -19,6 +19,8 @@ try:
 except ModuleNotFoundError:  # Windows
     fcntl = None
 
+PACKAGE_FOLDER = Path(__file__).parent
+"""Folder of this package; modules read it here, because `rans` itself imports from every room."""
 _POLL = 0.01
 """Time between two attempts to take a lock on Windows, s; the locks of Python's library give up after 10 s."""
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rans.api import load_agent
+from rans.api.flying import fly as fly_named
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import returns
 from rans.flight import fly, outran
@@ -248,7 +249,7 @@ SPATIAL = load_spacecraft("free-flyer")
 def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence: str) -> None:
     starts = scenarios(GoToPose(), craft, 7, 3)
     with pytest.raises(ConfigError, match=sentence):
-        fly(craft, "go-to-pose", controller(), starts, Timing(episode_steps=2))
+        fly_named(craft, "go-to-pose", controller(), starts, Timing(episode_steps=2))
 
 
 @pytest.mark.parametrize(
@@ -265,7 +266,7 @@ def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence:
 )
 def test_what_is_no_batch_of_starts_is_told(starts: Any, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        fly(PLANAR, "go-to-pose", Answers(None), starts, Timing(episode_steps=2))
+        fly_named(PLANAR, "go-to-pose", Answers(None), starts, Timing(episode_steps=2))
 
 
 def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps() -> None:

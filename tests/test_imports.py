@@ -137,6 +137,27 @@ def test_imports_point_down(name: str, file: Path) -> None:
 
 
 @every_module
+def test_nothing_imports_the_front_door(name: str, file: Path) -> None:
+    """`import rans` reaches every layer; only the command's start may, and a name from it is no submodule's."""
+    tree = ast.parse(file.read_text("utf-8"))
+    bare = {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+        if alias.name in ROOMS
+    }
+    names = {
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module in ROOMS
+        for alias in node.names
+    }
+    assert not bare
+    assert names <= NAMES
+
+
+@every_module
 def test_each_engine_keeps_to_its_library(name: str, file: Path) -> None:
     libraries = {imported.partition(".")[0] for imported in imports(file)}
     if unit(name) == "rans.fast":

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rans.api.agent_data import AgentData
 from rans.api.names import conditions_if_named, load_spacecraft, load_task
 from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL
-from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import Task
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import Metrics
-    from rans.flight import Controller, Flight
+    from rans.flight import Flight
     from rans.show.pages.stress_page import StressReport
 
 _COPIED = ("config.json", "spacecraft.toml", "metrics.jsonl", "card.json")
 """Files of a run that `Agent.save` copies beside the policy."""
 
 
-class Agent:
+class Agent(AgentData):
     """An agent or a controller with the spacecraft, the task and the conditions that it flies.
 
     >>> agent = rans.load_agent("go-to-pose-2d")
@@ -52,67 +52,8 @@ class Agent:
     """
 
     def __init__(self, run: LoadedRun, spec: str = "") -> None:
-        self.run = run
-        """The controller, with its spacecraft, task, timing and conditions."""
-        self.spec = spec
-        """Its name in commands: a run folder, or pretrained:NAME; empty if it has none."""
+        super().__init__(run, spec)
         self._memory: tuple[np.ndarray, ...] | None = None
-
-    def __repr__(self) -> str:
-        return repr(self.run)
-
-    def _repr_html_(self) -> str:
-        from rans.show.pages.notebook import listed
-
-        conditions = self.conditions
-        rows = [
-            ("task", repr(self.task)),
-            ("spacecraft", self.craft.name),
-            ("conditions", "nominal" if conditions is None else conditions.description or "own"),
-            ("control period", f"{self.timing.control_period:g} s"),
-            ("run folder", str(self.folder or "none")),
-        ]
-        return listed(self.name, ("", ""), rows)
-
-    @property
-    def name(self) -> str:
-        """Name of the agent in tables."""
-        return self.run.controller.name
-
-    @property
-    def controller(self) -> Controller:
-        """The controller that gives the commands, as `rans.fly` takes it."""
-        return self.run.controller
-
-    @property
-    def craft(self) -> Spacecraft:
-        """The spacecraft that it commands."""
-        return self.run.craft
-
-    @property
-    def task(self) -> Task:
-        """The task of the agent, with the settings of its training."""
-        return self.run.task
-
-    @property
-    def timing(self) -> Timing:
-        """Control period and length of its episodes."""
-        return self.run.timing
-
-    @property
-    def conditions(self) -> Conditions | None:
-        """Domain randomization, disturbances, faults and sensors of its episodes; None: everything nominal."""
-        return self.run.conditions
-
-    @property
-    def folder(self) -> Path | None:
-        """Run folder of the agent; None if it has none."""
-        from rans.evaluation.fly.agent import Agent as Network
-        from rans.evaluation.fly.contestants import agent_folder
-
-        if not self.spec or not isinstance(self.run.controller, Network):
-            return None
-        return agent_folder(self.spec)
 
     def under(self, conditions: str | Path | Conditions | None) -> Agent:
         """The same agent, to be evaluated under other conditions: a name, a file or a `Conditions`; None: its own.
@@ -280,9 +221,7 @@ class Agent:
         """Write the page report.html of its run folder, and return the file; see `rans.report`."""
         from rans.api.pages import report
 
-        if self.folder is None:
-            raise ConfigError(f"{self.name} has no run folder to report on.")
-        return report(self.folder)
+        return report(self)
 
     def save(self, folder: str | Path) -> Path:
         """Copy the agent into a new folder, for `rans.load_agent` and every command, and return the folder.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from rans.api.agent import Agent
+from rans.api.agent_data import AgentData
 from rans.api.names import (
     conditions_by_name,
     conditions_if_named,
@@ -190,7 +190,7 @@ def compare(
 
 def _conditions(first: object, conditions: ConditionsLike | None) -> ConditionsLike | None:
     """What is flown under: as asked for, otherwise what the first contestant is judged under."""
-    if conditions is None and isinstance(first, Agent):
+    if conditions is None and isinstance(first, AgentData):
         return first.conditions or Conditions()
     return conditions
 
@@ -322,7 +322,7 @@ def assure(
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", _ASSURED if episodes is None else episodes)
     planned = plan(confidence, episodes, failure_below)
-    known = agent if isinstance(agent, Agent) else None
+    known = agent if isinstance(agent, AgentData) else None
     spec = (known.spec or known.name) if known else str(agent)
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     made = Assurance(spec, label, Campaign(planned, seed), command="rans.assure", trust=trust)

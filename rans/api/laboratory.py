@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
-import rans
+from rans.system import PACKAGE_FOLDER
 
 
 def enter() -> None:
@@ -14,7 +13,7 @@ def enter() -> None:
     In a wheel it lies in ``rans/laboratory``, so that the name is not installed; in a working copy
     beside ``rans`` (docs/decisions/security.md).
     """
-    here = Path(rans.__file__).parent
+    here = PACKAGE_FOLDER
     place = str(
         next(one for one in (here / "laboratory", here.parent) if (one / "validation").is_dir())
     )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from html import escape
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from rans.api.agent import Agent
+from rans.api.agent_data import AgentData
 from rans.api.judging import ConditionsLike, flown
 from rans.api.names import conditions_if_named
-from rans.errors import ConfigError, named, one_of, whole
+from rans.errors import ConfigError, brief, named, one_of, whole
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ def title_of(flights: list[Flight], conditions: str | None) -> str:
     return f"{tasks}, {crafts}" + (f", conditions {conditions}" if conditions else "")
 
 
-def report(run: str | Path | Agent) -> Path:
+def report(run: str | Path | AgentData) -> Path:
     """Gather the results in a run folder on one offline page, report.html, and return its path.
 
     >>> folder = tempfile.mkdtemp()
@@ -195,16 +196,23 @@ def report(run: str | Path | Agent) -> Path:
     """
     from rans.show.pages.report import report_from_run
 
-    if isinstance(run, Agent):
-        return run.report()
-    folder = Path(named("a run", run, Agent))
+    if isinstance(run, AgentData):
+        if run.folder is None:
+            raise ConfigError(f"{run.name} has no run folder to report on.")
+        folder = run.folder
+    elif isinstance(run, str | PathLike):
+        folder = Path(run)
+    else:
+        raise ConfigError(
+            f"a run, unless it is a name or a file, must be a rans.Agent, got {brief(run)}."
+        )
     file = folder / "report.html"
     report_from_run(folder).write(file)
     return file
 
 
 def export(
-    agent: str | Path | Agent,
+    agent: str | Path | AgentData,
     output: str | Path,
     form: Form = "onnx",
     *,
@@ -232,7 +240,7 @@ def export(
     from rans.evaluation.fly.contestants import agent_folder, picked_task
 
     one_of("form", form, get_args(Form))
-    source: Any = agent.folder if isinstance(agent, Agent) else agent
+    source: Any = agent.folder if isinstance(agent, AgentData) else agent
     if source is None:
         raise ConfigError(f"{agent!r} is no trained agent with a run folder.")
     text = str(source)

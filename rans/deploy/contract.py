@@ -416,7 +416,7 @@ def golden(
         output, columns = exact.forward(rows, memory)
         commands.append(output.policy.mode())
         margins.append(output.policy.margin())
-        memory = exact.next_state(columns, memory, commands[-1], output)
+        memory = exact.next_state(columns, memory, commands[-1], output.core)
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
     kept, pairs = (
         x[:, clearest.numpy()].swapaxes(0, 1) for x in (seen, torch.stack(commands).numpy())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -12,11 +11,8 @@ from torch import Tensor, nn
 from rans.model.fields import exp
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.backbones import Backbone, product
-
-if TYPE_CHECKING:
-    from rans.policy.architecture import Architecture
-    from rans.policy.network import Network
-    from rans.policy.program import Program
+from rans.policy.parts import ArchitectureView, NetworkView
+from rans.policy.program import Program
 
 _TOKEN = 8
 """Numbers of `rans.policy.backbones.effector_tokens`."""
@@ -34,11 +30,11 @@ class EffectorAttention(Backbone):
     has_tokens = True
     is_traced = True
 
-    def rows(self, architecture: Architecture) -> int:
+    def rows(self, architecture: ArchitectureView) -> int:
         """See `Backbone`: of one effector."""
         return architecture.last.weights
 
-    def modules(self, architecture: Architecture) -> dict[str, nn.Module]:
+    def modules(self, architecture: ArchitectureView) -> dict[str, nn.Module]:
         """See `Backbone`."""
         width = architecture.features
         return {
@@ -49,7 +45,7 @@ class EffectorAttention(Backbone):
             "mixed": nn.Linear(width, width),
         }
 
-    def outputs(self, network: Network, features: Tensor) -> Tensor:
+    def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
         """See `Backbone`."""
         architecture = network.architecture
         tokens = features.new_tensor(architecture.tokens)
@@ -73,7 +69,7 @@ class EffectorAttention(Backbone):
         outputs = product(state.flatten(-3, -2), weight, bias).unflatten(-2, (-1, count))
         return outputs.mT.flatten(-2)
 
-    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
+    def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """See `Backbone`."""
         width = architecture.features
         count = len(architecture.tokens)

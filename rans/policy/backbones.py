@@ -9,18 +9,14 @@ state it (`rans.policy.capabilities`) leave such a policy to torch.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.model.spacecraft import Spacecraft
-
-if TYPE_CHECKING:
-    from rans.policy.architecture import Architecture
-    from rans.policy.network import Network
-    from rans.policy.program import Program
+from rans.policy.parts import ArchitectureView, NetworkView
+from rans.policy.program import Program
 
 
 class Backbone(ABC):
@@ -33,18 +29,18 @@ class Backbone(ABC):
     """Whether `traced` writes it down; without, torch alone computes it."""
 
     @abstractmethod
-    def rows(self, architecture: Architecture) -> int:
+    def rows(self, architecture: ArchitectureView) -> int:
         """Rows of the last layer, whose weights are ``action_net``."""
 
-    def modules(self, architecture: Architecture) -> dict[str, nn.Module]:
+    def modules(self, architecture: ArchitectureView) -> dict[str, nn.Module]:
         """What is learnt beside the trunk, the last layer and the critic, with torch's initial weights."""
         return {}
 
     @abstractmethod
-    def outputs(self, network: Network, features: Tensor) -> Tensor:
+    def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
         """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
 
-    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
+    def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """Write `outputs` into a program: a row (N, outputs n) of a row of features (N, features).
 
         The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`. A backbone without
@@ -61,16 +57,16 @@ class Dense(Backbone):
 
     is_traced = True
 
-    def rows(self, architecture: Architecture) -> int:
+    def rows(self, architecture: ArchitectureView) -> int:
         """See `Backbone`."""
         return architecture.last.weights * architecture.thrusters
 
-    def outputs(self, network: Network, features: Tensor) -> Tensor:
+    def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
         """See `Backbone`."""
         weight, bias = network.architecture.last.folded(*network.layer("action_net"))
         return product(features, weight, bias)
 
-    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
+    def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """See `Backbone`."""
         return program.dense(features, "head", architecture.outputs, architecture.features)
 

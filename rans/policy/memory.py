@@ -8,24 +8,23 @@ remember stands behind it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from rans.model.fields import Field, tanh
 from rans.policy.architecture import Architecture
-from rans.policy.preprocess import MakePreprocessor
+from rans.policy.preprocess import ColumnExecutor
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Layout
-
-if TYPE_CHECKING:
-    from rans.policy.network import Output
-
 
 PolicyState = Tensor | None
 """What a policy remembers of N spacecraft from step to step, (N, m): a history, what filters expect, or a recurrent
 state; None of a policy without memory. Zeros where an episode begins (`Remembering.initial_state`)."""
+
+MakePreprocessor = Callable[[Architecture, Symmetries | None, Tensor], ColumnExecutor]
+"""Makes an executor of preprocessing for an architecture, its symmetries in tensors, and networks with tensors like
+the last argument."""
 
 
 class Remembering:
@@ -64,11 +63,18 @@ class Remembering:
         return history if architecture.recalled else None, filters
 
     def next_state(
-        self, columns: Tensor, memory: PolicyState, command: Tensor, output: Output
+        self, columns: Tensor, memory: PolicyState, command: Tensor, core: Tensor
     ) -> PolicyState:
-        """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
+        """The memory (N, m) after a command to columns in the body frame.
+
+        Args:
+            columns: (N, k) columns in the body frame.
+            memory: (N, m) before the command.
+            command: (N, thrusters).
+            core: (N, features) that the heads of the network received, `rans.policy.network.Output.core`.
+        """
         if memory is None or self.architecture.units:
-            return memory if memory is None else output.core
+            return memory if memory is None else core
         history, filters = self._parted(memory, len(columns))
         kept = []
         if history is not None:

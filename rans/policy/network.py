@@ -12,9 +12,8 @@ from torch import Tensor
 from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.backbones import product
 from rans.policy.heads import Distribution, OnOff
-from rans.policy.memory import PolicyState, Remembering, by_row, recurrent, viewed
+from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, recurrent, viewed
 from rans.policy.preprocess import (
-    MakePreprocessor,
     TorchPreprocessor,
     magnified,
     normalised,
@@ -150,7 +149,7 @@ class Network(Remembering):
         """Deterministic commands (N, n), from 0 to 1, of observations (N, width), and the state after them."""
         output, columns = self.forward(observation, state)
         command = output.policy.mode()
-        return command, self.next_state(columns, state, command, output)
+        return command, self.next_state(columns, state, command, output.core)
 
     def in_body(self, observation: Tensor) -> Tensor:
         """The columns (N, k) of observations (N, width) in the body frame."""

@@ -48,7 +48,7 @@ def predict(
     command = output.policy.mode()
     if not deterministic:
         command = output.policy.command(output.policy.sample(torch.rand_like(command)))
-    memory = network.next_state(columns, memory, command, output)
+    memory = network.next_state(columns, memory, command, output.core)
     action = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
     action = action.reshape(*np.shape(observation)[:-1], action.shape[1])
     return action, None if memory is None else (memory.cpu().numpy(),)

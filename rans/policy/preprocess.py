@@ -7,18 +7,15 @@ machine code, CUDA kernels and exported files all compute; so are `normalised` a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
 
 from rans.model.fields import Field, tanh, within
+from rans.policy.parts import PreprocessingView
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
-
-if TYPE_CHECKING:
-    from rans.policy.architecture import Architecture
 
 
 class Preprocessor(ABC):
@@ -104,15 +101,11 @@ class ColumnExecutor(ABC):
         return None
 
 
-MakePreprocessor = Callable[["Architecture", Symmetries | None, Tensor], ColumnExecutor]
-"""Makes one for an architecture, its symmetries in tensors, and networks with tensors like the last."""
-
-
 class TorchPreprocessor(ColumnExecutor):
     """By torch's operations."""
 
     def __init__(
-        self, architecture: Architecture, views: Symmetries | None, like: Tensor | None = None
+        self, architecture: PreprocessingView, views: Symmetries | None, like: Tensor | None = None
     ) -> None:
         self._architecture = architecture
         self._views = views

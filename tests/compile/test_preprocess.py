@@ -141,7 +141,7 @@ def test_programs_filter_as_torch_does(
         output = theirs.evaluate(engine.observe(), memory)
         # As many operations; covariances are larger numbers.
         found, memory = (
-            each.next_state(columns, memory, command, output) for each in (ours, theirs)
+            each.next_state(columns, memory, command, output.core) for each in (ours, theirs)
         )
         torch.testing.assert_close(
             found, memory, rtol=1000 * torch.finfo(dtype).eps, atol=1000 * torch.finfo(dtype).eps

@@ -101,7 +101,7 @@ def known(kind: str) -> tuple[Network, np.ndarray, np.ndarray]:
             if not network.architecture.last.spread or network.architecture.head == "gated":
                 clear &= (margin > 1e-3).all(dim=1)
             commands.append(output.policy.mode())
-            memory = exact.next_state(columns, memory, commands[-1], output)
+            memory = exact.next_state(columns, memory, commands[-1], output.core)
     assert clear.sum() > COUNT // 2
     return network, rows[:, clear].numpy(), torch.stack(commands)[:, clear].numpy()
 

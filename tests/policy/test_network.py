@@ -67,10 +67,10 @@ def test_many_members_say_what_each_says_alone() -> None:
                 seen(PLATFORM, 12, seed=5).double(), together.initial_state(12)
             )
             memory = together.next_state(
-                columns, together.initial_state(12), before.policy.mode(), before
+                columns, together.initial_state(12), before.policy.mode(), before.core
             )
         output, shown = together.forward(observations, memory, known)
-        remembered = together.next_state(shown, memory, output.policy.mode(), output)
+        remembered = together.next_state(shown, memory, output.policy.mode(), output.core)
         for number, network in enumerate(alone):
             own = slice(4 * number, 4 * number + 4)
             one, looked = network.forward(
@@ -82,7 +82,7 @@ def test_many_members_say_what_each_says_alone() -> None:
             torch.testing.assert_close(output.policy[0][own], one.policy[0], rtol=0, atol=1e-12)  # type: ignore
             torch.testing.assert_close(output.value[own], one.value, rtol=0, atol=1e-12)
             if remembered is not None:
-                expected = network.next_state(looked, memory[own], one.policy.mode(), one)  # type: ignore[index]
+                expected = network.next_state(looked, memory[own], one.policy.mode(), one.core)  # type: ignore[index]
                 torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
 
 
@@ -115,7 +115,7 @@ def test_a_history_holds_the_last_columns_and_commands() -> None:
     for step in range(3):
         output, columns = network.forward(seen(PLATFORM, 3, seed=step).double(), memory)
         command = output.policy.mode()
-        memory = network.next_state(columns, memory, command, output)
+        memory = network.next_state(columns, memory, command, output.core)
         rows.append(torch.cat((columns, command), dim=1))
     torch.testing.assert_close(memory, torch.cat(rows[1:], dim=1), rtol=0, atol=0)
 
@@ -129,7 +129,7 @@ def test_averages_keep_their_share_of_what_was() -> None:
     command = output.policy.mode()
     for level in (1.0, 0.0, 0.0, 0.0):
         told = torch.full_like(columns, level), memory, torch.full_like(command, level)
-        memory = network.next_state(*told, output)
+        memory = network.next_state(*told, output.core)
     assert memory is not None
     assert memory.shape == (2, 3 * (width + len(PLATFORM.thrusters)))
     rows = memory.unflatten(1, (3, -1))[0]

@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-import rans
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import agent_folder
 from rans.fast.learn.run_folder import RunFolder
@@ -14,6 +13,7 @@ from rans.files import read_bytes
 from rans.model.spacecraft_file import to_toml
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import conditions_text
+from rans.system import PACKAGE_FOLDER
 
 _LARGEST = 2**31
 """Largest number of bytes of a file of weights, as for archives."""
@@ -40,8 +40,7 @@ def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
         files = {"spacecraft": sha256([to_toml(setup.craft).encode()])}
         if file is not None:
             files |= {f"policy ({file.name})": sha256([read_bytes(file, _LARGEST)])}
-    package = Path(rans.__file__).parent
-    code = sorted(file for kind in ("*.py", "*.cuh") for file in package.rglob(kind))
+    code = sorted(file for kind in ("*.py", "*.cuh") for file in PACKAGE_FOLDER.rglob(kind))
     return {
         **files,
         "task and timing": sha256([repr(setup[1:3]).encode()]),
@@ -49,7 +48,10 @@ def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
         "code of RANS": sha256(
             part
             for file in code
-            for part in (file.relative_to(package).as_posix().encode(), read_bytes(file, _LARGEST))
+            for part in (
+                file.relative_to(PACKAGE_FOLDER).as_posix().encode(),
+                read_bytes(file, _LARGEST),
+            )
         ),
     }
 

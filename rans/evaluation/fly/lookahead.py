@@ -113,7 +113,7 @@ class _AgentPolicy:
         """See `_Policy`."""
         output, columns = self._network.forward(torch.from_numpy(observations), memory)
         command = (output.policy.mode() - torch.from_numpy(change)).abs()
-        after = self._network.next_state(columns, memory, command, output)
+        after = self._network.next_state(columns, memory, command, output.core)
         return command.double().numpy(), after
 
 

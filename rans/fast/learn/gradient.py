@@ -143,7 +143,7 @@ class GradientLearner:
             privileged = self._privileged(episode)
             output, columns = network.forward(observation, memory)
             action, command = output.policy.differentiable(uniform)
-            after = network.next_state(columns, memory, command, output)
+            after = network.next_state(columns, memory, command, output.core)
             step, episode = engine.stepped(episode, engine.commands(command))
             # Bound the gradients that are passed back to the period before.
             episode = replace(episode, state=map_leaves(self._bounded, episode.state))

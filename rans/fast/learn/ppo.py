@@ -278,7 +278,7 @@ def act(
         policy.log_prob(action),
         output.value,
         command,
-        network.next_state(columns, memory, command, output),
+        network.next_state(columns, memory, command, output.core),
     )
 
 

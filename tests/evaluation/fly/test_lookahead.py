@@ -54,7 +54,7 @@ class Told:
         command = output.policy.mode()
         if self._periods < len(self._first):
             command = torch.from_numpy(self._first[self._periods]).float()
-        self._memory = self._network.next_state(columns, self._memory, command, output)
+        self._memory = self._network.next_state(columns, self._memory, command, output.core)
         self._periods += 1
         return command.numpy()
 

@@ -1,0 +1,97 @@
+"""What a part of a policy, such as a backbone, may ask of the policy: views of its architecture and its network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from torch import Tensor
+
+from rans.model.fields import Field
+from rans.policy.heads import Head
+from rans.tasks.observation_terms import Columns, Layout
+
+
+class ArchitectureView(Protocol):
+    """Sizes and kinds of a policy's layers; `rans.policy.architecture.Architecture` has them."""
+
+    @property
+    def features(self) -> int:
+        """Numbers of the last hidden layer."""
+        ...
+
+    @property
+    def thrusters(self) -> int:
+        """Number of commands."""
+        ...
+
+    @property
+    def outputs(self) -> int:
+        """Outputs of the actor's last layer."""
+        ...
+
+    @property
+    def last(self) -> Head:
+        """The head, which says what these outputs mean."""
+        ...
+
+    @property
+    def activation(self) -> str:
+        """Key of `rans.policy.activations.ACTIVATIONS`."""
+        ...
+
+    @property
+    def tokens(self) -> tuple[tuple[float, ...], ...]:
+        """A description of each effector, see `rans.policy.backbones.effector_tokens`."""
+        ...
+
+
+class PreprocessingView(Protocol):
+    """Formulas of a policy's columns; `rans.policy.architecture.Architecture` has them."""
+
+    def preprocessed(self, observation: Columns) -> list[Field]:
+        """Columns of the preprocessor, from those of an observation."""
+        ...
+
+    def filtered(self, row: Columns) -> list[tuple[Layout, list[Field]]]:
+        """Blocks of columns that the network is given, each with its layout, from a row with filters' memory."""
+        ...
+
+    def ahead(self, columns: Columns) -> Columns | None:
+        """Direction in columns that selects a side of the spacecraft; None where all sides are the same."""
+        ...
+
+    def next_filter_memory(self, row: Columns) -> list[Field]:
+        """Memory of filters after a row."""
+        ...
+
+
+class NetworkView(Protocol):
+    """Weights of a policy in torch; `rans.policy.network.Network` has them."""
+
+    @property
+    def architecture(self) -> ArchitectureView:
+        """Sizes and kinds of its layers."""
+        ...
+
+    @property
+    def members(self) -> int:
+        """Number of networks with weights of their own."""
+        ...
+
+    @property
+    def activation(self) -> Callable[[Tensor], Tensor]:
+        """The function between layers."""
+        ...
+
+    def own(self, name: str) -> str:
+        """Name of a module of the backbone in ``tensors``."""
+        ...
+
+    def own_layer(self, name: str) -> tuple[Tensor, Tensor]:
+        """Weight and bias of a layer of the backbone."""
+        ...
+
+    def layer(self, name: str) -> tuple[Tensor, Tensor]:
+        """Weight and bias of a layer, by its name in ``tensors``."""
+        ...
