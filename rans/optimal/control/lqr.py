@@ -9,9 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import checked
+from rans.flight import Controller
 from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.dead_thrusters import expecting_dead
 from rans.optimal.control.regulator import (
     Deadband,
     ModelBased,
@@ -21,6 +23,7 @@ from rans.optimal.control.regulator import (
 )
 from rans.optimal.trajectory.allocation import inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
+from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
 
 _WEIGHTS = Weights()
@@ -61,6 +64,7 @@ class LQR(ModelBased):
     ) -> None:
         super().__init__(craft, task, timing)
         craft = self._craft
+        self._weights = weights
         self._deadband = checked("deadband", deadband, Deadband)
         self._inertia = inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
@@ -82,6 +86,17 @@ class LQR(ModelBased):
             )
             for factor in SWEEP
         }
+
+    def expecting(self, conditions: Conditions | None) -> Controller:
+        """The same without the thrusters that are dead from the start in every episode of these conditions.
+
+        Where the others cannot push and turn the craft in every direction, it flies as if none were dead.
+        """
+        return expecting_dead(
+            self,
+            conditions,
+            lambda craft: LQR(craft, self._task, self._timing, self._weights, self._deadband),
+        )
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

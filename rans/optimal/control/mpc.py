@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rans.errors import checked, require, whole
+from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.coordinates import around, coordinates
 from rans.model.drift import Drift
@@ -29,6 +30,7 @@ from rans.model.fields import (
 )
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.dead_thrusters import expecting_dead
 from rans.optimal.control.regulator import (
     Deadband,
     ModelBased,
@@ -39,6 +41,7 @@ from rans.optimal.control.regulator import (
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.arrival import path_margins
 from rans.optimal.trajectory.guess import rotation_vector
+from rans.randomization.conditions import Conditions
 from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still
@@ -123,6 +126,7 @@ class MPC(ModelBased):
         craft = self._craft
         task = self._task
         timing = self._timing
+        self._weights = weights
         self._deadband = checked("deadband", deadband, Deadband)
         self._settings = checked("settings", settings, Settings)
         self._wrenches = _wrenches(craft)
@@ -141,6 +145,19 @@ class MPC(ModelBased):
         self._plans = np.zeros((0, len(self._wrenches), settings.horizon))
         self.failures = 0
         """Quadratic programs since `reset` that PIQP did not solve: the plan before was flown on."""
+
+    def expecting(self, conditions: Conditions | None) -> Controller:
+        """The same without the thrusters that are dead from the start in every episode of these conditions.
+
+        Where the others cannot push and turn the craft in every direction, it flies as if none were dead.
+        """
+        return expecting_dead(
+            self,
+            conditions,
+            lambda craft: MPC(
+                craft, self._task, self._timing, self._weights, self._deadband, self._settings
+            ),
+        )
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

@@ -19,6 +19,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.mpc import MPC, Settings
 from rans.optimal.control.regulator import Deadband, Weights
 from rans.optimal.trajectory.allocation import check_thrusters_alone, inertia
+from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
 
 
@@ -137,6 +138,10 @@ class ObserverMPC(MPC):
         self._observer = Observer(
             self._craft, self._timing, checked("trust", trust, Trust), self._task.drift
         )
+
+    def expecting(self, conditions: Conditions | None) -> ObserverMPC:
+        """The controller itself: a dead thruster is among what it estimates."""
+        return self
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

@@ -9,17 +9,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import ConfigError, checked
+from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
+from rans.optimal.control.dead_thrusters import expecting_dead
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead, holding
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.optimal.trajectory.wheel_torques import WheelTorques
+from rans.randomization.conditions import Conditions
 from rans.scenario import scenarios
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
@@ -143,6 +146,17 @@ class Switching(ModelBased):
                 f"{self._craft.name} with {self._curve.push_scale * self._push:.3g} m/s^2. Fly LQR, MPC or "
                 "guidance, or stronger thrusters."
             )
+
+    def expecting(self, conditions: Conditions | None) -> Controller:
+        """The same without the thrusters that are dead from the start in every episode of these conditions.
+
+        Where the others cannot push and turn the craft in every direction, it flies as if none were dead.
+        """
+        return expecting_dead(
+            self,
+            conditions,
+            lambda craft: Switching(craft, self._task, self._timing, self._curve, self._deadband),
+        )
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
