@@ -148,14 +148,14 @@ def trace_flight(
             break
 
     # The state variables, and the policy between two states.
-    carried = tuple(
+    state_variables = tuple(
         StateVariable(symbol, Symbol.constant(old), Symbol.constant(new))
         for symbol, old, new in zip(state, leaves(initial), after, strict=True)
         if isinstance(symbol, Symbol)
     )
     policy = _policy_in_flight(architecture, world.observe(episode, draws), commands, tables)
     return FlightProgram(
-        (*carried, *policy.carried),
+        (*state_variables, *policy.carried),
         policy,
         verdict.running,
         Symbol.constant(verdict.failure()),

@@ -63,9 +63,9 @@ def function(
         for k, symbol in enumerate(symbols)
     }
     stages = tuple(stages)
-    found = {key: [*map(Symbol.constant, row)] for key, row in results.items()}
-    wanted = [symbol for row in found.values() for symbol in row]
-    lines = _Lines(named, [*wanted, *(symbol for stage in stages for symbol in stage.inputs)])
+    constants = {key: [*map(Symbol.constant, row)] for key, row in results.items()}
+    roots = [symbol for row in constants.values() for symbol in row]
+    lines = _Lines(named, [*roots, *(symbol for stage in stages for symbol in stage.inputs)])
     # Stages: their inputs, then the call, whose entries have names afterwards.
     body = []
     for number, stage in enumerate(stages):
@@ -81,8 +81,8 @@ def function(
         body.append(f"const stage{number} = {text};")
         lines.names |= {symbol: f"stage{number}[{k}]" for k, symbol in enumerate(stage.outputs)}
     # Results, in an object.
-    body += lines.values(wanted)
-    answer = ", ".join(f"{key}: {lines.row(row)}" for key, row in found.items())
+    body += lines.values(roots)
+    answer = ", ".join(f"{key}: {lines.row(row)}" for key, row in constants.items())
     body.append(f"return {{{answer}}};")
     return "\n".join((f"function {name}({', '.join(arguments)}) {{", *body, "}"))
 
@@ -117,13 +117,15 @@ class _Lines:
     def __init__(self, names: Mapping[Symbol, str], roots: Sequence[Symbol]) -> None:
         self.names = dict(names)
         self._count = 0
-        self._uses = Counter([*roots, *(one for symbol in ordered(roots) for one in symbol.args)])
+        self._uses = Counter(
+            [*roots, *(argument for symbol in ordered(roots) for argument in symbol.args)]
+        )
 
     def values(self, roots: Iterable[Symbol]) -> Iterator[str]:
         """Lines that give names to the roots and to what they are made of."""
-        for symbol in ordered(roots, known=self.names):
+        for symbol in ordered(roots, computed=self.names):
             if symbol.operation != "constant":
-                text = _expression(symbol, [self.operand(one) for one in symbol.args])
+                text = _expression(symbol, [self.operand(argument) for argument in symbol.args])
                 if self._uses[symbol] == 1 and len(text) < _LONGEST:
                     self.names[symbol] = f"({text})"
                     continue
@@ -153,7 +155,7 @@ def _number(symbol: Symbol) -> str:
 def _expression(symbol: Symbol, args: Sequence[str]) -> str:
     """One operation on operands; inputs that have no name do not occur."""
     operation = symbol.operation
-    kinds = {one.kind for one in symbol.args}
+    kinds = {argument.kind for argument in symbol.args}
     if operation == "neg":
         return f"-{args[0]}"
     if operation == "where":

@@ -136,25 +136,25 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
     low, high, first, stride = (
         Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
     )
-    seen = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
-    outcome = seen.outcome
-    ended = seen.outcome.ended
+    stepped = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
+    outcome = stepped.outcome
+    ended = stepped.outcome.ended
     terms, reward = paid(outcome.terms, outcome.terminated)
     stores = [
-        *_rows("memory", seen.after.memory()),
-        *_rows("reals", (*seen.observation, *terms.values(), reward)),
+        *_rows("memory", stepped.after.memory()),
+        *_rows("reals", (*stepped.observation, *terms.values(), reward)),
         *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
     ]
     # A store of what is in memory already is left out, where an episode goes on or everywhere.
     always = list[BufferWrite]()
-    at_end = [*_rows("final", seen.final_observation)]
+    at_end = [*_rows("final", stepped.final_observation)]
     for store, going, begun in zip(
         stores, *(_given(stores, ended, x) for x in (False, True)), strict=True
     ):
-        known = memory[store.row].symbol if store.array == "memory" else None
-        if going.value is not known:
+        symbol = memory[store.row].symbol if store.array == "memory" else None
+        if going.value is not symbol:
             always.append(store)
-        elif begun.value is not known:
+        elif begun.value is not symbol:
             at_end.append(begun)
     return StepProgram(
         memory,
@@ -162,7 +162,7 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
         ended,
         tuple(always),
         tuple(at_end),
-        Shape(len(seen.observation), len(outcome.terms)),
+        Shape(len(stepped.observation), len(outcome.terms)),
     )
 
 

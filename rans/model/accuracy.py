@@ -100,20 +100,20 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
     """Reject (`ConfigError`) a craft that moves too far in a period for any number of substeps."""
     designed = Body.of(craft)
     flown = body or designed
-    shares = zip(flown.gain or designed.gain, flown.leak or designed.leak, strict=True)
+    gains_and_leaks = zip(flown.gain or designed.gain, flown.leak or designed.leak, strict=True)
     force = sum(
         thruster.force * (numbers(gain) + numbers(leak))
-        for thruster, (gain, leak) in zip(craft.thrusters, shares, strict=True)
+        for thruster, (gain, leak) in zip(craft.thrusters, gains_and_leaks, strict=True)
     )
-    way = 0.5 * float(np.max(force / numbers(flown.mass))) / craft.lightest * period**2
-    for size, most, does, cause in (
-        (way, FARTHEST, "moves it by {:.3g} m", "a mass"),
+    path = 0.5 * float(np.max(force / numbers(flown.mass))) / craft.lightest * period**2
+    for size, limit, does, cause in (
+        (path, FARTHEST, "moves it by {:.3g} m", "a mass"),
         (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia"),
     ):
-        if size > most:  # bodies that are not finite are rejected elsewhere
+        if size > limit:  # bodies that are not finite are rejected elsewhere
             raise ConfigError(
                 f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of "
-                f"{period:g} s; the limit is {most:g}, beyond which its state loses precision. "
+                f"{period:g} s; the limit is {limit:g}, beyond which its state loses precision. "
                 f"Shorten the period; the usual cause is {cause} or a force in other units."
             )
 
@@ -145,26 +145,26 @@ def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
     """Largest angular acceleration of any command, rad/s^2; with several bodies, the largest among them."""
     if craft.further_effectors:
-        torque = sum(one.largest_torque for one in craft.further_effectors)
+        torque = sum(effector.largest_torque for effector in craft.further_effectors)
         least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
         return spin_up(replace(craft, further_effectors=()), body) + torque / least
-    ways = _ways(craft, body or Body.of(craft))
+    accelerations = _ways(craft, body or Body.of(craft))
     directions = np.random.default_rng(0).normal(size=(64, 3))
-    wheels = np.zeros((1, 0, ways.shape[-1]))
+    wheels = np.zeros((1, 0, accelerations.shape[-1]))
     if craft.wheels:
         wheels = _wheel_ways(craft, body or Body.of(craft))
     if craft.thrust_sharing != "none" and (body is None or body.droop is None):
-        most = float(np.linalg.norm(ways, axis=-1).max())
-        return most + float(np.linalg.norm(wheels, axis=-1).sum(axis=1).max())
+        largest = float(np.linalg.norm(accelerations, axis=-1).max())
+        return largest + float(np.linalg.norm(wheels, axis=-1).sum(axis=1).max())
     # Exact sums for the eight bodies that accelerate most in some of the sampled directions.
     if craft.wheels:
         either = np.concatenate([wheels, -wheels], axis=1)
-        either = np.broadcast_to(either, (len(ways), *either.shape[1:]))
-        ways = np.concatenate([ways, either], axis=1)
-    directions = directions[:, : ways.shape[-1]]
+        either = np.broadcast_to(either, (len(accelerations), *either.shape[1:]))
+        accelerations = np.concatenate([accelerations, either], axis=1)
+    directions = directions[:, : accelerations.shape[-1]]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    seen = np.maximum(ways @ directions.T, 0.0).sum(axis=1).max(axis=-1)
-    return max(_longest_sum(ways[k]) for k in np.argsort(seen)[-8:])
+    projections = np.maximum(accelerations @ directions.T, 0.0).sum(axis=1).max(axis=-1)
+    return max(_longest_sum(accelerations[k]) for k in np.argsort(projections)[-8:])
 
 
 def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
@@ -176,17 +176,17 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
         numbers(gain) + numbers(leak)
         for gain, leak in zip(body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)
     ]
-    shares = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
+    openings = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
     offset = map(numbers, body.centre or (0.0,) * size)
     centre = np.atleast_2d(np.stack(np.broadcast_arrays(*offset), axis=-1))[:, None]
     force = table[:, :size]
     tensors = np.atleast_3d(_tensors(body).T).T
-    moved = (
+    moment_shift = (
         np.cross(centre, force)
         if size == 3
         else (centre[..., :1] * force[:, 1:] - centre[..., 1:] * force[:, :1])
     )
-    torques = (table[:, size:] - moved) * shares[..., None]
+    torques = (table[:, size:] - moment_shift) * openings[..., None]
     return np.linalg.solve(tensors[:, None], torques[..., None])[..., 0]
 
 

@@ -135,8 +135,8 @@ class Throttle(Actuators):
         if self.always_lit or self.least == 0.0:
             return command
         return [
-            where(share < 0.5 * self.least, share * 0.0, at_least(share, self.least))
-            for share in command
+            where(opening < 0.5 * self.least, opening * 0.0, at_least(opening, self.least))
+            for opening in command
         ]
 
 

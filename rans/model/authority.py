@@ -59,7 +59,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     table = np.column_stack([np.array(craft.wrench_map).T, wheels])
     scale = np.abs(table).max(axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)
-    bounds = [(one.low, one.high) for one in craft.commands]
+    bounds = [(command.low, command.high) for command in craft.commands]
     # The limit of a shared supply, and the mass or moment of each axis.
     supply = None
     if craft.thrust_sharing == "split":
@@ -69,10 +69,10 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     inertia += moments[2:] if craft.dimension == 2 else moments
 
     # The optimum of every axis in both directions, all other axes being balanced.
-    found = []
+    authorities = []
     for index, (axis, unit, acceleration_unit) in enumerate(_AXES[craft.dimension]):
         others = [k for k in range(size) if k != index]
-        ways = []
+        extremes = []
         for sign in (1.0, -1.0):
             best = linprog(
                 -sign * table[index] / scale[index],
@@ -82,22 +82,24 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
                 b_eq=np.zeros(size - 1),
                 bounds=bounds,
             )
-            ways.append(max(0.0, -best.fun * scale[index]) if best.success else 0.0)
-        acceleration = min(ways) / inertia[index]
-        found.append(Authority(axis, unit, ways[0], ways[1], acceleration, acceleration_unit))
-    return tuple(found)
+            extremes.append(max(0.0, -best.fun * scale[index]) if best.success else 0.0)
+        acceleration = min(extremes) / inertia[index]
+        authorities.append(
+            Authority(axis, unit, extremes[0], extremes[1], acceleration, acceleration_unit)
+        )
+    return tuple(authorities)
 
 
-def authority_rows(found: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
+def authority_rows(authorities: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
     """Rows of text: axis, largest force or torque in each direction, acceleration by the smaller one."""
     return [
         (
-            one.axis,
-            f"{_figure(one.forwards)} {one.unit}",
-            f"{_figure(one.backwards)} {one.unit}",
-            f"{one.acceleration:.3g} {one.acceleration_unit}",
+            authority.axis,
+            f"{_figure(authority.forwards)} {authority.unit}",
+            f"{_figure(authority.backwards)} {authority.unit}",
+            f"{authority.acceleration:.3g} {authority.acceleration_unit}",
         )
-        for one in found
+        for authority in authorities
     ]
 
 

@@ -72,16 +72,16 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
         )
 
     def place(
-        bounds: Mapping[str, str], given: tuple[Any, ...], usual: tuple[Any, ...]
+        bounds: Mapping[str, str], written: tuple[Any, ...], usual: tuple[Any, ...]
     ) -> tuple[Any, ...]:
-        if len(given or usual) != len(usual):
+        if len(written or usual) != len(usual):
             raise ConfigError(
-                f"the body's {next(iter(bounds)).split()[0]} has {len(given)} entries; this "
+                f"the body's {next(iter(bounds)).split()[0]} has {len(written)} entries; this "
                 f"craft needs {len(usual)}."
             )
         return tuple(
             _placed(*bound, value, count, field)
-            for bound, value in zip(bounds.items(), given or usual, strict=True)
+            for bound, value in zip(bounds.items(), written or usual, strict=True)
         )
 
     thrusters = range(len(nominal.gain))

@@ -61,15 +61,15 @@ class UniformGravity(Drift):
     in_straight_lines: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        given = self.acceleration
+        acceleration = self.acceleration
         if (
-            not isinstance(given, tuple)
-            or len(given) not in (2, 3)
-            or not all(map(is_finite, given))
+            not isinstance(acceleration, tuple)
+            or len(acceleration) not in (2, 3)
+            or not all(map(is_finite, acceleration))
         ):
             raise ConfigError(
                 "the acceleration of uniform gravity must be two (plane) or three (space) "
-                f"finite numbers in m/s^2, got {given!r}."
+                f"finite numbers in m/s^2, got {acceleration!r}."
             )
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:

@@ -139,14 +139,14 @@ def thrust(
     droop = craft.droop if body is None or body.droop is None else body.droop
     if _is(droop, 0.0):
         return tuple(command)
-    shares = list(command)
+    openings = list(command)
     for members in craft.supplies:
         first, *others = (command[i] for i in members)
         opened = at_least(sum(others, start=first), 1.0)
-        share = 1.0 / (opened if _is(droop, 1.0) else 1.0 + droop * (opened - 1.0))
+        sag = 1.0 / (opened if _is(droop, 1.0) else 1.0 + droop * (opened - 1.0))
         for i in members:
-            shares[i] = command[i] * share
-    return tuple(shares)
+            openings[i] = command[i] * sag
+    return tuple(openings)
 
 
 def _is(field: Field, number: float) -> bool:
@@ -159,11 +159,11 @@ def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
     return wrench_of(craft, thrust(craft, command, body), body)
 
 
-def wrench_of(craft: Spacecraft, shares: Sequence[Field], body: Body | None) -> Wrench:
+def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -> Wrench:
     """Wrench of thrusters that give these shares of their full force; linear in the shares."""
     forces = [thruster.force for thruster in craft.thrusters]
-    exhaust = None if craft.propellant is None else _dot(shares, forces)
-    total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
+    exhaust = None if craft.propellant is None else _dot(openings, forces)
+    total = [_dot(openings, column) for column in zip(*craft.wrench_map, strict=True)]
     planar = craft.dimension == 2
     force, torque = (Vec2(*total[:2]), total[2]) if planar else (Vec3(*total[:3]), Vec3(*total[3:]))
     if body is None or all(_is(x, 0.0) for x in body.centre):
@@ -174,10 +174,10 @@ def wrench_of(craft: Spacecraft, shares: Sequence[Field], body: Body | None) -> 
     return Wrench(force, torque - Vec3(*body.centre).cross(force), exhaust)
 
 
-def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
+def _dot(factors: Sequence[Field], coefficients: Sequence[float]) -> Field:
     """Sum of products without the terms whose coefficient is zero."""
-    terms = [s * c for s, c in zip(shares, coefficients, strict=True) if c != 0.0]
-    return sum(terms[1:], start=terms[0]) if terms else shares[0] * 0.0
+    terms = [s * c for s, c in zip(factors, coefficients, strict=True) if c != 0.0]
+    return sum(terms[1:], start=terms[0]) if terms else factors[0] * 0.0
 
 
 Piece = tuple[Field, Wrench, Wrench | None, float]
@@ -189,9 +189,9 @@ def at_once(
     craft: Spacecraft, body: Body, command: Sequence[Field], period: float
 ) -> Iterator[Piece]:
     """Pieces of a control period (s) in which thrusters follow their command without delay."""
-    for share, part in craft.actuators.pulses(command[: len(craft.thrusters)]):
-        longest = share * period if type(share) is float else period
-        yield share * period, wrench(craft, part, body), None, longest
+    for fraction, part in craft.actuators.pulses(command[: len(craft.thrusters)]):
+        longest = fraction * period if type(fraction) is float else period
+        yield fraction * period, wrench(craft, part, body), None, longest
 
 
 def advance(
@@ -270,7 +270,7 @@ class _Load:
         if self.change is None:
             return lambda _: first
         more = self.change.force.scale(1.0 / self.body.mass)
-        return lambda share: first + more.scale(share)
+        return lambda elapsed: first + more.scale(elapsed)
 
     def pulls(self) -> tuple[Any, ...]:
         """Acceleration by the disturbance in W by powers of the elapsed share, m/s^2; empty without one."""
@@ -295,8 +295,8 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
     more = None if rise is None else rise * (1.0 / load.body.inertia[0])
     push = load.pushes()
 
-    def angle(t: Field, share: float) -> Field:
-        mean = spin_up if more is None else spin_up + more * (share / 3.0)
+    def angle(t: Field, elapsed: float) -> Field:
+        mean = spin_up if more is None else spin_up + more * (elapsed / 3.0)
         return state.attitude.angle + t * (state.w + (0.5 * t) * mean)
 
     def turn(node: float) -> Vec2:
@@ -331,8 +331,8 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     turns = [(rotation.vector(node), node, weight) for node, weight in rule]
     pushes = (turned(turn, push(node)) for turn, node, _ in turns)
 
-    def in_world(u: Vec3, share: Field) -> Vec3:
-        return state.attitude.rotate(u.scale(share))
+    def in_world(u: Vec3, weight: Field) -> Vec3:
+        return state.attitude.rotate(u.scale(weight))
 
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.pulls())
     turn = rotation.whole
@@ -385,12 +385,12 @@ def moved(
             v = v + u
         return p, v
     speed: Any = type(p)(*(0.0,) * len(p.columns()))
-    way = speed
+    mean_velocity = speed
     for (node, weight), push in zip(rule, pushes, strict=True):
         speed = speed + push.scale(weight)
-        way = way + push.scale(weight * (1 - node))
+        mean_velocity = mean_velocity + push.scale(weight * (1 - node))
     gained = in_world(speed, h)
-    gone = in_world(way, h * h)
+    gone = in_world(mean_velocity, h * h)
     for power, pull in enumerate(pulls, 1):
         gained = gained + pull.scale(h * (1.0 / power))
         gone = gone + pull.scale(h * h * (1.0 / (power * (power + 1))))

@@ -115,24 +115,24 @@ def finite(*xs: Field) -> Field:
 
 def leaves(tree: Any) -> tuple[Field, ...]:
     """Fields of a tree of frozen dataclasses and tuples, in the order of definition; None has no field."""
-    found: list[Field] = []
-    _gather(tree, found)
-    return tuple(found)
+    leaves: list[Field] = []
+    _gather(tree, leaves)
+    return tuple(leaves)
 
 
-def _gather(tree: Any, found: list[Field]) -> None:
+def _gather(tree: Any, leaves: list[Field]) -> None:
     if tree is None:
         return
     if isinstance(tree, tuple):
         for branch in tree:
-            _gather(branch, found)
+            _gather(branch, leaves)
     elif hasattr(
         type(tree), "__match_args__"
     ):  # a dataclass: `dataclasses.fields` takes twice as long
         for name in type(tree).__match_args__:
-            _gather(getattr(tree, name), found)
+            _gather(getattr(tree, name), leaves)
     else:
-        found.append(tree)
+        leaves.append(tree)
 
 
 def map_leaves(function: Callable[..., Field], tree: Tree, *others: Tree) -> Tree:

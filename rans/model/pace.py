@@ -33,7 +33,7 @@ def seconds_for_half_a_turn(craft: Spacecraft) -> float:
     torques = np.array(craft.wrench_map)[:, craft.dimension :]
     inertia = np.diag(np.array(craft.inertia))[-torques.shape[1] :]
     wheels = np.abs(np.array(craft.wheel_map)).sum(axis=0) if craft.wheels else 0.0
-    further = sum(one.largest_torque for one in craft.further_effectors)
+    further = sum(effector.largest_torque for effector in craft.further_effectors)
     alpha = max(
         float(np.max((np.abs(side) + wheels + further) / inertia))
         for side in (_sums(craft, torques), _sums(craft, -torques))
@@ -57,12 +57,12 @@ def misfits(craft: Spacecraft) -> list[str]:
     arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
     arm = float(np.linalg.norm(arms, axis=1).max())
     tensor = np.array(craft.inertia)
-    most = tensor[2][2] if craft.dimension == 2 else float(np.linalg.eigvalsh(tensor).max())
-    gyration = math.sqrt(most / craft.mass)
+    largest = tensor[2][2] if craft.dimension == 2 else float(np.linalg.eigvalsh(tensor).max())
+    gyration = math.sqrt(largest / craft.mass)
     result = []
     if gyration > _LARGE * radius:
         result.append(
-            f"its inertia of {most:g} kg m^2 is that of a body of {gyration:.3g} m about its centre, and its "
+            f"its inertia of {largest:g} kg m^2 is that of a body of {gyration:.3g} m about its centre, and its "
             f"radius is {radius:g} m (at most mass x radius^2 = {craft.mass * radius**2:.3g} kg m^2): the usual "
             "cause is an inertia, a mass or a radius in other units"
         )

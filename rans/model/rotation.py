@@ -30,11 +30,11 @@ _ALTERNATING = {
 """Coefficients by descending powers, computed once because torch can trace few functions of numbers."""
 
 
-def at(series: Series, share: float) -> Vec3:
+def at(series: Series, elapsed: float) -> Vec3:
     """Value of a series (Horner); an empty one is zero."""
     result = series[-1] if series else Vec3(0.0, 0.0, 0.0)
     for coefficient in reversed(series[:-1]):
-        result = result.scale(share) + coefficient
+        result = result.scale(elapsed) + coefficient
     return result
 
 
@@ -168,9 +168,9 @@ class Rotation:
         self._path = [zero, *(x.scale(duration) for x in path)]
         self._path.append(self.whole - reduce(add, self._path))
 
-    def vector(self, share: float) -> Vec3:
+    def vector(self, elapsed: float) -> Vec3:
         """Rotation vector from the start to this share of the step, of order five."""
-        return at(self._path, share)
+        return at(self._path, elapsed)
 
 
 def _brackets(rate: Series, duration: Field) -> Vec3:
@@ -208,17 +208,17 @@ def pulled(
         steady: torque that is constant in W, expressed in B at the start, N m.
         swell: factor on it by powers of the elapsed share; None: 1.
     """
-    seen = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
+    rotated = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
     if swell is not None:
-        seen = [
-            one.scale(swell[0] + swell[1] * node)
-            for one, (_, node, _) in zip(seen, turns, strict=True)
+        rotated = [
+            vector.scale(swell[0] + swell[1] * node)
+            for vector, (_, node, _) in zip(rotated, turns, strict=True)
         ]
     powers = range(1, len(torque) + 1)
     return (
-        _sum(torque, [1.0 / k for k in powers]) + _sum(seen, [weight for *_, weight in turns]),
+        _sum(torque, [1.0 / k for k in powers]) + _sum(rotated, [weight for *_, weight in turns]),
         _sum(torque, [1.0 / (k * (k + 1)) for k in powers])
-        + _sum(seen, [weight * (1.0 - node) for _, node, weight in turns]),
+        + _sum(rotated, [weight * (1.0 - node) for _, node, weight in turns]),
     )
 
 

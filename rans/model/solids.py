@@ -52,12 +52,12 @@ class Solid:
     """Text of a mesh in the OBJ format; its lines v and f are read."""
 
     def __post_init__(self) -> None:
-        wanted = _SIZES.get(self.shape, ())
+        size_names = _SIZES.get(self.shape, ())
         for holds, what, value in (
-            (bool(wanted), f"shape must be one of {', '.join(_SIZES)}", self.shape),
+            (bool(size_names), f"shape must be one of {', '.join(_SIZES)}", self.shape),
             (
-                len(self.size) == len(wanted) and all(1e-6 <= x <= 1e6 for x in self.size),
-                f"size of a {self.shape} must be [{', '.join(wanted)}], each from 1e-6 to 1e6",
+                len(self.size) == len(size_names) and all(1e-6 <= x <= 1e6 for x in self.size),
+                f"size of a {self.shape} must be [{', '.join(size_names)}], each from 1e-6 to 1e6",
                 self.size,
             ),
             (

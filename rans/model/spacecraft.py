@@ -191,7 +191,7 @@ class Spacecraft(NotebookRepr):
             ConfigError: a value is not physical; the message names the spacecraft, the key and the bound.
         """
         try:
-            made = tuple(_in_plane(*one) for one in thrusters)
+            planar = tuple(_in_plane(*thruster) for thruster in thrusters)
             x, y = centre_of_mass
         except (TypeError, ValueError) as error:
             raise ConfigError(
@@ -204,7 +204,7 @@ class Spacecraft(NotebookRepr):
             2,
             mass,
             tensor,
-            made,
+            planar,
             (x, y, 0.0),
             thrust_sharing,
             radius,
@@ -222,7 +222,7 @@ class Spacecraft(NotebookRepr):
     def _effectors(self) -> str:
         wheels = f", {counted(len(self.wheels), 'wheel')}" if self.wheels else ""
         tank = "" if self.propellant is None else f", {self.propellant.mass:g} kg propellant"
-        further = "".join(f", {type(one).__name__}" for one in self.further_effectors)
+        further = "".join(f", {type(effector).__name__}" for effector in self.further_effectors)
         return f"thrusters {self.thrust}{wheels}{tank}{further}"
 
     @cached_property
@@ -234,7 +234,7 @@ class Spacecraft(NotebookRepr):
             for i in range(len(self.thrusters))
         )
         wheels = (CommandRange(f"wheel {i}", "wheel", -1.0, 1.0) for i in range(len(self.wheels)))
-        further = (command for one in self.further_effectors for command in one.commands)
+        further = (command for effector in self.further_effectors for command in effector.commands)
         return (*thrusters, *wheels, *further)
 
     @cached_property
@@ -259,7 +259,7 @@ class Spacecraft(NotebookRepr):
             )
             for i, wheel in enumerate(self.wheels)
         )
-        further = (store for one in self.further_effectors for store in one.stores)
+        further = (store for effector in self.further_effectors for store in effector.stores)
         return (*left, *wheels, *further)
 
     @property
@@ -312,8 +312,8 @@ class Spacecraft(NotebookRepr):
         largest = np.linalg.norm(arms, axis=1) * np.linalg.norm(forces, axis=1)
         torques[np.abs(torques) <= _NO_TORQUE * largest[:, None]] = 0.0
         wrenches = np.hstack([forces, torques])
-        kept = wrenches[:, (0, 1, 5)] if self.dimension == 2 else wrenches
-        return tuple(map(tuple, kept.tolist()))
+        rows = wrenches[:, (0, 1, 5)] if self.dimension == 2 else wrenches
+        return tuple(map(tuple, rows.tolist()))
 
     @cached_property
     def wheel_map(self) -> tuple[tuple[float, ...], ...]:
@@ -495,9 +495,9 @@ def _check_wheels(craft: Spacecraft) -> None:
         len(craft.wheels),
         f"at most {MOST_WHEELS} wheels",
     )
-    for index, given in enumerate(craft.wheels):
+    for index, wheel in enumerate(craft.wheels):
         key = f"wheel {index} "
-        wheel = checked(f"spacecraft {craft.name!r}: wheel {index}", given, Wheel)
+        checked(f"spacecraft {craft.name!r}: wheel {index}", wheel, Wheel)
         _require(_triple(wheel.axis), craft, key + "axis", wheel.axis, _TRIPLE)
         length = math.hypot(*wheel.axis)
         _require(
@@ -538,7 +538,7 @@ def can_turn(craft: Spacecraft) -> bool:
     velocity. Torques below 1e-9 of the largest force times the longest lever arm are treated as rounding of
     positions and directions in a file.
     """
-    if craft.wheels or any(one.largest_torque > 0.0 for one in craft.further_effectors):
+    if craft.wheels or any(effector.largest_torque > 0.0 for effector in craft.further_effectors):
         return True
     arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
     largest = max(t.force for t in craft.thrusters) * np.linalg.norm(arms, axis=1).max()

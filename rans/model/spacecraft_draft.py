@@ -27,14 +27,14 @@ def numbers(text: str, what: str, counts: Sequence[int]) -> tuple[float, ...]:
         ConfigError: the text does not hold one of these counts of finite numbers.
     """
     words = text.replace(",", " ").split()
-    wanted = " or ".join(map(str, counts))
+    allowed = " or ".join(map(str, counts))
     try:
         result = tuple(map(float, words))
     except ValueError:
         result = ()
     if len(result) not in counts or not all(abs(x) <= _MOST for x in result):
         raise ConfigError(
-            f"{what} must be {wanted} {'number' if wanted == '1' else 'numbers'}, such as "
+            f"{what} must be {allowed} {'number' if allowed == '1' else 'numbers'}, such as "
             f"{', '.join(['0.1'] * counts[0])}, got {brief(text)}."
         )
     return result
@@ -91,7 +91,7 @@ def box_inertia(mass: float, size: Sequence[float]) -> tuple[tuple[float, float,
 
 
 def actuators_of(
-    kind: str, counts: int | None, least: float | None, most: float | None
+    kind: str, counts: int | None, least: float | None, largest: float | None
 ) -> Actuators:
     """Actuators of a kind, with those of `counts`, `least` and `most` that the kind has.
 
@@ -100,10 +100,10 @@ def actuators_of(
     """
     if kind not in KINDS:
         raise ConfigError(f"actuators are {', '.join(KINDS)}, got {brief(kind)}.")
-    known = {field.name for field in fields(KINDS[kind])}
-    given: dict[str, Any] = {"counts": counts, "least": least, "most": most}
-    for name, value in given.items():
-        if value is not None and name not in known:
+    names = {field.name for field in fields(KINDS[kind])}
+    limits: dict[str, Any] = {"counts": counts, "least": least, "most": largest}
+    for name, value in limits.items():
+        if value is not None and name not in names:
             raise ConfigError(f"{kind} actuators have no {name}: leave out {name} {value:g}.")
     if kind == "pulsed":
         if counts is None:
@@ -116,7 +116,7 @@ def actuators_of(
             )
         return Pulsed(counts, int(least or 0))
     if kind == "throttle":
-        return Throttle(least or 0.0, 1.0 if most is None else most)
+        return Throttle(least or 0.0, 1.0 if largest is None else largest)
     return KINDS[kind]()
 
 

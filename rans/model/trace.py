@@ -81,8 +81,8 @@ class Symbol:
         cls, operation: str, kind: Kind, args: tuple[Symbol, ...] = (), value: Any = None
     ) -> Symbol:
         key = (operation, kind, tuple(map(id, args)), repr(value))
-        if (known := cls._interned.get(key)) is not None:
-            return known
+        if (existing := cls._interned.get(key)) is not None:
+            return existing
         new = object.__new__(cls)
         new.operation = operation
         new.kind = kind
@@ -221,19 +221,19 @@ def _simplified(operation: str, args: tuple[Symbol, ...]) -> Symbol | None:
     return None
 
 
-def ordered(roots: Iterable[Symbol], known: Iterable[Symbol] = ()) -> Iterator[Symbol]:
+def ordered(roots: Iterable[Symbol], computed: Iterable[Symbol] = ()) -> Iterator[Symbol]:
     """Symbols that the roots depend on, each after its operands and close to its first use.
 
-    Symbols in ``known``, and those that only they depend on, are left out.
+    Symbols in ``computed``, and those that only they depend on, are left out.
     """
-    seen = set(known)
+    visited = set(computed)
     stack = [(root, False) for root in reversed(list(roots))]
     while stack:
         symbol, ready = stack.pop()
         if ready:
             yield symbol
-        elif symbol not in seen:
-            seen.add(symbol)
+        elif symbol not in visited:
+            visited.add(symbol)
             stack.append((symbol, True))
             stack.extend((arg, False) for arg in reversed(symbol.args))
 

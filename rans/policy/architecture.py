@@ -264,14 +264,14 @@ class Architecture:
 
     def modules(self) -> dict[str, nn.Module]:
         """What is learnt before the heads, in the order of SB3, with torch's initial weights."""
-        made: dict[str, nn.Module] = {"trunk": self._layers(self.inputs, self.layers)}
+        modules: dict[str, nn.Module] = {"trunk": self._layers(self.inputs, self.layers)}
         if self.units:
-            made["core"] = nn.GRUCell(self.layers[-1], self.units)
+            modules["core"] = nn.GRUCell(self.layers[-1], self.units)
         if self.privileged:
-            made["critic"] = self._layers(
+            modules["critic"] = self._layers(
                 self.inputs + self.privileged, (*self.layers[:-1], self.features)
             )
-        return made | BACKBONES[self.backbone].modules(self)
+        return modules | BACKBONES[self.backbone].modules(self)
 
     def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
         return nn.Sequential(

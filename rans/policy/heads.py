@@ -57,7 +57,7 @@ class Distribution(Protocol):
         """How far each output is from where rounding would turn its command by a jump, (N, n); 0: nowhere."""
         ...
 
-    def placed(self, place: Tensor) -> Distribution:
+    def placed(self, site: Tensor) -> Distribution:
         """The same with every command taken from its place (N, n) in a view of the spacecraft."""
         ...
 
@@ -96,9 +96,9 @@ class OnOff(NamedTuple):
         """See `Distribution`."""
         return self.logit.abs()
 
-    def placed(self, place: Tensor) -> OnOff:
+    def placed(self, site: Tensor) -> OnOff:
         """The same with every thruster taken from its place (N, n) in a view of the spacecraft."""
-        return OnOff(self.logit.gather(1, place))
+        return OnOff(self.logit.gather(1, site))
 
 
 class ClippedGaussian(NamedTuple):
@@ -148,12 +148,12 @@ class ClippedGaussian(NamedTuple):
         """See `Distribution`: there is no jump."""
         return self.mean * 0
 
-    def placed(self, place: Tensor) -> ClippedGaussian:
+    def placed(self, site: Tensor) -> ClippedGaussian:
         """As `OnOff.placed`; a scale belongs to each thruster where it is, and to no other side."""
         if self.log_scale is not None:
             raise NotImplementedError
         return ClippedGaussian(
-            self.mean.gather(1, place), self.log_std.expand_as(self.mean).gather(1, place)
+            self.mean.gather(1, site), self.log_std.expand_as(self.mean).gather(1, site)
         )
 
 
@@ -218,10 +218,10 @@ class GatedGaussian(NamedTuple):
         """See `Distribution`."""
         return self.logit.abs()
 
-    def placed(self, place: Tensor) -> GatedGaussian:
+    def placed(self, site: Tensor) -> GatedGaussian:
         """As `OnOff.placed`."""
         spread = self.log_std.expand_as(self.level)
-        return GatedGaussian(*(x.gather(1, place) for x in (self.logit, self.level, spread)))
+        return GatedGaussian(*(x.gather(1, site) for x in (self.logit, self.level, spread)))
 
     def _drawn(self, uniform: Tensor, temperature: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
         """Whether each fires, and its throttle: one random number is uniform again within either choice."""
@@ -418,8 +418,8 @@ class GuidedHead(Head):
 
     def command(self, *outputs: Field) -> Field:
         """See `Head`."""
-        share, advice = outputs
-        return within(share * advice, 0.0, 1.0)
+        opening, advice = outputs
+        return within(opening * advice, 0.0, 1.0)
 
 
 HEADS: dict[str, Head] = {

@@ -271,8 +271,8 @@ class Filter(NamedTuple):
         ):
             correction = innovation
             for k in nonzero(sensitivity):
-                own, other = gains[k]
-                correction = scaled_sum(own, correction, other * sensitivity[k], coupled[k])
+                own, coupled_gain = gains[k]
+                correction = scaled_sum(own, correction, coupled_gain * sensitivity[k], coupled[k])
             corrected += block_in_rotated_frame(
                 block, scaled_sum(1.0, predicted, 1.0, correction), half_turn
             )

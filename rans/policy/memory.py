@@ -41,9 +41,9 @@ class Remembering:
     ) -> None:
         self.architecture = architecture
         self._like = like
-        kept = like.new_tensor(architecture.averages)
+        decays = like.new_tensor(architecture.averages)
         views = architecture.symmetries
-        self._kept = kept.repeat_interleave(architecture.row)
+        self._kept = decays.repeat_interleave(architecture.row)
         self._views = None if views is None else views.tensors_like(like)
         self._preprocessor = preprocessor(architecture, self._views, like)
 
@@ -76,22 +76,22 @@ class Remembering:
         if memory is None or self.architecture.units:
             return memory if memory is None else core
         history, filters = self._parted(memory, len(columns))
-        kept = []
+        parts = []
         if history is not None:
-            answered = columns[:, : self.architecture.answered]
-            kept.append(continued(history, torch.cat((answered, command), dim=1), self._kept))
+            observed = columns[:, : self.architecture.answered]
+            parts.append(continued(history, torch.cat((observed, command), dim=1), self._kept))
         if filters is not None:
-            kept.append(
+            parts.append(
                 self._preprocessor.next_filter_memory(torch.cat((columns, filters, command), dim=1))
             )
-        return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
+        return torch.cat(parts, dim=1) if len(parts) > 1 else parts[0]
 
 
-def continued(history: Tensor, newest: Tensor, kept: Tensor) -> Tensor:
-    """A history after a new row (N, k); ``kept``, (averages k,), is the share that each average keeps."""
-    averages, moments = history.tensor_split([len(kept)], dim=1)
-    if len(kept):
-        averages = torch.lerp(newest.repeat(1, len(kept) // newest.shape[1]), averages, kept)
+def continued(history: Tensor, newest: Tensor, decay: Tensor) -> Tensor:
+    """A history after a new row (N, k); ``decay``, (averages k,), is the share that each average keeps."""
+    averages, moments = history.tensor_split([len(decay)], dim=1)
+    if len(decay):
+        averages = torch.lerp(newest.repeat(1, len(decay) // newest.shape[1]), averages, decay)
     if not moments.shape[1]:
         return averages
     return torch.cat((averages, moments[:, newest.shape[1] :], newest), dim=1)
@@ -145,9 +145,9 @@ def recurrent(
 # Formulas on fields, of which the traced program has the same (`rans.policy.traced`).
 
 
-def averaged(average: Field, newest: Field, kept: Field) -> Field:
+def averaged(average: Field, newest: Field, decay: Field) -> Field:
     """An exponential moving average that keeps this share of itself."""
-    return newest + kept * (average - newest)
+    return newest + decay * (average - newest)
 
 
 def gated(
@@ -163,9 +163,9 @@ def gated(
 
     The first three are what a layer makes of its input, the next three what one makes of the state.
     """
-    share = sigmoid(update + old_update)
+    retained = sigmoid(update + old_update)
     new = tanh(fresh + sigmoid(reset + old_reset) * old)
-    return new + share * (state - new)
+    return new + retained * (state - new)
 
 
 def sigmoid(x: Field) -> Field:

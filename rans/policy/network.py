@@ -136,10 +136,10 @@ class Network(Remembering):
                 OnOff(whole[0]), *whole[::-1]
             ), observation  # nothing of which is remembered
         columns = self.in_body(observation)
-        preprocessed, recalled, place = self.look(columns, memory)
+        preprocessed, recalled, permutation = self.look(columns, memory)
         output = self.evaluate_seen(preprocessed, recalled, privileged)
-        return output if place is None else output._replace(
-            policy=output.policy.placed(place)
+        return output if permutation is None else output._replace(
+            policy=output.policy.placed(permutation)
         ), columns
 
     @torch.no_grad()
@@ -171,13 +171,13 @@ class Network(Remembering):
         if views is None or architecture.ahead(tuple(range(architecture.column_count))) is None:
             return rows if filters is None else self._preprocessor.viewed(rows)[0], history, None
         preprocessed, which = self._preprocessor.viewed(rows)
-        place = views.place[which]
+        permutation = views.place[which]
         if history is None or not architecture.recalled:
-            return preprocessed, history, place
+            return preprocessed, history, permutation
         return (
             preprocessed,
             viewed(history, architecture.recalled, architecture.columns, views, which),
-            place,
+            permutation,
         )
 
     def evaluate_seen(
@@ -211,8 +211,12 @@ class Network(Remembering):
             features = self._core(features, memory, going_on)
         if not architecture.privileged:
             return features, features
-        known = self._nominal.expand(len(preprocessed), -1) if privileged is None else privileged
-        return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
+        privileged_values = (
+            self._nominal.expand(len(preprocessed), -1) if privileged is None else privileged
+        )
+        return features, self._through(
+            self._critic, torch.cat((x, self._rows(privileged_values)), dim=-1)
+        )
 
     def _advice(self, preprocessed: Tensor) -> Tensor | None:
         """Commands (N, n) that guidance recommends, of columns (N, k); None for heads that are not advised."""
@@ -226,14 +230,18 @@ class Network(Remembering):
         """What the trunk is given of columns (N, k) and a history (N, m), by member."""
         architecture = self.architecture
         rows = self._rows(preprocessed)
-        looks = (
+        views_of_rows = (
             rows.split(
                 [architecture.column_count + extra for extra in architecture.extra_columns], dim=-1
             )
             if architecture.filters
             else ()
         )
-        x = torch.cat([*map(self._filtered, looks)], dim=-1) if looks else self._looks(rows)
+        x = (
+            torch.cat([*map(self._filtered, views_of_rows)], dim=-1)
+            if views_of_rows
+            else self._looks(rows)
+        )
         if not architecture.recalled or memory is None:
             return x
         return torch.cat(
@@ -335,11 +343,11 @@ class Network(Remembering):
         count = rows.shape[0] * rows.shape[2] * processes
         moments = torch.var_mean(rows, dim=(0, 2), correction=0)
         variance, mean = pooled(*(x.view_as(self._mean) for x in moments))
-        share = self._statistic(count / (self._count + count))
+        weight = self._statistic(count / (self._count + count))
         shift = mean - self._mean
-        self._mean += shift * share
-        self._variance += (variance - self._variance) * share + shift.square() * (
-            share * (1 - share)
+        self._mean += shift * weight
+        self._variance += (variance - self._variance) * weight + shift.square() * (
+            weight * (1 - weight)
         )
         self._count += count
 

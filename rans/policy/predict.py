@@ -57,10 +57,10 @@ def predict(
 def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
     """Observation and action space (Gymnasium) of an agent."""
     bounds = architecture.bounds or (math.inf,) * architecture.layout.width
-    most = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
+    finite_bounds = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
     count = architecture.thrusters
     duties = spaces.Box(0.0, 1.0, (count,), np.float32)
     switches = spaces.MultiDiscrete([2] * count)
     return spaces.Box(
-        -most, most, dtype=np.float32
+        -finite_bounds, finite_bounds, dtype=np.float32
     ), duties if architecture.continuous else switches

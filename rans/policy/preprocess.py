@@ -117,12 +117,12 @@ class TorchPreprocessor(ColumnExecutor):
     def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`; there are filters, or several sides and a way to go."""
         blocks = self._architecture.filtered(rows.unbind(dim=1))
-        way = self._architecture.ahead(blocks[0][1])
+        direction = self._architecture.ahead(blocks[0][1])
         views = self._views
-        if views is None or way is None:
+        if views is None or direction is None:
             columns = torch.stack([x for _, block in blocks for x in block], dim=1)
             return columns, torch.zeros_like(rows[:, 0], dtype=torch.int64)
-        which = views.which(way)
+        which = views.which(direction)
         columns = [x for layout, block in blocks for x in views.viewed(layout, block, which)]
         return torch.stack(columns, dim=1), which
 

@@ -95,14 +95,14 @@ class Program:
 
     def split(self, value: str, widths: Sequence[int], names: Sequence[str] = ()) -> list[str]:
         """The value's last axis in pieces of these widths; none for a piece without any."""
-        kept = [place for place, width in enumerate(widths) if width]
-        if len(kept) == 1 and not names:
+        nonempty = [index for index, width in enumerate(widths) if width]
+        if len(nonempty) == 1 and not names:
             return [value if width else "" for width in widths]
-        outputs = [names[place] if names else f"{value}_{n}" for n, place in enumerate(kept)]
-        if len(kept) == 1:
+        outputs = [names[index] if names else f"{value}_{n}" for n, index in enumerate(nonempty)]
+        if len(nonempty) == 1:
             self.apply("Identity", value, name=outputs[0])
         else:
-            sizes = self.constant([widths[place] for place in kept], dtype=np.int64)
+            sizes = self.constant([widths[index] for index in nonempty], dtype=np.int64)
             self.steps.append(Step("Split", (value, sizes), tuple(outputs), {"axis": -1}))
         pieces = iter(outputs)
         return [next(pieces) if width else "" for width in widths]
@@ -171,10 +171,10 @@ class Program:
                 )
         return [values[root] for root in roots]
 
-    def pruned(self, wanted: Iterable[str]) -> Program:
+    def pruned(self, outputs: Iterable[str]) -> Program:
         """The same with the steps alone that these values need, and the tables that they read."""
         result = Program()
-        result.steps = self.needed(wanted)
+        result.steps = self.needed(outputs)
         used = {name for step in result.steps for name in step.inputs}
         result.constants = {name: x for name, x in self.constants.items() if name in used}
         result.parameters = {name: x for name, x in self.parameters.items() if name in used}
@@ -184,24 +184,24 @@ class Program:
         """Whether one of its steps makes this value."""
         return any(name in step.outputs for step in self.steps)
 
-    def needed(self, wanted: Iterable[str], known: Iterable[str] = ()) -> list[Step]:
+    def needed(self, outputs: Iterable[str], computed: Iterable[str] = ()) -> list[Step]:
         """The steps that these values need, once others are known.
 
         Raises:
             Untraceable: one of them is no value of this program.
         """
-        names = set(wanted) - set(known)
+        names = set(outputs) - set(computed)
         if missing := names - {name for step in self.steps for name in step.outputs}:
             raise Untraceable(
                 f"a program of this policy has no {', '.join(sorted(missing))}"
                 f"{f', because it has no {self.lacks}' if self.lacks else ''}."
             )
-        kept = []
+        required = []
         for step in reversed(self.steps):
             if names.intersection(step.outputs):
-                names.update(set(step.inputs) - set(known))
-                kept.append(step)
-        return kept[::-1]
+                names.update(set(step.inputs) - set(computed))
+                required.append(step)
+        return required[::-1]
 
 
 def _clipped(symbol: Symbol) -> tuple[Symbol, ...] | None:

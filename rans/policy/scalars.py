@@ -117,7 +117,7 @@ _EACH: dict[str, Callable[..., Field]] = {
 
 def fields(
     program: Program,
-    known: Mapping[str, Iterable[Field]],
+    inputs: Mapping[str, Iterable[Field]],
     requested: Sequence[str],
     dense: Dense,
     gather: Gather | None = None,
@@ -126,7 +126,7 @@ def fields(
 
     Args:
         program: of the policy.
-        known: fields of rows and of parameters by name, flat; parameters of layers are not needed.
+        inputs: fields of rows and of parameters by name, flat; parameters of layers are not needed.
         requested: names of the rows to compute. "view", the side of the spacecraft, is a single index.
         dense: computes layers.
         gather: chooses commands by the side; None: by comparisons.
@@ -138,9 +138,9 @@ def fields(
         Untraceable: a row is not in the program, or an operation has no meaning for single numbers.
     """
     values: dict[str, Any] = {
-        name: _row(row, program.parameters.get(name)) for name, row in known.items()
+        name: _row(row, program.parameters.get(name)) for name, row in inputs.items()
     }
-    for step in program.needed(requested, known):
+    for step in program.needed(requested, inputs):
         arguments = [
             values[name] if name in values else program.constants.get(name) for name in step.inputs
         ]
@@ -158,7 +158,7 @@ def fields(
 
 def symbols(
     program: Program,
-    known: Mapping[str, Iterable[Field]],
+    arguments: Mapping[str, Iterable[Field]],
     requested: Sequence[str],
     gather: Gather | None = None,
 ) -> tuple[dict[str, list[Symbol]], tuple[Stage, ...]]:
@@ -169,10 +169,10 @@ def symbols(
     Returns:
         Symbols of each row, flat, by its name, and the stages of layers, in order.
     """
-    stages = _Stages(program, requested, known)
+    stages = _Stages(program, requested, arguments)
     read = {
         name
-        for step in program.needed(requested, known)
+        for step in program.needed(requested, arguments)
         if step.operation != "Dense"
         for name in step.inputs
     }
@@ -181,7 +181,7 @@ def symbols(
         for name, shape in program.parameters.items()
         if name in read
     }
-    result = fields(program, parameters | dict(known), requested, stages.through, gather)
+    result = fields(program, parameters | dict(arguments), requested, stages.through, gather)
     return {name: [*map(Symbol.constant, row)] for name, row in result.items()}, tuple(
         stages.stages.values()
     )
@@ -190,10 +190,10 @@ def symbols(
 class _Stages:
     """Collects dense layers, joining a layer to the one before if nothing else reads its outputs."""
 
-    def __init__(self, program: Program, requested: Iterable[str], known: Iterable[str]) -> None:
+    def __init__(self, program: Program, requested: Iterable[str], inputs: Iterable[str]) -> None:
         self.stages: dict[str, Stage] = {}
         """Stages by the name of their outputs."""
-        steps = program.needed(requested, known)
+        steps = program.needed(requested, inputs)
         self._uses = Counter([*requested, *(name for step in steps for name in step.inputs)])
 
     def through(self, step: Step, row: Sequence[Field]) -> Sequence[Field]:

@@ -30,17 +30,17 @@ class Symmetries(NamedTuple):
     place: Any
     """(S, n): index of the thruster that thruster i looks like in the view."""
 
-    def tensors_like(self, one: Tensor) -> Symmetries:
+    def tensors_like(self, like: Tensor) -> Symmetries:
         """The same on the device and in the floating dtype of one."""
-        turn, hand, place = (torch.as_tensor(table, device=one.device) for table in self)
-        return Symmetries(turn.to(one.dtype), hand.to(one.dtype), place.to(torch.int64))
+        turn, hand, permutation = (torch.as_tensor(table, device=like.device) for table in self)
+        return Symmetries(turn.to(like.dtype), hand.to(like.dtype), permutation.to(torch.int64))
 
-    def which(self, way: Columns) -> Field:
+    def which(self, direction: Columns) -> Field:
         """Index (N,) of the view to take of a vector in B, `Layout.ahead`: the one that has it ahead."""
-        goal: Any = [d[:, None] for d in way]
+        goal: Any = [d[:, None] for d in direction]
         ahead: Any = sum(
             a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
-            for i, a in enumerate(AIM[: len(way)])
+            for i, a in enumerate(AIM[: len(direction)])
         )
         return ahead.argmax(1)
 
@@ -61,12 +61,16 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
     if craft.wheels or craft.further_effectors:
         return None
     results = [
-        (view, place) for view in _candidates(craft) if (place := _places(craft, view)) is not None
+        (view, permutation)
+        for view in _candidates(craft)
+        if (permutation := _places(craft, view)) is not None
     ]
     if len(results) < 2:
         return None
     turn = np.array([view for view, _ in results])
-    return Symmetries(turn, np.linalg.det(turn).round(), np.array([place for _, place in results]))
+    return Symmetries(
+        turn, np.linalg.det(turn).round(), np.array([permutation for _, permutation in results])
+    )
 
 
 def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:
@@ -90,8 +94,8 @@ def _axes(craft: Spacecraft, thruster: Thruster, hand: float = 1.0) -> np.ndarra
 
 
 def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarray]:
-    place = np.subtract(thruster.position, craft.centre_of_mass)
-    return place[: craft.dimension], np.array(thruster.direction)[: craft.dimension]
+    offset = np.subtract(thruster.position, craft.centre_of_mass)
+    return offset[: craft.dimension], np.array(thruster.direction)[: craft.dimension]
 
 
 def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
@@ -103,13 +107,13 @@ def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
     ):
         return None
     arrows = [(*_arrow(craft, thruster), thruster.force) for thruster in craft.thrusters]
-    here = np.array([[*place, *direction, force] for place, direction, force in arrows])
-    there = np.array(
-        [[*view @ place, *view @ direction, force] for place, direction, force in arrows]
+    arrow_rows = np.array([[*offset, *direction, force] for offset, direction, force in arrows])
+    image_rows = np.array(
+        [[*view @ offset, *view @ direction, force] for offset, direction, force in arrows]
     )
-    gaps = np.abs(there[:, None] - here).max(axis=2)
-    place = gaps.argmin(axis=1)
-    fits = gaps.min(axis=1).max() < _ROUNDING and len(set(place.tolist())) == len(place)
-    supplied = {frozenset(int(place[i]) for i in members) for members in craft.supplies}
+    gaps = np.abs(image_rows[:, None] - arrow_rows).max(axis=2)
+    nearest = gaps.argmin(axis=1)
+    fits = gaps.min(axis=1).max() < _ROUNDING and len(set(nearest.tolist())) == len(nearest)
+    supplied = {frozenset(int(nearest[i]) for i in members) for members in craft.supplies}
     fits = fits and supplied == set(map(frozenset, craft.supplies))
-    return place.tolist() if fits else None
+    return nearest.tolist() if fits else None

@@ -32,20 +32,20 @@ def curve_in_another_process() -> Iterator[Callable[[Rows], str]]:
     if "matplotlib" in sys.modules:
         yield curve
         return
-    here, there = Pipe()
+    receiver, sender = Pipe()
 
     def ask(rows: Rows) -> str:
         try:
-            here.send(rows)
-            return here.recv()
+            receiver.send(rows)
+            return receiver.recv()
         except (OSError, EOFError):
             return curve(rows)
 
-    with here, beside(_draw, there):
-        there.close()
+    with receiver, beside(_draw, sender):
+        sender.close()
         yield ask
 
 
-def _draw(there: Connection) -> None:
+def _draw(pipe: Connection) -> None:
     curve(_SOME)  # loads Matplotlib and its fonts
-    there.send(curve(there.recv()))
+    pipe.send(curve(pipe.recv()))

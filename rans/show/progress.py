@@ -107,16 +107,14 @@ class NotebookLine:
         self._handle = display(HTML(""), display_id=True)
         self._last = -_REFRESH
 
-    def show(self, text: str, share: float | None, surely: bool = False) -> None:
+    def show(self, text: str, fraction: float | None, surely: bool = False) -> None:
         """Show a text, and a bar where the share that is done is known."""
         if not surely and time.monotonic() - self._last < _REFRESH:
             return
         self._last = time.monotonic()
         bar = ""
-        if share is not None:
-            bar = (
-                f'<progress value="{min(max(share, 0.0), 1.0):.3f}" style="width:12em"></progress> '
-            )
+        if fraction is not None:
+            bar = f'<progress value="{min(max(fraction, 0.0), 1.0):.3f}" style="width:12em"></progress> '
         self._handle.update(self._html(f"<div>{bar}{escape(text)}</div>"))
 
     def clear(self) -> None:
@@ -139,8 +137,8 @@ def watched() -> Iterator[Stages]:
         def advance(count: int, /) -> None:
             nonlocal done
             done += count
-            share = done / total if total else None
-            line.show(f"{name}: {done:,}" + (f" of {total:,}" if total else ""), share)
+            fraction = done / total if total else None
+            line.show(f"{name}: {done:,}" + (f" of {total:,}" if total else ""), fraction)
 
         line.show(name, 0.0 if total else None, surely=True)
         return advance
@@ -153,15 +151,15 @@ def watched() -> Iterator[Stages]:
 
 @contextmanager
 def watched_training(
-    total: int, shown: bool | None
+    total: int, visible: bool | None
 ) -> Iterator[Callable[[dict[str, Any]], object]]:
     """What shows rows of a training's metrics as `TrainingProgress` does.
 
     Args:
         total: budget of environment steps.
-        shown: whether; None: on a terminal and in a notebook.
+        visible: whether; None: on a terminal and in a notebook.
     """
-    if in_notebook() and shown is not False:
+    if in_notebook() and visible is not False:
         line = NotebookLine()
         line.show("compiling and warming up ...", None, surely=True)
         try:
@@ -169,7 +167,7 @@ def watched_training(
         finally:
             line.clear()
         return
-    if shown is False or (shown is None and not sys.stderr.isatty()):
+    if visible is False or (visible is None and not sys.stderr.isatty()):
         yield lambda row: None
         return
     with TrainingProgress(total) as bar:

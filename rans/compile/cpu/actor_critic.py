@@ -132,12 +132,12 @@ class CpuActorCritic:
 
         def tile(number: Value, _: list[Value]) -> list[Value]:
             first = code.mul(number, width)
-            places = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
+            offsets = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
             # Features of the tile, from observations, into the first rows of the scratch memory.
-            vectors = [self._known(code, observation, stride, place, normal) for place in places]
-            for v, known in enumerate(vectors):
+            vectors = [self._known(code, observation, stride, offset, normal) for offset in offsets]
+            for v, values in enumerate(vectors):
                 for i, symbol in enumerate(self._shown):
-                    (value,) = code.extended([symbol], known)
+                    (value,) = code.extended([symbol], values)
                     code.write(value, scratch, i * WIDTH + v * LANES)
             # Layers of actor and critic, each behind the rows of the one before.
             for at, (length, units) in enumerate(pairwise(sizes)):
@@ -155,30 +155,30 @@ class CpuActorCritic:
                     architecture.activation if at < len(architecture.layers) else "",
                 )
             # Log-odds in the order of the craft's thrusters, and the value, as the result.
-            for v, (place, known) in enumerate(zip(places, vectors, strict=True)):
+            for v, (offset, values) in enumerate(zip(offsets, vectors, strict=True)):
                 *rows, worth = [
                     code.read(scratch, starts[-1] + i * WIDTH + v * LANES) for i in range(sizes[-1])
                 ]
-                known |= dict(zip(self._outputs, rows, strict=True))
-                for i, value in enumerate([*code.extended(self._placed, known), worth]):
-                    code.write(value, out, code.add(code.mul(LONG(i), stride), place))
+                values |= dict(zip(self._outputs, rows, strict=True))
+                for i, value in enumerate([*code.extended(self._placed, values), worth]):
+                    code.write(value, out, code.add(code.mul(LONG(i), stride), offset))
             return []
 
         code.repeat(tiles, [], tile)
 
     def _known(
-        self, code: Code, observation: Value, stride: Value, place: Value, normal: Value
+        self, code: Code, observation: Value, stride: Value, offset: Value, normal: Value
     ) -> dict[Symbol, Value]:
         """Vectors of what is observed, and of the statistics that it is normalised by."""
         width = self._architecture.column_count
-        known = {
-            symbol: code.read(observation, code.add(code.mul(LONG(i), stride), place))
+        values = {
+            symbol: code.read(observation, code.add(code.mul(LONG(i), stride), offset))
             for i, symbol in enumerate(self._observed)
         }
         for k, name in enumerate(("mean", "scale", "zoom")):
             for i, symbol in enumerate(inputs(name, width)):
-                known[symbol] = code.everywhere(code.read(normal, i + k * width, FLOAT))
-        return known
+                values[symbol] = code.everywhere(code.read(normal, i + k * width, FLOAT))
+        return values
 
 
 def _address(x: np.ndarray) -> int:

@@ -38,22 +38,22 @@ class CpuFlights:
         self._own = threading.local()
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
         variables = (*program.carried, *program.policy.history)
-        carried = [variable.symbol for variable in variables]
+        symbols = [variable.symbol for variable in variables]
         self._changing = [
             variable for variable in variables if variable.next is not variable.symbol
         ]
-        self._carried = set(carried)
+        self._carried = set(symbols)
         self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
         self._begin = CompiledProgram(words, [variable.initial for variable in variables])
         outputs = [symbol for stage in program.policy.stages for symbol in stage.outputs]
         self._step = CompiledProgram(
-            [*words, *carried, *self._told, *outputs],
+            [*words, *symbols, *self._told, *outputs],
             *(stage.inputs for stage in program.policy.stages),
             program.policy.commands,
             [variable.next for variable in self._changing],
         )
         self._verdict = CompiledProgram(
-            carried, [program.failure, program.settles, program.settled, *program.totals]
+            symbols, [program.failure, program.settles, program.settled, *program.totals]
         )
         self._layers = [CpuLayers(stage, tables) for stage in program.policy.stages]
 
@@ -90,11 +90,11 @@ class CpuFlights:
 
     def _memory(self, count: int) -> tuple[Any, ...]:
         """This thread's; most calls are for as many flights."""
-        kept = getattr(self._own, "memory", None)
-        if kept is None or self._own.count != count:
+        memory = getattr(self._own, "memory", None)
+        if memory is None or self._own.count != count:
             self._own.count = count
-            self._own.memory = kept = tuple(
+            self._own.memory = memory = tuple(
                 variable.memory(count)
                 for variable in (self._begin, self._step, self._verdict, *self._layers)
             )
-        return kept
+        return memory

@@ -73,8 +73,8 @@ class Code(ir.IRBuilder):
         """Where the number of this 32-bit kind, or the vector that begins with it, lies in an array."""
         number = kind.element if isinstance(kind, ir.VectorType) else kind
         index = LONG(index) if isinstance(index, int) else index
-        place = self.gep(self.bitcast(pointer, number.as_pointer()), [index])
-        return self.bitcast(place, kind.as_pointer())
+        address = self.gep(self.bitcast(pointer, number.as_pointer()), [index])
+        return self.bitcast(address, kind.as_pointer())
 
     def read(self, pointer: Value, index: Value, kind: ir.Type = FLOATS) -> Value:
         """A number or vector from there."""
@@ -89,8 +89,8 @@ class Code(ir.IRBuilder):
         if isinstance(value, int | float):
             return constant(float(value))
         kind = ir.VectorType(value.type, LANES)
-        one = self.insert_element(ir.Constant(kind, ir.Undefined), value, INT(0))
-        return self.shuffle_vector(one, one, constant(0))
+        element = self.insert_element(ir.Constant(kind, ir.Undefined), value, INT(0))
+        return self.shuffle_vector(element, element, constant(0))
 
     def times_plus(self, a: Value, b: Value, c: Value) -> Value:
         """The sum a b + c, rounded once."""
@@ -120,8 +120,8 @@ class Code(ir.IRBuilder):
         """The exponential of numbers below 88; below -87 its value there. Cephes' expf."""
         x = self.within(x, -87.0, 88.0)
         magic = self.everywhere(_MAGIC)
-        moved = self.times_plus(x, self.everywhere(math.log2(math.e)), magic)
-        whole = self.fsub(moved, magic)
+        rounded = self.times_plus(x, self.everywhere(math.log2(math.e)), magic)
+        whole = self.fsub(rounded, magic)
         rest = self.times_plus(whole, self.everywhere(-0.693359375), x)
         rest = self.times_plus(whole, self.everywhere(2.12194440e-4), rest)
         value = self.times_plus(
@@ -130,7 +130,7 @@ class Code(ir.IRBuilder):
             self.fadd(rest, self.everywhere(1.0)),
         )
         # The whole number stands in the last bits of what moved it there.
-        power = self.shl(self.bitcast(moved, INTS), constant(23))
+        power = self.shl(self.bitcast(rounded, INTS), constant(23))
         return self.bitcast(self.add(self.bitcast(value, INTS), power), FLOATS)
 
     def log_one_plus(self, x: Value) -> Value:
@@ -154,8 +154,8 @@ class Code(ir.IRBuilder):
     def _polynomial(self, x: Value, coefficients: Sequence[float]) -> Value:
         """Highest power first."""
         result = self.everywhere(coefficients[0])
-        for one in coefficients[1:]:
-            result = self.times_plus(result, x, self.everywhere(one))
+        for coefficient in coefficients[1:]:
+            result = self.times_plus(result, x, self.everywhere(coefficient))
         return result
 
     def activation(self, name: str, x: Value) -> Value:
@@ -176,9 +176,9 @@ class Code(ir.IRBuilder):
         symbol = Symbol.input("x")
         return self.evaluated([ACTIVATIONS[name].formula(symbol)], {symbol: x})[0]
 
-    def evaluated(self, roots: Sequence[Symbol], known: Mapping[Symbol, Value]) -> list[Value]:
+    def evaluated(self, roots: Sequence[Symbol], values: Mapping[Symbol, Value]) -> list[Value]:
         """Vectors of the roots, from those of their inputs; see `OPERATIONS`."""
-        return self.extended(roots, dict(known))
+        return self.extended(roots, dict(values))
 
     def extended(self, roots: Sequence[Symbol], values: dict[Symbol, Value]) -> list[Value]:
         """Vectors of the roots; those of every symbol on the way to them are added to ``values``."""
@@ -193,7 +193,7 @@ class Code(ir.IRBuilder):
     def repeat(
         self,
         count: Value,
-        carried: Sequence[Value],
+        initial: Sequence[Value],
         body: Callable[[Value, list[Value]], Sequence[Value]],
     ) -> list[Value]:
         """Run the body for 0, 1, ... count - 1 with the values it returned before; at least once."""
@@ -202,8 +202,8 @@ class Code(ir.IRBuilder):
         self.branch(inside)
         self.position_at_end(inside)
         number = self.phi(LONG)
-        values = [self.phi(value.type) for value in carried]
-        for phi, value in zip([number, *values], [LONG(0), *carried], strict=True):
+        values = [self.phi(value.type) for value in initial]
+        for phi, value in zip([number, *values], [LONG(0), *initial], strict=True):
             phi.add_incoming(value, before)
         result = list(body(number, [*values]))
         following = self.add(number, LONG(1))

@@ -72,10 +72,10 @@ class CompiledProgram:
         self._inputs = tuple(inputs)
         self._wanted = [list(part) for part in parts]
         orders = []
-        known = set(inputs)
+        computed = set(inputs)
         for part in self._wanted:
-            orders.append(in_phases(s for s in ordered(part, known) if s.args))
-            known.update(orders[-1])
+            orders.append(in_phases(s for s in ordered(part, computed) if s.args))
+            computed.update(orders[-1])
         everything = [s for order in orders for s in order]
         uses: dict[_Value, int] = {}
         for at, symbol in enumerate(everything):
@@ -113,26 +113,26 @@ class CompiledProgram:
         """The parts as machine code where there is arithmetic, and operations of NumPy's between."""
         groups = list[tuple[int, bool, list[_Operation]]]()
         for part, program in enumerate(self._programs):
-            for one in program:
-                if isinstance(one.of, Symbol):
-                    simple = is_arithmetic(one.of)
+            for operation in program:
+                if isinstance(operation.of, Symbol):
+                    simple = is_arithmetic(operation.of)
                     if not (simple and groups and groups[-1][:2] == (part, True)):
                         groups.append((part, simple, []))
-                    groups[-1][2].append(one)
-        kept = {s for part in self._wanted for s in part}
+                    groups[-1][2].append(operation)
+        stored = {s for part in self._wanted for s in part}
         homes = dict[Symbol, int]()
         for number, (*_, group) in enumerate(groups):
             for symbol in _symbols(group):
-                kept |= {arg for arg in symbol.args if homes.get(arg, number) != number}
+                stored |= {arg for arg in symbol.args if homes.get(arg, number) != number}
                 homes[symbol] = number
         rows = {symbol: slot for symbol, slot in self._slots.items() if isinstance(symbol, Symbol)}
-        self._machine, made = MachineModule(), [list[Any]() for _ in self._programs]
+        self._machine, functions = MachineModule(), [list[Any]() for _ in self._programs]
         for number, (_, simple, group) in enumerate(groups):
             if simple:
-                write_function(self._machine, f"stretch_{number}", _symbols(group), rows, kept)
+                write_function(self._machine, f"stretch_{number}", _symbols(group), rows, stored)
         for number, (part, simple, group) in enumerate(groups):
-            made[part] += [self._machine.compiled(f"stretch_{number}")] if simple else group
-        return made
+            functions[part] += [self._machine.compiled(f"stretch_{number}")] if simple else group
+        return functions
 
     def memory(self, count: int) -> Memory:
         """Of runs over N values of everything."""
@@ -159,8 +159,8 @@ class Memory:
 
     def give(self, values: Iterable[Any]) -> None:
         """Values of the first inputs, or fewer: arrays (N,) or numbers."""
-        for place, value in zip(self._inputs.values(), values, strict=False):
-            place[...] = value
+        for buffer, value in zip(self._inputs.values(), values, strict=False):
+            buffer[...] = value
 
     def put(self, symbol: Symbol, value: Any) -> None:
         """The value of one input."""
@@ -183,7 +183,10 @@ class Memory:
     def _compile(self) -> None:
         where = self._block.ctypes.data, self._length, self._length // LANES
         self._calls = [
-            [self._call(one) if isinstance(one, _Operation) else (one, where) for one in part]
+            [
+                self._call(operation) if isinstance(operation, _Operation) else (operation, where)
+                for operation in part
+            ]
             for part in self._program.stretches
         ]
 
@@ -214,7 +217,7 @@ class Memory:
 
 
 def _symbols(operations: Sequence[_Operation]) -> list[Symbol]:
-    return [one.of for one in operations if isinstance(one.of, Symbol)]
+    return [operation.of for operation in operations if isinstance(operation.of, Symbol)]
 
 
 def _is_truth(value: _Value) -> bool:

@@ -93,7 +93,7 @@ def write_function(
     name: str,
     symbols: Sequence[Symbol],
     rows: Mapping[Symbol, int],
-    kept: set[Symbol],
+    stored: set[Symbol],
 ) -> None:
     """Print a function that computes symbols, vector by vector, in the rows of a memory.
 
@@ -104,12 +104,12 @@ def write_function(
         name: of the function.
         symbols: symbols to compute, arithmetic only, in this order.
         rows: row of every symbol that is in memory; a result may overwrite a row that it is computed from.
-        kept: results to write, which other functions read.
+        stored: results to write, which other functions read.
     """
 
     def body(code: Code, memory: Value, stride: Value, vectors: Value) -> None:
         def vector(number: Value, _: list[Value]) -> list[Value]:
-            known = dict[Symbol, Value]()
+            values = dict[Symbol, Value]()
 
             def place(symbol: Symbol) -> Value:
                 first = code.mul(number, LONG(LANES))
@@ -124,21 +124,21 @@ def write_function(
                         if symbol.kind == "bool"
                         else constant(symbol.value)
                     )
-                if symbol not in known:
+                if symbol not in values:
                     loaded = code.load(place(symbol), align=1)
-                    known[symbol] = code.trunc(loaded, _BOOLS) if symbol.kind == "bool" else loaded
-                return known[symbol]
+                    values[symbol] = code.trunc(loaded, _BOOLS) if symbol.kind == "bool" else loaded
+                return values[symbol]
 
             # Results stay in registers, and are written only if others read them.
             for symbol in symbols:
                 args = [value(arg) for arg in symbol.args]
-                known[symbol] = (
+                values[symbol] = (
                     code.select(*args)
                     if symbol.operation == "where"
                     else _TABLES[symbol.args[0].kind][symbol.operation](code, *args)
                 )
-                if symbol in kept:
-                    loaded = known[symbol]
+                if symbol in stored:
+                    loaded = values[symbol]
                     loaded = code.zext(loaded, _BYTES) if symbol.kind == "bool" else loaded
                     code.store(loaded, place(symbol), align=1)
             return []

@@ -94,7 +94,7 @@ class Lines:
 
     def values(self, roots: Iterable[Symbol]) -> Iterator[str]:
         """Lines that give names to the roots and to what they are made of."""
-        for symbol in ordered(roots, known=self.names):
+        for symbol in ordered(roots, computed=self.names):
             if symbol.operation == "input":
                 self.names[symbol] = symbol.value
             elif symbol.operation != "constant":
@@ -252,7 +252,7 @@ class _Writer(Lines):
         return "bool" if store.array == "flags" else "real", f"{store.array} + {store.row} * rows"
 
     def _unnamed(self, roots: Iterable[Symbol]) -> list[Symbol]:
-        return list(ordered(roots, known=self.names))
+        return list(ordered(roots, computed=self.names))
 
 
 def _expression(symbol: Symbol, args: list[str]) -> str:

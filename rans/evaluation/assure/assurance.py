@@ -188,8 +188,8 @@ class Assurance:
         before = read_json(file) if file.exists() else {}
         try:
             flights = before["campaign"]["flights"]
-            most = before["about"]["looks"][-1][0]
-            interrupted = before["decision"] == "open" and 0 < flights < most
+            last_look = before["about"]["looks"][-1][0]
+            interrupted = before["decision"] == "open" and 0 < flights < last_look
         except (KeyError, TypeError, IndexError):
             return  # no campaign
         larger = flights > self.campaign.plan.flights
@@ -197,7 +197,7 @@ class Assurance:
             was = "interrupted" if interrupted else "larger"
             go_on = "go on with the command that the file tells, " if interrupted else ""
             raise ConfigError(
-                f"{file} holds {flights:,} of {most:,} flights of a campaign that was {was}, "
+                f"{file} holds {flights:,} of {last_look:,} flights of a campaign that was {was}, "
                 f"and this is another one (by its {', '.join(differing)}): {go_on}choose "
                 "another folder with --output, or replace it with --restart."
             )
@@ -206,15 +206,15 @@ class Assurance:
         """Keys of `about` that differ; hashes are compared instead of the agent's folder, which may have moved."""
 
         def comparable(about: Any) -> dict[str, Any]:
-            known = about if isinstance(about, dict) else {}
-            hashes = known.get("hashes")
+            recorded = about if isinstance(about, dict) else {}
+            hashes = recorded.get("hashes")
             return {
-                key: value for key, value in known.items() if key not in ("agent", "hashes")
+                key: value for key, value in recorded.items() if key not in ("agent", "hashes")
             } | (hashes if isinstance(hashes, dict) else {})
 
         own = comparable(self.about)
-        other = comparable(about)
-        return [key for key in own if key not in other or other[key] != own[key]]
+        theirs = comparable(about)
+        return [key for key in own if key not in theirs or theirs[key] != own[key]]
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json`."""
@@ -233,7 +233,8 @@ class Assurance:
                 "flown again": self.replays.tried,
                 "failed again": self.replays.failed,
                 "judged": [
-                    one.to_json() | {"see": self.view(one.number)} for one in self.replays.found
+                    replayed.to_json() | {"see": self.view(replayed.number)}
+                    for replayed in self.replays.found
                 ],
             },
             "rare": self.rare and self.rare.to_json(),

@@ -55,15 +55,15 @@ class Bound(NamedTuple):
 
 def flights_needed(below: float, level: float, events: int = 0) -> int:
     """Least number of flights with which `upper` of ``events`` is at most ``below``, or `_COUNTABLE`."""
-    few = 0
-    many = 1
-    while many < _COUNTABLE and binom.cdf(events, many, below) > level:
-        few = many
-        many = 2 * many
-    while many - few > 1:
-        middle = (few + many) // 2
-        few, many = (middle, many) if binom.cdf(events, middle, below) > level else (few, middle)
-    return many
+    low = 0
+    high = 1
+    while high < _COUNTABLE and binom.cdf(events, high, below) > level:
+        low = high
+        high = 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if binom.cdf(events, middle, below) > level else (low, middle)
+    return high
 
 
 @dataclass(frozen=True)
@@ -101,23 +101,27 @@ class Plan:
 
     def look(self, flights: int) -> Look:
         """First look at or after a number of flights, whose levels are also those of an interrupted campaign."""
-        return next((look for look in self.looks if look.flights >= flights), self.looks[-1])
+        return next((stage for stage in self.looks if stage.flights >= flights), self.looks[-1])
 
     def decision(self, failures: int, flights: int) -> Decision:
         """Decision from the number of failures at a look."""
-        look = self.look(flights)
+        stage = self.look(flights)
         if self.below is None:
             return "open"
-        if upper(failures, flights, look.high_level) <= self.below:
+        if upper(failures, flights, stage.high_level) <= self.below:
             return "below"
-        return "above" if lower(failures, flights, look.low_level) > self.below else "open"
+        return "above" if lower(failures, flights, stage.low_level) > self.below else "open"
 
-    def allowed(self, look: Look) -> int:
+    def allowed(self, stage: Look) -> int:
         """Largest number of failures that is rare enough at a look; -1: none is."""
         if self.below is None:
             return -1
-        most = int(binom.ppf(look.high_level, look.flights, self.below))
-        return most if binom.cdf(most, look.flights, self.below) <= look.high_level else most - 1
+        allowed = int(binom.ppf(stage.high_level, stage.flights, self.below))
+        return (
+            allowed
+            if binom.cdf(allowed, stage.flights, self.below) <= stage.high_level
+            else allowed - 1
+        )
 
 
 def plan(confidence: float, episodes: int | None, below: float | None = None) -> Plan:
@@ -144,18 +148,20 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
         if episodes is None:
             raise ConfigError("give a number of episodes, or a wanted bound (--below).")
         return Plan((Look(episodes, error, error),), confidence)
-    least, first = (flights_needed(below, error * (1.0 - _EARLY) * share) for share in (1.0, 0.5))
-    most = min(first * 2 ** (_LOOKS - 1), _MOST) if episodes is None else episodes
-    if most < least:
+    least, first = (
+        flights_needed(below, error * (1.0 - _EARLY) * fraction) for fraction in (1.0, 0.5)
+    )
+    largest = min(first * 2 ** (_LOOKS - 1), _MOST) if episodes is None else episodes
+    if largest < least:
         raise ConfigError(
-            f"{most:,} flights cannot show a probability below {below:g} at a confidence of "
+            f"{largest:,} flights cannot show a probability below {below:g} at a confidence of "
             f"{confidence:.6g}: that takes at least {least:,} without a failure."
         )
-    late = [first * 2**k for k in range(_LOOKS) if first * 2**k < most] + [most]
+    late = [first * 2**k for k in range(_LOOKS) if first * 2**k < largest] + [largest]
     early = [n for k in range(40, 0, -1) if (n := first // 2**k) >= _FIRST and n < late[0]]
-    shares = [2.0 ** -min(k, len(late) - 1) for k in range(1, len(late) + 1)]
+    fractions = [2.0 ** -min(k, len(late) - 1) for k in range(1, len(late) + 1)]
     high = [error * _EARLY / len(early) for _ in early]
-    high += [(error - sum(high)) * share for share in shares]
+    high += [(error - sum(high)) * fraction for fraction in fractions]
     low = error / len(high)
     return Plan(
         tuple(Look(n, level, low) for n, level in zip(early + late, high, strict=True)),

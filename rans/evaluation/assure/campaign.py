@@ -56,7 +56,7 @@ class Campaign:
     @property
     def at_look(self) -> bool:
         """Whether the number of flights is that of a look of the plan, and not of an interrupt."""
-        return any(look.flights == self.flights for look in self.plan.looks)
+        return any(stage.flights == self.flights for stage in self.plan.looks)
 
     @property
     def over(self) -> bool:
@@ -69,13 +69,13 @@ class Campaign:
         An interrupted campaign has the levels of the next look. They are right if the interrupt was not made
         because of the counts.
         """
-        look = self.plan.look(self.flights)
+        stage = self.plan.look(self.flights)
         events = self.failures if kind is None else self.events[kind]
         return Bound(
             events,
             self.flights,
-            lower(events, self.flights, look.low_level),
-            upper(events, self.flights, look.high_level),
+            lower(events, self.flights, stage.low_level),
+            upper(events, self.flights, stage.high_level),
         )
 
     def fly(
@@ -103,9 +103,9 @@ class Campaign:
         else:
             fleet = Flights(cast("Network", policy), setup, device, listed=LISTED)
         while not self.over:
-            look = next(one for one in self.plan.looks if one.flights > self.flights)
+            stage = next(stage for stage in self.plan.looks if stage.flights > self.flights)
             began = time.monotonic()
-            with closing(_parts(fleet, self.flights, look.flights, self.seed, processes)) as parts:
+            with closing(_parts(fleet, self.flights, stage.flights, self.seed, processes)) as parts:
                 for part in parts:
                     self.add(part)
                     self.seconds += time.monotonic() - began
@@ -162,6 +162,6 @@ def _parts(
         return
     piece = _PIECES[fleet.device.type] * processes.size
     for begin in range(first, end, piece):
-        place, count = processes.part(min(piece, end - begin))
-        own = fleet.fly(begin + place, count, seed) if count else None
+        index, count = processes.part(min(piece, end - begin))
+        own = fleet.fly(begin + index, count, seed) if count else None
         yield reduce(add, filter(None, processes.from_all(own)))

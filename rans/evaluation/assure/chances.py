@@ -51,13 +51,13 @@ def sized(conditions: Any) -> Any:
     """Conditions whose ranges are `Sized` where they differ from a perfect world's."""
     perfect = type(conditions)()
     changed = {}
-    for one in fields(conditions):
-        value = getattr(conditions, one.name)
-        usual = getattr(perfect, one.name)
+    for condition in fields(conditions):
+        value = getattr(conditions, condition.name)
+        usual = getattr(perfect, condition.name)
         if is_dataclass(value):
-            changed[one.name] = sized(value)
-        elif is_range(one) and value != usual and one.name not in _UNSIZED:
-            changed[one.name] = Sized.of(value, usual)
+            changed[condition.name] = sized(value)
+        elif is_range(condition) and value != usual and condition.name not in _UNSIZED:
+            changed[condition.name] = Sized.of(value, usual)
     return replace(conditions, **changed)
 
 
@@ -85,9 +85,9 @@ class _Given(Random):
 
     def unit(self) -> Field:
         """The next of the given numbers."""
-        block, place = self._at
-        self._at = block, place + 1
-        return self._draws.given[block, place]
+        block, index = self._at
+        self._at = block, index + 1
+        return self._draws.given[block, index]
 
     def within(self, values: Any) -> Field:
         """Number within a range, see `Random.within`; a range of one value takes no random number."""
@@ -113,9 +113,9 @@ class _Given(Random):
 class _Noted(dict[Slot, Field]):
     """Mapping that has every number and notes which were asked for."""
 
-    def __missing__(self, place: Slot) -> Field:
-        self[place] = np.full(1, 0.5)
-        return self[place]
+    def __missing__(self, slot: Slot) -> Field:
+        self[slot] = np.full(1, 0.5)
+        return self[slot]
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,11 @@ class Replays:
 
     def refuted(self, judge: Judge) -> list[int]:
         """Numbers of flights that do not fail in an engine."""
-        return [one.number for one in self.found if judge in one.again and one.again[judge] is None]
+        return [
+            replayed.number
+            for replayed in self.found
+            if judge in replayed.again and replayed.again[judge] is None
+        ]
 
     def judges(self) -> list[Judge]:
         """Engines of the replays."""
@@ -127,7 +131,7 @@ def replays(
         for at, k in enumerate(chosen)
     ]
     return Replays(
-        results, picked(flight, chosen), len(kinds), sum(one is not None for one in again)
+        results, picked(flight, chosen), len(kinds), sum(result is not None for result in again)
     )
 
 

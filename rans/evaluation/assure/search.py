@@ -218,7 +218,7 @@ def smallest(
             _NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True)
         )
         progress(_COUNT)
-    return sorted(results, key=lambda one: one.size)
+    return sorted(results, key=lambda failure: failure.size)
 
 
 def _confirmed(
@@ -256,9 +256,9 @@ def _confirmed(
 
 def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
     return chances.draws(
-        ndtr(np.stack([one.z for one in some], axis=1)),
-        np.array([one.number for one in some], dtype=np.int32),
-        np.array([one.size for one in some]),
+        ndtr(np.stack([failure.z for failure in some], axis=1)),
+        np.array([failure.number for failure in some], dtype=np.int32),
+        np.array([failure.size for failure in some]),
     )
 
 
@@ -270,40 +270,40 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
     start, goal = world.scenario(draws.first * 0, draws)
     parameters: Any = world.begin(start, goal, draws.first * 0, draws).parameters
     nominal = Conditions() if conditions is None else conditions
-    said = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
+    parts = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
     if nominal.body != BodyConditions():
-        shares = (
+        ratios = (
             _one(parameters.body.mass) / craft.mass,
             _one(parameters.body.inertia[-1]) / craft.inertia[2][2],
         )
-        said["body"] = (
-            f"mass {shares[0]:.3f} and inertia {shares[1]:.3f} of the designed, centre of mass "
+        parts["body"] = (
+            f"mass {ratios[0]:.3f} and inertia {ratios[1]:.3f} of the designed, centre of mass "
             f"{100.0 * _size(parameters.body.centre):.2g} cm off"
         )
     if (
         replace(nominal.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None)
         != ThrusterConditions()
     ):
-        said["thrust"] = (
+        parts["thrust"] = (
             ", ".join(f"{_one(x):.3f}" for x in parameters.body.gain) + " of the designed"
         )
     if parameters.lag is not None:
         rise = 0.0 if parameters.lag.rise is None else _one(parameters.lag.rise)
         late = _one(parameters.lag.latency)
-        said["valves"] = f"{1000.0 * late:.3g} ms late, {1000.0 * rise:.3g} ms to full force"
+        parts["valves"] = f"{1000.0 * late:.3g} ms late, {1000.0 * rise:.3g} ms to full force"
     if parameters.push is not None:
         torque = (
             parameters.push.torque.columns() if craft.dimension == 3 else (parameters.push.torque,)
         )
-        said["steady push"] = (
+        parts["steady push"] = (
             f"{_size(parameters.push.force.columns()):.3g} N, {_size(torque):.3g} N m"
         )
     if parameters.sensors is not None and parameters.sensors.noise is not None:
         units = ("m", "rad", "m/s", "rad/s")
-        said["noise"] = ", ".join(
+        parts["noise"] = ", ".join(
             f"{_one(x):.2g} {unit}" for x, unit in zip(parameters.sensors.noise, units, strict=True)
         )
-    return said
+    return parts
 
 
 def _one(x: Any) -> float:

@@ -175,25 +175,25 @@ def question(
     if event.kind == "staying":
         raise ConfigError("staying has no bound of its own: ask for those of arrival and settling.")
     if event.kind == "arrival":
-        wanted = aims(task)
+        quantities = aims(task)
         goals = goal_set(task)
     elif event.horizon is None:  # The lattice uses the spin; the hull does not.
-        wanted = aims(task) - {"spin"} | task.tolerances().keys()
+        quantities = aims(task) - {"spin"} | task.tolerances().keys()
         goals = staying_set(craft, task, period)
     else:
         raise ConfigError("impulse by a horizon is bounded for arrival only, not for settling.")
     return Question(
-        craft, tuple(sorted(wanted)), goals, period, event.horizon, effort, scenario, event.kind
+        craft, tuple(sorted(quantities)), goals, period, event.horizon, effort, scenario, event.kind
     )
 
 
-def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
+def no_certificate(craft: Spacecraft, quantities: Collection[str], period: float) -> str:
     """Reason why there is no certificate for on/off controllers; "" if there is one.
 
-    For ``wanted`` see `rans.tasks.goal_set.aims`; commands are held for a period (s).
+    For ``quantities`` see `rans.tasks.goal_set.aims`; commands are held for a period (s).
     """
     try:
-        if not {"position", "attitude"} <= set(wanted):
+        if not {"position", "attitude"} <= set(quantities):
             raise ConfigError(
                 "the on/off certificate is for tasks that ask for a pose, which fixes the "
                 "whole state."
@@ -284,20 +284,20 @@ def bound(start: int, question: Question) -> Bound:
     Raises:
         ConfigError: a number of the question is not finite.
     """
-    craft, wanted, goals, period, horizon, _, scenario, kind = question
+    craft, quantities, goals, period, horizon, _, scenario, kind = question
     begin: Any = scenario.start
     end: Any = scenario.goal
     check_period(period)
     if horizon is None:
         steps = max(1, round(_LONGEST / period))
         unit = period
-        least = hull.least_time(craft, wanted, begin, end, goals)
+        least = hull.least_time(craft, quantities, begin, end, goals)
     else:
         steps = whole_periods(horizon, period)
         unit = pulse(craft, period) or 0.0
-        least = hull.least_fuel(craft, wanted, begin, end, horizon, goals)
+        least = hull.least_fuel(craft, quantities, begin, end, horizon, goals)
     loose = Bound(start, horizon, least, unit=unit, kind=kind)
-    if no_certificate(craft, wanted, period):
+    if no_certificate(craft, quantities, period):
         return loose
     if math.isinf(least):
         return replace(loose, lower=math.inf)
@@ -319,9 +319,9 @@ def bound(start: int, question: Question) -> Bound:
 
 def _certificate(question: Question, steps: int) -> Certificate | None:
     """Certificate for on/off controllers; None if no number of pulses changes the start's spin to the goal's."""
-    craft, wanted, goals, period, horizon, effort, scenario, _ = question
+    craft, quantities, goals, period, horizon, effort, scenario, _ = question
     proves = bounder(craft, period)
-    problem = Problem(scenario.start, scenario.goal, goals, wanted)
+    problem = Problem(scenario.start, scenario.goal, goals, quantities)
     if not proves.can_stop(problem):
         return None
     return (least_time if horizon is None else least_fuel)(proves, problem, steps, effort)

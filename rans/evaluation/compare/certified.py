@@ -34,13 +34,13 @@ def certify(
     progress: Progress = unseen,
 ) -> Iterator[Bound]:
     """Bounds of events from the first ``count`` starts; see `certify_each`."""
-    wanted = product(range(min(count, contest.episodes)), events)
-    return certify_each(contest, wanted, _EFFORT, cache, workers, progress)
+    pairs = product(range(min(count, contest.episodes)), events)
+    return certify_each(contest, pairs, _EFFORT, cache, workers, progress)
 
 
 def certify_each(
     contest: Contest,
-    wanted: Iterable[tuple[int, Event]],
+    pairs: Iterable[tuple[int, Event]],
     effort: Effort,
     cache: Path | None = None,
     workers: int | None = None,
@@ -50,7 +50,7 @@ def certify_each(
 
     Args:
         contest: contest with the starts.
-        wanted: numbers of starts, and the event to bound.
+        pairs: numbers of starts, and the event to bound.
         effort: effort of each search.
         cache: JSON file that keeps the bounds; other processes may add theirs meanwhile.
         workers: see `bounds`.
@@ -59,21 +59,21 @@ def certify_each(
     Raises:
         RansError: a process died, or the cache is damaged or cannot be written.
     """
-    known = _read(cache) if cache and cache.exists() else {}
+    cached = _read(cache) if cache and cache.exists() else {}
     common = (contest.craft, contest.task, contest.timing.control_period)
     scenarios = list(each(contest.starts))
-    asked: list[tuple[str, int, Question]] = []
-    for start, event in wanted:
-        one = question(*common, event, effort, scenarios[start])
-        key = hashlib.sha256(f"{_VERSION} {to_toml(one.craft)} {one[1:]!r}".encode()).hexdigest()[
+    pending: list[tuple[str, int, Question]] = []
+    for start, event in pairs:
+        item = question(*common, event, effort, scenarios[start])
+        key = hashlib.sha256(f"{_VERSION} {to_toml(item.craft)} {item[1:]!r}".encode()).hexdigest()[
             :32
         ]
-        if key in known:
-            yield replace(known[key], start=start)
+        if key in cached:
+            yield replace(cached[key], start=start)
             progress(1)
         else:
-            asked.append((key, start, one))
-    keys, starts, questions = zip(*asked, strict=True) if asked else ((), (), ())
+            pending.append((key, start, item))
+    keys, starts, questions = zip(*pending, strict=True) if pending else ((), (), ())
     for k, answer in bounds(questions, starts, workers, progress):
         if cache:
             _add(cache, keys[k], answer)
@@ -83,15 +83,21 @@ def certify_each(
 def _add(cache: Path, key: str, bound: Bound) -> None:
     """Add a bound to the cache, to which other processes may have added some."""
     with one_at_a_time(cache.parent):
-        known = _read(cache) if cache.exists() else {}
-        write_json(cache, {kept: asdict(one) for kept, one in (known | {key: bound}).items()})
+        cached = _read(cache) if cache.exists() else {}
+        write_json(
+            cache,
+            {
+                key_name: asdict(bound_value)
+                for key_name, bound_value in (cached | {key: bound}).items()
+            },
+        )
 
 
 def _revived(row: dict[str, Any]) -> Bound:
-    known: Any = {
+    values: Any = {
         key: number(row[key]) for key in ("hull", "lower", "upper") if row[key] is not None
     }
-    return Bound(**row | known)
+    return Bound(**row | values)
 
 
 def _read(cache: Path) -> dict[str, Bound]:

@@ -215,8 +215,8 @@ class Entry:
         goal set at the horizon itself.
         """
         k = whole_periods(horizon, self._period)
-        there = np.where(self._begins_at_rest, self.at_goal[: k + 1].any(axis=0), self.at_goal[k])
-        return np.where(there, self.spent[k], np.inf)
+        arrived = np.where(self._begins_at_rest, self.at_goal[: k + 1].any(axis=0), self.at_goal[k])
+        return np.where(arrived, self.spent[k], np.inf)
 
     @cached_property
     def _begins_at_rest(self) -> np.ndarray:

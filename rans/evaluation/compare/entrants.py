@@ -54,17 +54,17 @@ def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[In
     """
     if not contestants:
         raise ConfigError("name at least one contestant, for example the folder of a run.")
-    invited: list[Any] = [_invited(one) for one in contestants]
-    for one in invited:
+    invited: list[Any] = [_invited(guest) for guest in contestants]
+    for guest in invited:
         if not (
-            isinstance(one, str | LoadedRun)
-            or callable(one)
-            or hasattr(one, "act")
-            or hasattr(one, "predict")
+            isinstance(guest, str | LoadedRun)
+            or callable(guest)
+            or hasattr(guest, "act")
+            or hasattr(guest, "predict")
         ):
             raise ConfigError(
                 "a contestant is a name, a run folder, a controller or a function that makes one of "
-                f"spacecraft, task and timing, got {brief(one)}."
+                f"spacecraft, task and timing, got {brief(guest)}."
             )
     if not isinstance(first := invited[0], str | LoadedRun):
         raise ConfigError(
@@ -145,22 +145,22 @@ def enlisted(
     """
     result: dict[str, Contestant] = {}
     wrong: list[str] = []
-    for place, spec in enumerate(specs, 1):
+    for position, spec in enumerate(specs, 1):
         if isinstance(spec, str) and spec in result:
             continue
         try:
             if isinstance(spec, str):
-                one = enlist(spec, contest, trust)
+                entrant = enlist(spec, contest, trust)
             elif isinstance(spec, LoadedRun):
-                one = _with_setup(spec, contest)
+                entrant = _with_setup(spec, contest)
             else:
-                one = _guest(spec, contest)
+                entrant = _guest(spec, contest)
         except RansError as error:
             wrong.append(str(error))
             continue
-        text = spec if isinstance(spec, str) else f"{one.name} ({place})"
-        taken = [other.name for other in result.values()]
-        result[text] = replace(one, name=text) if one.name in taken else one
+        text = spec if isinstance(spec, str) else f"{entrant.name} ({position})"
+        taken = [earlier.name for earlier in result.values()]
+        result[text] = replace(entrant, name=text) if entrant.name in taken else entrant
     if wrong:
         raise ConfigError(" ".join(dict.fromkeys(wrong)))
     return result
@@ -182,10 +182,10 @@ def _guest(guest: Guest, contest: Contest) -> Contestant:
         return Contestant(policy.name, policy, _OBSERVATION, _UNKNOWN)
     makes = isinstance(guest, type) or not hasattr(guest, "act")
     who = getattr(guest, "__name__", type(guest).__name__)
-    made = CheckedController(
+    guest_controller = CheckedController(
         who, contest.setup, cast(Maker, guest) if makes else lambda *_: cast(Controller, guest)
     )
-    return Contestant(made.name, made, _MODEL, _UNKNOWN)
+    return Contestant(guest_controller.name, guest_controller, _MODEL, _UNKNOWN)
 
 
 def turned(spec: str, count: int) -> list[str]:
@@ -273,8 +273,8 @@ def simple_controller(name: str, contest: Contest) -> Contestant:
     Raises:
         ConfigError: the controller cannot fly this craft.
     """
-    made = controller(name, contest.setup)
-    return Contestant(made.name, made, _MODEL, _budget(name, contest))
+    model_controller = controller(name, contest.setup)
+    return Contestant(model_controller.name, model_controller, _MODEL, _budget(name, contest))
 
 
 def swept(name: str, contest: Contest) -> list[Contestant]:
@@ -282,6 +282,6 @@ def swept(name: str, contest: Contest) -> list[Contestant]:
     sweep = getattr(CONTROLLERS[name], "sweep", None)
     result = sweep(*contest.setup[:3]) if sweep else {}
     return [
-        Contestant(title, one, _MODEL, f"one of {len(result)} weights")
-        for title, one in result.items()
+        Contestant(title, controller, _MODEL, f"one of {len(result)} weights")
+        for title, controller in result.items()
     ]

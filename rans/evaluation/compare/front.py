@@ -53,13 +53,15 @@ def _figures(entry: Entry) -> np.ndarray:
 
 def least(line: Sequence[Point], what: str, bounded: str, limit: float) -> Point | None:
     """Point of a polygonal line with the least ``what`` where ``bounded`` is at most the limit, or None."""
-    points = [one for one in line if getattr(one, bounded) <= limit]
-    for one, other in pairwise(line):
-        begin = getattr(one, bounded)
-        end = getattr(other, bounded)
+    points = [candidate for candidate in line if getattr(candidate, bounded) <= limit]
+    for left, right in pairwise(line):
+        begin = getattr(left, bounded)
+        end = getattr(right, bounded)
         if (begin - limit) * (end - limit) < 0:
-            share = (limit - begin) / (end - begin)
-            points.append(Point(*(a + share * (b - a) for a, b in zip(one, other, strict=True))))
+            fraction = (limit - begin) / (end - begin)
+            points.append(
+                Point(*(a + fraction * (b - a) for a, b in zip(left, right, strict=True)))
+            )
     return min(points, key=lambda point_of_line: getattr(point_of_line, what), default=None)
 
 
@@ -74,14 +76,16 @@ class Verdict(NamedTuple):
     """Whether both are better than the point, and there as accurate, with at least its share of arrivals."""
 
 
-def judged(line: Sequence[Point], other: Point) -> Verdict:
+def judged(line: Sequence[Point], rival: Point) -> Verdict:
     """Compare a line with a point: it dominates with less impulse in its time and less time for its impulse."""
-    thrifty = least(line, "impulse", "time", other.time)
-    quick = least(line, "time", "impulse", other.impulse)
+    thrifty = least(line, "impulse", "time", rival.time)
+    quick = least(line, "time", "impulse", rival.impulse)
     if thrifty is None or quick is None:
         return Verdict(thrifty, quick, False)
-    better = thrifty.impulse < other.impulse and quick.time < other.time
-    as_good = all(one.error <= other.error and one.there >= other.there for one in (thrifty, quick))
+    better = thrifty.impulse < rival.impulse and quick.time < rival.time
+    as_good = all(
+        side.error <= rival.error and side.there >= rival.there for side in (thrifty, quick)
+    )
     return Verdict(thrifty, quick, better and as_good)
 
 
@@ -136,26 +140,27 @@ class Front:
             if entry.contestant.trade_off is not None:
                 result.setdefault(entry.name.rpartition("#")[0], []).append(entry)
         return {
-            agent: sorted(line, key=lambda one: one.contestant.trade_off or 0.0)
+            agent: sorted(line, key=lambda entry: entry.contestant.trade_off or 0.0)
             for agent, line in result.items()
             if len(line) > 1
         }
 
     def others(self) -> list[Entry]:
         """Entries of contestants without an open trade-off."""
-        turned = {one.name for line in self.lines().values() for one in line}
-        return [entry for entry in self.entries if entry.name not in turned]
+        names = {entry.name for line in self.lines().values() for entry in line}
+        return [entry for entry in self.entries if entry.name not in names]
 
-    def verdict(self, line: Sequence[Entry], other: Entry) -> Verdict:
+    def verdict(self, line: Sequence[Entry], rival: Entry) -> Verdict:
         """Comparison of a line of trade-offs with another entry."""
-        return judged([*map(point, line)], point(other))
+        return judged([*map(point, line)], point(rival))
 
-    def chance(self, line: Sequence[Entry], other: Entry) -> float:
+    def chance(self, line: Sequence[Entry], rival: Entry) -> float:
         """Share of the resamples of the starts (see `Bootstrap`) in which a line dominates another entry."""
-        figures = np.hstack([_figures(one) for one in (*line, other)])
+        figures = np.hstack([_figures(entry) for entry in (*line, rival)])
         draws = Bootstrap(len(figures)).means(figures).reshape(-1, len(line) + 1, 4).tolist()
         won = [
-            judged([Point(*one) for one in row[:-1]], Point(*row[-1])).dominates for row in draws
+            judged([Point(*figures) for figures in row[:-1]], Point(*row[-1])).dominates
+            for row in draws
         ]
         return sum(won) / len(won)
 
@@ -167,25 +172,25 @@ class Front:
 
     def questions(self) -> list[tuple[int, Event]]:
         """Events to bound, start by start."""
-        most = min(self.contest.episodes, _MOST_STARTS)
-        return [(k, event) for k in range(most) for event in self.events(k)]
+        limit = min(self.contest.episodes, _MOST_STARTS)
+        return [(k, event) for k in range(limit) for event in self.events(k)]
 
     def starts(self) -> list[int]:
         """Numbers of the starts whose bounds are all known."""
-        known = self._known()
+        bounds = self._known()
         return [
             k
-            for k in sorted({k for k, _ in known})
-            if all((k, event) in known for event in self.events(k))
+            for k in sorted({k for k, _ in bounds})
+            if all((k, event) in bounds for event in self.events(k))
         ]
 
     def front(self) -> dict[Event, float]:
         """Mean bound over the starts: of the least time, and of impulse by each horizon."""
-        known = self._known()
+        bounds = self._known()
         starts = self.starts()
         return (
             {
-                event: float(np.mean([known[k, event] for k in starts]))
+                event: float(np.mean([bounds[k, event] for k in starts]))
                 for event in (Event(), *(Event(horizon=t) for t in self.horizons))
             }
             if starts
@@ -194,9 +199,9 @@ class Front:
 
     def multiple(self, entry: Entry) -> Multiple | None:
         """Ratio of an entry to the bounds at its own times; None if none are known."""
-        known = self._known()
+        bounds = self._known()
         starts = [k for k in self.starts() if 0.0 < entry.arrival[k] < math.inf]
-        bound = sum(known[k, Event(horizon=float(entry.arrival[k]))] for k in starts)
+        bound = sum(bounds[k, Event(horizon=float(entry.arrival[k]))] for k in starts)
         if not bound:
             return None
         return Multiple(
@@ -219,15 +224,15 @@ class Front:
         begun = self.contest.start(start).start
         if any(np.any(x) for x in (*begun.v.columns(), *begun.spin())):
             return math.inf
-        known = {
+        by_horizon = {
             event.horizon or 0.0: bound for (k, event), bound in self._known().items() if k == start
         }
         period = self.contest.timing.control_period
         own = float(entry.arrival[start])
         spent = float(entry.arrival_thrust[start])
-        least = known.pop(0.0)
+        least = by_horizon.pop(0.0)
         behind = [
-            max(own / (time + period), spent / bound) for time, bound in known.items() if bound
+            max(own / (time + period), spent / bound) for time, bound in by_horizon.items() if bound
         ]
         return min([*behind, own / least] if least else behind, default=math.inf)
 
@@ -240,39 +245,41 @@ class Front:
         front between two horizons is that of the later one, so that the share is no larger either. Its corner is
         the last horizon and twice the impulse of the first one.
         """
-        known = self._known()
+        certified = self._known()
         epsilons = []
-        shares = []
+        ratios = []
         first = math.inf
         for start in self.starts():
-            bounds = [(t, known[start, Event(horizon=t)]) for t in sorted(self.horizons)]
+            bounds = [(t, certified[start, Event(horizon=t)]) for t in sorted(self.horizons)]
             reference = np.array([(t, b) for t, b in bounds if 0.0 < b < math.inf])
-            least = known[start, Event()]
+            least = certified[start, Event()]
             if not len(reference) or not 0.0 < least < math.inf:
                 continue
             first = min(first, float(reference[0, 0]))
-            flown = np.array([(one.arrival[start], one.arrival_thrust[start]) for one in entries])
+            flown = np.array(
+                [(entry.arrival[start], entry.arrival_thrust[start]) for entry in entries]
+            )
             epsilons.append(epsilon_indicator(flown, reference))
             corner = np.array([reference[-1, 0], 2.0 * reference[0, 1]])
             since = np.append(min(least, reference[0, 0]), reference[:-1, 0])
             above = np.column_stack([since, reference[:, 1]])
-            shares.append(hypervolume(flown, corner) / hypervolume(above, corner))
+            ratios.append(hypervolume(flown, corner) / hypervolume(above, corner))
         if not epsilons:
             return None
         last = max(self.horizons)
         return Indicators(
-            float(np.median(epsilons)), float(np.mean(shares)), first, last, len(shares)
+            float(np.median(epsilons)), float(np.mean(ratios)), first, last, len(ratios)
         )
 
     def impossible(self) -> Iterator[str]:
         """Sentences about flights below a bound, each of which would prove an error in the package."""
-        known = self._known()
+        bounds = self._known()
         for entry in self.entries:
             for k in self.starts():
                 own = Event(horizon=float(entry.arrival[k]))
                 if (
-                    entry.arrival[k] < known[k, Event()] - 1e-9
-                    or entry.arrival_thrust[k] < known.get((k, own), 0.0) - 1e-9
+                    entry.arrival[k] < bounds[k, Event()] - 1e-9
+                    or entry.arrival_thrust[k] < bounds.get((k, own), 0.0) - 1e-9
                 ):
                     yield (
                         f"{entry.name} beats the certified front from start {k}: the certificate or a "
@@ -280,7 +287,10 @@ class Front:
                     )
 
     def _known(self) -> dict[tuple[int, Event], float]:
-        return {(one.start, one.event): one.best for one in self.certified}
+        return {
+            (certificate.start, certificate.event): certificate.best
+            for certificate in self.certified
+        }
 
 
 def certify_front(

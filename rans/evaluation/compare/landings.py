@@ -97,8 +97,8 @@ def landings(
     period = task.timing.control_period
     times = period, period * task.timing.episode_steps
     answers = []
-    for number, one in enumerate(each(starts)):
-        start = _columns(one.start.p), _columns(one.start.v)
+    for number, scenario in enumerate(each(starts)):
+        start = _columns(scenario.start.p), _columns(scenario.start.v)
         result = best_landing(lander, descent, start, period, "flyable", times)
         answer = LandingAnswer(number, result)
         if result is not None:
@@ -106,8 +106,8 @@ def landings(
             answer = replace(
                 answer,
                 bound=math.nan if bound is None else bound.dual,
-                replayed=_missed(craft, task, lander, one.start, result, drake=False),
-                in_drake=_missed(craft, task, lander, one.start, result, drake=True),
+                replayed=_missed(craft, task, lander, scenario.start, result, drake=False),
+                in_drake=_missed(craft, task, lander, scenario.start, result, drake=True),
             )
         answers.append(answer)
         progress(1)
@@ -181,30 +181,30 @@ def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
     table = Table(title=title)
     for name in ("start", "propellant kg", "bound kg", "time s", "engine m", "Drake m", ""):
         table.add_column(name, justify="right")
-    for one in answers:
-        if one.landing is None:
-            table.add_row(str(one.start), "-", "-", "-", "-", "-", "no landing: out of reach")
+    for answer in answers:
+        if answer.landing is None:
+            table.add_row(str(answer.start), "-", "-", "-", "-", "-", "no landing: out of reach")
             continue
         table.add_row(
-            str(one.start),
-            f"{one.landing.propellant:.2f}",
-            f"{one.bound:.2f}",
-            f"{one.landing.time:.1f}",
-            f"{one.replayed:.3f}",
-            f"{one.in_drake:.3f}",
-            "solved" if one.good else "solved, but it flies elsewhere",
+            str(answer.start),
+            f"{answer.landing.propellant:.2f}",
+            f"{answer.bound:.2f}",
+            f"{answer.landing.time:.1f}",
+            f"{answer.replayed:.3f}",
+            f"{answer.in_drake:.3f}",
+            "solved" if answer.good else "solved, but it flies elsewhere",
         )
     return table
 
 
 def write_landings(folder: Path, about: dict[str, Any], answers: list[LandingAnswer]) -> None:
     """Write optimal.json, and optimal.npz with every landing's p, v, mass and acceleration."""
-    rows = [one.to_json() for one in answers]
+    rows = [answer.to_json() for answer in answers]
     write_json(folder / "optimal.json", {**about, "environment": environment(), "starts": rows})
     arrays = {
-        f"{name}_{one.start}": getattr(one.landing, name)
-        for one in answers
-        if one.landing is not None
+        f"{name}_{answer.start}": getattr(answer.landing, name)
+        for answer in answers
+        if answer.landing is not None
         for name in ("p", "v", "mass", "acceleration")
     }
     save_arrays(folder / "optimal.npz", arrays)

@@ -232,7 +232,7 @@ def _landing_bounds(contest: Contest, progress: Progress) -> MissionBounds:
         for time in around
     ]
     progress(1)
-    front = np.array([math.inf if one is None else one.dual for one in landings])
+    front = np.array([math.inf if landing is None else landing.dual for landing in landings])
     return MissionBounds(np.array([first.dual]), around, front, "propellant", first.p)
 
 
@@ -253,9 +253,9 @@ def _dead(contest: Contest) -> tuple[int, ...]:
 
 def _beside(contest: Contest, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Position from the site, m, and velocity, m/s, of start number k, (3,) each."""
-    one = contest.start(k)
-    away = one.start.p - one.goal.p
-    return np.ravel(away.columns()), np.ravel(one.start.v.columns())
+    scenario = contest.start(k)
+    away = scenario.start.p - scenario.goal.p
+    return np.ravel(away.columns()), np.ravel(scenario.start.v.columns())
 
 
 def _meeting(contest: Contest, goal: State) -> Meeting:

@@ -275,12 +275,12 @@ def write(
         ConfigError: a file cannot be written.
     """
     paths = [answer.trajectory for answer in answers]
-    known = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
+    solved = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
     save_arrays(
         folder / "optimal.npz",
         {
-            "states": known * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
-            "commands": known * np.stack([p.commands for p in paths]),
+            "states": solved * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
+            "commands": solved * np.stack([p.commands for p in paths]),
             "control_period": np.array([p.control_period for p in paths]),
             "costates": np.stack([_multipliers(p)[0] for p in paths]),
             "command_multipliers": np.stack([_multipliers(p)[1] for p in paths]),
@@ -324,7 +324,7 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
     for k in range(len(commands)):
         if not np.isfinite(commands[k]).all():
             continue
-        one = Scenario(
+        scenario = Scenario(
             unflatten(like.start, [float(x) for x in starts[k]]),
             unflatten(like.goal, [float(x) for x in goals[k]]),
         )
@@ -339,7 +339,7 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
             iterations=0,
             seconds=0.0,
         )
-        results.append((k, episode(craft, task, _AS_PLANNED, one, path)))
+        results.append((k, episode(craft, task, _AS_PLANNED, scenario, path)))
     return results
 
 

@@ -36,9 +36,9 @@ class Mesh:
         """Mesh from its optima, one for each start."""
         return cls(
             len(answers[0].trajectory.commands),
-            np.array([one.trajectory.cost if one.good else np.nan for one in answers]),
-            np.array([one.replay_error for one in answers]),
-            sum(one.trajectory.seconds for one in answers),
+            np.array([answer.trajectory.cost if answer.good else np.nan for answer in answers]),
+            np.array([answer.replay_error for answer in answers]),
+            sum(answer.trajectory.seconds for answer in answers),
         )
 
 
@@ -105,11 +105,11 @@ def table(measure: str, meshes: Sequence[Mesh]) -> Table:
     columns = ("intervals", f"mean {measure}", "largest error", "defect mm", "solver s")
     result = terminal.table("Refinement of the mesh", columns, (), note, "right")
     for k, mesh in enumerate(meshes):
-        known = k > 0 and solved.any()
+        has_error = k > 0 and solved.any()
         result.add_row(
             str(mesh.intervals),
             f"{mesh.costs[solved].mean():.4f}" if solved.any() else "-",
-            f"{errors[k - 1][solved].max():.4f}" if known else "-",
+            f"{errors[k - 1][solved].max():.4f}" if has_error else "-",
             f"{1e3 * mesh.defects[solved].max():.4f}" if solved.any() else "-",
             f"{mesh.seconds:.1f}",
         )

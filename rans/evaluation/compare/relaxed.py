@@ -73,14 +73,14 @@ def solve(
         progress,
         contest.timing,
     )
-    return [_scored(contest, objective, one) for one in result]
+    return [_scored(contest, objective, optimum) for optimum in result]
 
 
-def _scored(contest: Contest, objective: Objective, one: Optimum) -> Relaxed:
-    trajectory = one.trajectory
-    flight = one.flight
-    head = (objective, one.start, one.sentence, one.good, trajectory.seconds)
-    if flight is None or not one.good:
+def _scored(contest: Contest, objective: Objective, optimum: Optimum) -> Relaxed:
+    trajectory = optimum.trajectory
+    flight = optimum.flight
+    head = (objective, optimum.start, optimum.sentence, optimum.good, trajectory.seconds)
+    if flight is None or not optimum.good:
         return Relaxed(*head)
     same_rate = math.isclose(trajectory.control_period, contest.timing.control_period)
     return Relaxed(
@@ -89,5 +89,5 @@ def _scored(contest: Contest, objective: Objective, one: Optimum) -> Relaxed:
         float(settling_times(flight)[0]),
         float(impulses(flight)[0]),
         float(returns(flight)[0]) if same_rate else math.nan,
-        one.replay_error,
+        optimum.replay_error,
     )

@@ -77,10 +77,10 @@ class Comparison(NotebookRepr):
         """Names of the contestants."""
         return {entry.name for entry in self.entries}
 
-    def horizons(self, shares: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
+    def horizons(self, fractions: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
         """Times at which impulses are compared, s, in whole control periods."""
         timing = self.contest.timing
-        steps = {max(1, round(share * timing.episode_steps)) for share in shares}
+        steps = {max(1, round(fraction * timing.episode_steps)) for fraction in fractions}
         return tuple(k * timing.control_period for k in sorted(steps))
 
     def certified_starts(self) -> list[int]:
@@ -150,7 +150,7 @@ class Comparison(NotebookRepr):
     def fly(
         self,
         contestants: Mapping[str, Contestant],
-        beside: Sequence[str] | None = None,
+        opponents: Sequence[str] | None = None,
         certified: int = 4,
         cache: Path | None = None,
         stages: Stages = unseen_stages,
@@ -162,28 +162,29 @@ class Comparison(NotebookRepr):
 
         Args:
             contestants: see `rans.evaluation.compare.entrants.enlisted`; the contest is the setup of the first.
-            beside: names of controllers, and "optimal"; None: those of `default_opponents`.
+            opponents: names of controllers, and "optimal"; None: those of `default_opponents`.
             certified: number of starts whose bounds are certified.
             cache: see `certify`.
             stages: reports progress.
             workers: processes, by default one per processor.
         """
-        if beside is None:
-            beside = default_opponents(self.contest.task)
-        for spec, one in contestants.items():
+        if opponents is None:
+            opponents = default_opponents(self.contest.task)
+        for spec, contestant in contestants.items():
             with _noted(self, spec):
-                self.entries.append(_entry(self, one, stages, workers))
-        of_mission = "optimal" in beside and bounded(self.contest)
+                self.entries.append(_entry(self, contestant, stages, workers))
+        of_mission = "optimal" in opponents and bounded(self.contest)
         if of_mission and certified:
             # Before the others, which may be slow: an interrupted comparison has this bound.
             _bound_mission(self, 1, stages)
-        for name in dict.fromkeys(name for name in beside if name != "optimal"):
+        for name in dict.fromkeys(name for name in opponents if name != "optimal"):
             with _noted(self, name):
                 simple = entrants.simple_controller(name, self.contest)
                 if simple.name not in self.names():  # A controller flies once.
                     self.entries.append(_entry(self, simple, stages, workers))
                 self.curve += [
-                    _entry(self, one, stages, workers) for one in entrants.swept(name, self.contest)
+                    _entry(self, contestant, stages, workers)
+                    for contestant in entrants.swept(name, self.contest)
                 ]
         if of_mission:
             if certified > 1:
@@ -191,9 +192,9 @@ class Comparison(NotebookRepr):
             if self.mission is not None:
                 self.notes.append(self.mission.sentence(self.entries))
                 self.failures += self.mission.impossible(self.entries)
-        elif "optimal" in beside and (reason := _nothing_claimed(self.contest)):
+        elif "optimal" in opponents and (reason := _nothing_claimed(self.contest)):
             self.notes.append(reason)
-        elif "optimal" in beside:
+        elif "optimal" in opponents:
             _find_relaxed(self, stages, workers)
             _find_certified(self, certified, cache, stages, workers)
             self.failures += self.impossible()
@@ -212,9 +213,9 @@ class Comparison(NotebookRepr):
         """
         front = Front(self.contest, self.horizons(_FRONT), [*self.entries])
         self.front = front
-        for spec, one in between.items():
+        for spec, contestant in between.items():
             with _noted(self, spec):
-                front.entries.append(_entry(self, one, stages, workers))
+                front.entries.append(_entry(self, contestant, stages, workers))
         if not front.lines():
             self.notes.append("Nobody has a trade-off: the front has points, but no line.")
         if reason := _nothing_claimed(self.contest) or _uncertified(self.contest):
@@ -311,7 +312,7 @@ def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -
         with _noted(comparison, objective.name):
             optima = relaxed.solve(contest, objective, workers, step)
             comparison.relaxed[objective.name] = optima
-            lost = [one.status for one in optima if not one.solved]
+            lost = [optimum.status for optimum in optima if not optimum.solved]
             if lost:
                 comparison.failures.append(
                     f"{objective.name}: no trajectory from {len(lost)} of {counted(len(optima), 'start')} "
@@ -339,4 +340,4 @@ def _find_certified(
         for answer in certify(contest, count, events, cache, workers, step):
             # Answers come as they are found; their order in files must not depend on it.
             comparison.certified.append(answer)
-            comparison.certified.sort(key=lambda one: (one.start, events.index(one.event)))
+            comparison.certified.sort(key=lambda bound: (bound.start, events.index(bound.event)))

@@ -99,15 +99,15 @@ class Table:
         rows = []
         for row in self.rows:
             ratios = self.ratios(row)
-            known = len(ratios) > 0
+            has_ratios = len(ratios) > 0
             rows.append(
                 (
                     row.name,
                     f"{100.0 * row.docked.mean():.1f} %",
                     f"{100.0 * row.violated.mean():.1f} %",
-                    f"{ratios.mean():.3f}" if known else "-",
-                    f"{ratios.max():.3f}" if known else "-",
-                    f"{row.impulse[row.docked].mean():.3g} N s" if known else "-",
+                    f"{ratios.mean():.3f}" if has_ratios else "-",
+                    f"{ratios.max():.3f}" if has_ratios else "-",
+                    f"{row.impulse[row.docked].mean():.3g} N s" if has_ratios else "-",
                 )
             )
         return rows
@@ -188,8 +188,8 @@ def judged(
     with warnings.catch_warnings():
         # The table shows that it does not know the limits.
         warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
-        for name, made in contestants.items():
-            flight = flying(craft, task, made(task), starts, task.timing)
+        for name, make_controller in contestants.items():
+            flight = flying(craft, task, make_controller(task), starts, task.timing)
             rows.append(row_of(name, flight))
     replayed = optimum(craft, task, starts, answers)
     lower = np.array([answer.lower for answer in answers])
@@ -208,8 +208,8 @@ def bounds(
     every = list(each(starts))
     meeting = Meeting.of(craft, task, every[0].goal)
     answers = []
-    for one in every:
-        answers.append(rendezvous(meeting, _state(one), deadline))
+    for scenario in every:
+        answers.append(rendezvous(meeting, _state(scenario), deadline))
         if progress is not None:
             progress(1)
     return answers
@@ -226,10 +226,10 @@ def optimum(
     steps = task.timing.episode_steps
     commands = np.zeros((len(answers), steps, len(craft.thrusters)))
     afterwards = Afterwards(craft, task, task.timing) if task.stays else None
-    for k, (answer, one) in enumerate(zip(answers, each(starts), strict=True)):
+    for k, (answer, scenario) in enumerate(zip(answers, each(starts), strict=True)):
         transfer = answer.transfer
         if afterwards is not None:
-            transfer = _to_stay(Meeting.of(craft, task, one.goal), _state(one), answer)
+            transfer = _to_stay(Meeting.of(craft, task, scenario.goal), _state(scenario), answer)
         if transfer is not None:
             commands[k, : len(transfer.commands)] = transfer.commands
     fast, drake = (
@@ -252,9 +252,9 @@ def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> Transfer | 
     return None if free is None else within_limits(meeting, start, free)
 
 
-def _state(one: Scenario) -> np.ndarray:
+def _state(scenario: Scenario) -> np.ndarray:
     """(2 d,) position, m, and velocity, m/s, of the start of an episode."""
-    start: Any = one.start
+    start: Any = scenario.start
     return np.array([float(np.squeeze(x)) for x in (*leaves(start.p), *leaves(start.v))])
 
 

@@ -75,15 +75,15 @@ def tune(
             break
         gone = max(number / candidates, spent / seconds)
         settings = _candidate(gone, defaults(maker, within), within, results, random)
-        made = maker(craft, task, timing, **arguments(maker, settings))
+        tuned = maker(craft, task, timing, **arguments(maker, settings))
         try:
-            flight, _ = contest.fly(made)
+            flight, _ = contest.fly(tuned)
         except KeyboardInterrupt:
             if not results:
                 raise
             break
         results.append(
-            (cost(Entry(Contestant(name, made, "", ""), flight, np.zeros(0)), price), settings)
+            (cost(Entry(Contestant(name, tuned, "", ""), flight, np.zeros(0)), price), settings)
         )
         progress(1)
     least, best = min(results, key=lambda pair: pair[0])
@@ -136,7 +136,7 @@ def cost(entry: Entry, price: float) -> float:
 
 
 def _candidate(
-    share: float,
+    fraction: float,
     first: dict[str, float],
     within: Ranges,
     flown: list[tuple[float, dict[str, float]]],
@@ -146,11 +146,11 @@ def _candidate(
     if not flown:
         return first
     low, high = np.log(list(within.values())).T
-    if share < _WIDE:
+    if fraction < _WIDE:
         chosen = random.uniform(low, high)
     else:
         begin, end = _STEPS
-        step = begin + (share - _WIDE) / (1.0 - _WIDE) * (end - begin)
+        step = begin + (fraction - _WIDE) / (1.0 - _WIDE) * (end - begin)
         _, best = min(flown, key=lambda pair: pair[0])
         change = random.normal(scale=step, size=len(low)) * (random.random(len(low)) < _CHANGED)
         chosen = np.log(list(best.values())) + change * (high - low)

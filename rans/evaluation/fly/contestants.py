@@ -254,13 +254,13 @@ def _named_setup(name: str, spec: str) -> Setup:
     Without a spacecraft and a number of dimensions it is the task's own spacecraft, or the floating platform.
     """
     name, _, spacecraft = name.partition("@")
-    asked = name[-2:] if name.endswith(("-2d", "-3d")) else ""
-    result = TASKS[typed(name.removesuffix(f"-{asked}") if asked else name)]()
-    usual = result.spacecraft or USUAL[int(asked[0]) if asked else 2]
+    suffix = name[-2:] if name.endswith(("-2d", "-3d")) else ""
+    result = TASKS[typed(name.removesuffix(f"-{suffix}") if suffix else name)]()
+    usual = result.spacecraft or USUAL[int(suffix[0]) if suffix else 2]
     craft = load_spacecraft(typed(spacecraft) or usual)
-    if asked and craft.dimension != int(asked[0]):
+    if suffix and craft.dimension != int(suffix[0]):
         raise ConfigError(
-            f"{brief(spec)} asks for {asked}, but {craft.name} moves in {craft.dimension} dimensions."
+            f"{brief(spec)} asks for {suffix}, but {craft.name} moves in {craft.dimension} dimensions."
         )
     return Setup(craft, result, result.timing)
 

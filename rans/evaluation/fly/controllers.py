@@ -299,11 +299,11 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
         raise ConfigError(
             f"{who} failed: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
         ) from error
-    wanted = count, len(craft.commands)
-    if commands.shape != wanted:
+    shape = count, len(craft.commands)
+    if commands.shape != shape:
         raise ConfigError(
             f"{who} must answer {count} observations with commands of shape "
-            f"{wanted}, got {commands.shape}."
+            f"{shape}, got {commands.shape}."
         )
     try:
         check(craft, commands, count)
@@ -402,7 +402,9 @@ def _statistics_file(file: Path) -> Path | None:
     """File of the VecNormalize that a policy's file was saved with, by the names that SB3 and its zoo use."""
     checkpoint = re.sub(r"_(\d+_steps)$", r"_vecnormalize_\1", file.stem)
     names = f"{file.stem}_vecnormalize.pkl", f"{checkpoint}.pkl", "vecnormalize.pkl"
-    return next((one for name in names if (one := file.with_name(name)).is_file()), None)
+    return next(
+        (candidate for name in names if (candidate := file.with_name(name)).is_file()), None
+    )
 
 
 _LARGEST_STATISTICS = 2**24
@@ -472,7 +474,7 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
 
 
 def _check_spaces(
-    name: str, observation_space: Any, wanted: Any, craft: Spacecraft, task: Task
+    name: str, observation_space: Any, expected: Any, craft: Spacecraft, task: Task
 ) -> None:
     from gymnasium.spaces import MultiBinary, MultiDiscrete
 
@@ -482,13 +484,13 @@ def _check_spaces(
         raise ConfigError(
             f"{name} observes {observation_space.shape}, but {craft.name} has ({width},)."
         )
-    known = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
-    if wanted not in known:
+    accepted = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
+    if expected not in accepted:
         takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
         wheels = f" and {len(craft.wheels)} reaction wheels" if craft.wheels else ""
         raise ConfigError(
-            f"{name} acts by {wanted}, but {craft.name} has {len(craft.thrusters)} thrusters{wheels}, which "
-            f"take {takes}: {', '.join(dict.fromkeys(map(str, known)))}."
+            f"{name} acts by {expected}, but {craft.name} has {len(craft.thrusters)} thrusters{wheels}, which "
+            f"take {takes}: {', '.join(dict.fromkeys(map(str, accepted)))}."
         )
 
 
@@ -564,11 +566,12 @@ class OnnxPolicy:
                 f"{self._file} answers the same observations differently a second time: the usual cause is a "
                 "dropout, or an action that is sampled. Export the deterministic policy, in evaluation mode."
             )
-        few = range(min(_ALONE, len(command)))
-        alone = [self._run({name: x[k : k + 1] for name, x in inputs.items()})[0][0] for k in few]
+        rows = range(min(_ALONE, len(command)))
+        alone = [self._run({name: x[k : k + 1] for name, x in inputs.items()})[0][0] for k in rows]
         # Sums in another order differ by rounding, which may turn a choice between 0 and 1 in one of several.
         off = [
-            not np.allclose(one, command[k], rtol=1e-3, atol=1e-3) for k, one in enumerate(alone)
+            not np.allclose(action, command[k], rtol=1e-3, atol=1e-3)
+            for k, action in enumerate(alone)
         ]
         if sum(off) > 1:
             raise ConfigError(

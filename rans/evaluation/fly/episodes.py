@@ -57,9 +57,12 @@ def fly_episodes(
         RansError: Drake refuses the mass properties, or a process died.
     """
     slow = getattr(controller, "slow", False)
-    share = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
+    episodes_in_part = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
     end = first + episodes
-    jobs = [(seed, begin, min(share, end - begin)) for begin in range(first, end, share)]
+    jobs = [
+        (seed, begin, min(episodes_in_part, end - begin))
+        for begin in range(first, end, episodes_in_part)
+    ]
     pool = Workers(
         _Flyer,
         (controller, setup, engine),

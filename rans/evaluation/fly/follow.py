@@ -136,8 +136,8 @@ class Following:
         arrives = waited < len(self.progress)
         steps = np.linalg.norm(np.diff(self.positions, axis=0), axis=2)
         flown = np.cumsum(np.concatenate([0.0 * steps[:1], steps]), axis=0)
-        way = flown[np.where(arrives, waited, 0), np.arange(len(waited))]
-        arrives &= way >= _LEAST_WAY * self.planner.end * SPACING - START_SPREAD
+        arrival_times = flown[np.where(arrives, waited, 0), np.arange(len(waited))]
+        arrives &= arrival_times >= _LEAST_WAY * self.planner.end * SPACING - START_SPREAD
         period = self.flight.timing.control_period
         return np.where(arrives, waited * period, np.inf)
 

@@ -54,11 +54,11 @@ class ArrivalCost:
                 raise ConfigError(f"the price {name} must be finite and >= 0, got {price!r}.")
 
     def cost(
-        self, shares: np.ndarray, there: np.ndarray, errors: dict[str, np.ndarray]
+        self, openings: np.ndarray, arrived: np.ndarray, errors: dict[str, np.ndarray]
     ) -> np.ndarray:
         """Cost (M,) of a second with shares (M,) of all thrust and errors (M,) in shares of their tolerances."""
         off = sum(getattr(self, name, 0.0) * error**2 for name, error in errors.items())
-        return shares + np.where(there, off, self.late)
+        return openings + np.where(arrived, off, self.late)
 
 
 class _Policy(Protocol):
@@ -278,11 +278,11 @@ class Lookahead:
             self._been |= arrived(self._world.task, state, goal)
         # Every episode is repeated for each choice, of which the first is no change.
         memory = self._policy.repeated(self._memory, choices)
-        here, there = (map_leaves(lambda x: np.repeat(x, choices), s) for s in (state, goal))
+        states, goals = (map_leaves(lambda x: np.repeat(x, choices), s) for s in (state, goal))
         observations = np.repeat(observation, choices, axis=0)
-        command, after = self._changed(here, there, observations, memory, 0)
+        command, after = self._changed(states, goals, observations, memory, 0)
         worth = self._earned if self.arrival is None else self._spared
-        best = worth(here, there, command, after).reshape(count, choices).argmax(axis=1)
+        best = worth(states, goals, command, after).reshape(count, choices).argmax(axis=1)
         best += np.arange(count) * choices
         self._memory = self._policy.chosen(after, best)
         self._last = command[best]
@@ -310,19 +310,19 @@ class Lookahead:
         task = self._world.task
         bounds = self._world.task.tolerances()
         spared = np.zeros(len(command))
-        been = there = np.repeat(self._been, self._changes.shape[1])
+        been = arrived_now = np.repeat(self._been, self._changes.shape[1])
         for outcome in self._ahead(state, goal, command, memory):
             now = outcome.episode.state, outcome.episode.goal
             been = been | arrived(task, *now)
-            there = been & outcome.reached
+            arrived_now = been & outcome.reached
             errors = task.errors(*now)
             spared -= self.arrival.cost(
                 np.stack(outcome.command, axis=1) @ self._shares,
-                there,
+                arrived_now,
                 {name: errors[name] / bound for name, bound in bounds.items()},
             )
         own = np.arange(len(command)) % self._changes.shape[1] == 0
-        return np.where(there | own, spared, -math.inf)
+        return np.where(arrived_now | own, spared, -math.inf)
 
     def _ahead(self, state: Any, goal: Any, command: np.ndarray, memory: Any) -> Iterator[Outcome]:
         """Outcomes of the periods of simulations that begin with commands (M, thrusters)."""

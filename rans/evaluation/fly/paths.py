@@ -50,8 +50,8 @@ class Path:
         corners = np.concatenate((points, points[:1])) if closed else points
         along = np.append(0.0, np.linalg.norm(np.diff(corners, axis=0), axis=1).cumsum())
         count = math.ceil(along[-1] / SPACING - 1e-9)  # 12 m are 2400 gaps in spite of rounding
-        wanted = np.linspace(0.0, along[-1], count + 1)
-        spaced = np.stack([np.interp(wanted, along, column) for column in corners.T], axis=1)
+        stations = np.linspace(0.0, along[-1], count + 1)
+        spaced = np.stack([np.interp(stations, along, column) for column in corners.T], axis=1)
         return cls(name, spaced[:-1] if closed else spaced, closed)
 
     @property
@@ -94,12 +94,12 @@ class Path:
         count = math.ceil(reach / SPACING)
         around = self.at(progress[:, None] + np.arange(-count, count + 1))
         start = around[:, :-1]
-        way = np.diff(around, axis=1)
+        segments = np.diff(around, axis=1)
         squared = np.maximum(
-            (way * way).sum(axis=2), np.finfo(float).tiny
+            (segments * segments).sum(axis=2), np.finfo(float).tiny
         )  # Beyond an open end the length is 0.
-        share = (((position[:, None] - start) * way).sum(axis=2) / squared).clip(0.0, 1.0)
-        nearest = start + share[:, :, None] * way
+        fraction = (((position[:, None] - start) * segments).sum(axis=2) / squared).clip(0.0, 1.0)
+        nearest = start + fraction[:, :, None] * segments
         return np.linalg.norm(position[:, None] - nearest, axis=2).min(axis=1)
 
 
@@ -205,8 +205,8 @@ def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple
     """The numbers of one line."""
     if len(row) not in (2, 3) or len(row) != len(first):
         usual = len(first) in (2, 3)
-        wanted = f"{len(first)} values, as in the first point" if usual else "x,y or x,y,z"
-        raise ConfigError(f"{file}, line {line}: expected {wanted}, got {len(row)}.")
+        form = f"{len(first)} values, as in the first point" if usual else "x,y or x,y,z"
+        raise ConfigError(f"{file}, line {line}: expected {form}, got {len(row)}.")
     for cell in row:
         if not _is_number(cell) or not abs(float(cell)) <= _FARTHEST:
             raise ConfigError(
@@ -253,9 +253,9 @@ class LookAhead:
                 f"the look-ahead must be a finite number >= {2 * SPACING} m, which is two "
                 f"gaps between a path's points, got {self.radius}."
             )
-        if self.radius > (most := max(_USUAL_RADIUS, self.path.extent)):
+        if self.radius > (largest := max(_USUAL_RADIUS, self.path.extent)):
             raise ConfigError(
-                f"the look-ahead must be at most {most:.3g} m, the distance of the farthest point of the path "
+                f"the look-ahead must be at most {largest:.3g} m, the distance of the farthest point of the path "
                 f"{self.path.name} from its centre, got {self.radius:g}: the craft would cut across it."
             )
 
@@ -293,12 +293,12 @@ class LookAhead:
         ahead, distance = self._look(position, closest)
         farthest = np.where(distance <= self.radius, ahead, -1).max(axis=1)
         target = np.where(farthest >= 0, farthest, closest)
-        way = self.path.at(target) - position
+        heading = self.path.at(target) - position
         length = np.maximum(
-            np.linalg.norm(way, axis=1), 1e-9
+            np.linalg.norm(heading, axis=1), 1e-9
         )  # A target at the position itself has no direction.
-        wanted = np.where(closest < self.end, self.speed, 0.0)
-        return closest, target, way * (wanted / length)[:, None]
+        target_speed = np.where(closest < self.end, self.speed, 0.0)
+        return closest, target, heading * (target_speed / length)[:, None]
 
     def _look(self, position: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the window beyond the progress, and their distances from the position, m."""

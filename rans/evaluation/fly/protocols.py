@@ -49,7 +49,7 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
 
 def fitting_protocols(craft: Spacecraft) -> tuple[ProtocolName, ...]:
     """Protocols for a spacecraft: "own", and those whose spacecraft it can replace."""
-    return ("own", *(name for name, known in _SPACECRAFT.items() if known == craft.name))
+    return ("own", *(name for name, craft_name in _SPACECRAFT.items() if craft_name == craft.name))
 
 
 def _started_away(task: Any) -> Task:

@@ -89,13 +89,13 @@ class Tuned:
             and self.conditions in ("", text_of_conditions(setup))
         )
 
-    def outlasts(self, other: Tuned) -> bool:
+    def outlasts(self, rival: Tuned) -> bool:
         """Whether the settings are better than others for the same: more starts, or no larger cost with as many."""
-        if (self.seed, self.price, self.conditions) != (other.seed, other.price, other.conditions):
+        if (self.seed, self.price, self.conditions) != (rival.seed, rival.price, rival.conditions):
             return False
-        if self.starts != other.starts:
-            return self.starts > other.starts
-        return self.costs["tuned"] <= other.costs["tuned"]
+        if self.starts != rival.starts:
+            return self.starts > rival.starts
+        return self.costs["tuned"] <= rival.costs["tuned"]
 
     def budget(self) -> str:
         """Budget of the search, for tables."""

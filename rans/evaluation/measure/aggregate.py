@@ -104,13 +104,13 @@ class Metrics(NotebookRepr):
     def key_lines(self) -> list[tuple[str, tuple[str, str, str, str]]]:
         """Those of `lines` in a short table: success, time, errors and impulse."""
         lines = list(self.lines())
-        wanted = [
+        order = [
             *(name for name in _FIRST),
             *(texts[0] for _, texts in lines if texts[0].endswith(" error")),
             *(name for name in _LAST),
         ]
         by_name = {texts[0]: (group, texts) for group, texts in lines}
-        return [by_name[name] for name in wanted if name in by_name]
+        return [by_name[name] for name in order if name in by_name]
 
     def table(self, width: int = ROOM, full: bool = True) -> Table:
         """Table for a terminal of ``width`` columns, of all lines or of the `key_lines`.
@@ -149,14 +149,16 @@ def measure(flight: Flight) -> Metrics:
     steps, episodes, _ = flight.commands.shape
     bootstrap = Bootstrap(episodes)
 
-    def estimated(one: Sample) -> Estimate:
+    def estimated(sample: Sample) -> Estimate:
         return (
-            share(one.values).scaled(100.0)
-            if one.values.dtype == bool
-            else bootstrap.of(one.centre, one.values)
+            share(sample.values).scaled(100.0)
+            if sample.values.dtype == bool
+            else bootstrap.of(sample.centre, sample.values)
         )
 
-    rows = [Metric(*one[:4], *dataclasses.astuple(estimated(one))) for one in samples(flight)]
+    rows = [
+        Metric(*sample[:4], *dataclasses.astuple(estimated(sample))) for sample in samples(flight)
+    ]
     return Metrics(
         flight.controller,
         flight.engine,

@@ -42,7 +42,7 @@ def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metri
     yield _share("success", "settled", of_settled, result.settled, count)
     width = 0.5 * NORMAL_95 / math.sqrt(count)
     median, low, high = (
-        period * result.settling_step(share) for share in (0.5, 0.5 - width, 0.5 + width)
+        period * result.settling_step(level) for level in (0.5, 0.5 - width, 0.5 + width)
     )
     yield Metric("success", "settling time", of_time, "s", median, low, high)
     ended = result.failures[Failure.TERMINATED] + result.failures[Failure.NOT_FINITE]

@@ -106,9 +106,10 @@ def forces(flight: Flight) -> np.ndarray:
 
     It is 0 after a success, where engines that cannot be shut in flight are shut too.
     """
-    shares = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
+    openings = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
     total = np.sum(
-        [share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True)], axis=0
+        [opening * t.force for opening, t in zip(openings, flight.craft.thrusters, strict=True)],
+        axis=0,
     )
     if flight.lengths is None:
         return total
@@ -228,7 +229,8 @@ def _held(flight: Flight) -> Iterator[Sample]:
             [(end < QUANTITIES[name].held[grade]).all(axis=0) for name, end in ends.items()], axis=0
         )
         bounds = " ".join(
-            f"{one.held[grade]} {one.display_unit}" for one in map(QUANTITIES.__getitem__, ends)
+            f"{quantity.held[grade]} {quantity.display_unit}"
+            for quantity in map(QUANTITIES.__getitem__, ends)
         )
         yield Sample(
             "success",
@@ -337,15 +339,15 @@ def _effort(flight: Flight) -> Iterator[Sample]:
     if flight.craft.wheels:
         held = stores[len(stores) - len(flight.craft.wheels) :]
         limits = [wheel.max_momentum for wheel in flight.craft.wheels]
-        most = np.max([np.abs(h) / m for h, m in zip(held, limits, strict=True)], axis=(0, 1))
+        ratio = np.max([np.abs(h) / m for h, m in zip(held, limits, strict=True)], axis=(0, 1))
         meaning = "largest momentum of any wheel, of what it can hold"
-        yield Sample("effort", "wheel momentum", meaning, "%", 100.0 * most)
+        yield Sample("effort", "wheel momentum", meaning, "%", 100.0 * ratio)
 
 
 def _guarding(flight: Flight) -> Iterator[Sample]:
     """Interventions of a safety filter."""
     assert flight.guarded is not None
-    share = 100.0 * flight.guarded.mean(axis=0)
-    yield Sample("guard", "interventions", "control periods with another command", "%", share)
+    percentage = 100.0 * flight.guarded.mean(axis=0)
+    yield Sample("guard", "interventions", "control periods with another command", "%", percentage)
     ever: Any = flight.guarded.any(axis=0)
     yield Sample("guard", "guarded", "flights with an intervention", "%", ever)

@@ -170,9 +170,11 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
         float(np.linalg.norm(part, axis=1).max())
         for part in (wrenches[:, :size], wrenches[:, size:])
     )
-    for name, unit, most in (("force", "N", force), ("torque", "N m", torque)):
+    for name, unit, largest in (("force", "N", force), ("torque", "N m", torque)):
         sizes = tuple(
-            float(f"{share * most:.2g}") for share in (0.1, 0.2, 0.3, 0.5, 0.7) if most > 0.0
+            float(f"{fraction * largest:.2g}")
+            for fraction in (0.1, 0.2, 0.3, 0.5, 0.7)
+            if largest > 0.0
         )
         yield Effect(
             group="Disturbances",

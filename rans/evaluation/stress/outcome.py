@@ -56,10 +56,10 @@ class Outcome:
         return [int(k) for k in ranking[:count] if not self.held[k]]
 
 
-def holds_to(sizes: Sequence[float], shares: Sequence[Estimate]) -> float | None:
+def holds_to(sizes: Sequence[float], rates: Sequence[Estimate]) -> float | None:
     """Largest size up to which 99 % of the episodes are held at every size; None if they are not at the first."""
     held = [
-        size for k, size in enumerate(sizes) if all(one.value >= WANTED for one in shares[: k + 1])
+        size for k, size in enumerate(sizes) if all(rate.value >= WANTED for rate in rates[: k + 1])
     ]
     return held[-1] if held else None
 
@@ -95,11 +95,13 @@ def break_even(
     if begins is None:
         return BreakEven(None, 0, 0)
     leader = leads[begins]
-    turned = next((k for k, lead in enumerate(leads) if lead == -leader), None)
-    if turned is not None:
-        last = max(k for k in range(turned) if leads[k] == leader)
-        a, b = (first[k].value - second[k].value for k in (last, turned))
-        return BreakEven(sizes[last] + (sizes[turned] - sizes[last]) * a / (a - b), leader, -leader)
+    crossing = next((k for k, lead in enumerate(leads) if lead == -leader), None)
+    if crossing is not None:
+        last = max(k for k in range(crossing) if leads[k] == leader)
+        a, b = (first[k].value - second[k].value for k in (last, crossing))
+        return BreakEven(
+            sizes[last] + (sizes[crossing] - sizes[last]) * a / (a - b), leader, -leader
+        )
     return (
         BreakEven(None, leader, leader) if begins == 0 else BreakEven(sizes[begins - 1], 0, leader)
     )

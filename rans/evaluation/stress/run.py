@@ -58,12 +58,12 @@ class Stress:
     @property
     def names(self) -> list[str]:
         """Names of the contestants."""
-        return [one.name for one in self.contestants.values()]
+        return [contestant.name for contestant in self.contestants.values()]
 
-    def episodes(self, one: Contestant) -> int:
+    def episodes(self, contestant: Contestant) -> int:
         """Number of episodes of a contestant at each level."""
-        few = getattr(one.controller, "slow", False)
-        return min(self.slow_episodes, self.contest.episodes) if few else self.contest.episodes
+        is_slow = getattr(contestant.controller, "slow", False)
+        return min(self.slow_episodes, self.contest.episodes) if is_slow else self.contest.episodes
 
     def tuned_for(self, spec: str, level: Level) -> bool:
         """Whether a controller, by the text that named it, has settings tuned for the conditions of a level."""
@@ -90,12 +90,12 @@ class Stress:
             for size, level in zip(sizes, levels, strict=True)
             if (level.name, name) in self.outcomes
         ]
-        return [size for size, _ in flown], [share for _, share in flown]
+        return [size for size, _ in flown], [rate for _, rate in flown]
 
-    def break_even(self, effect: Effect, other: str) -> BreakEven | None:
+    def break_even(self, effect: Effect, rival: str) -> BreakEven | None:
         """Size at which the first contestant and another are equally good; None: both flew too few sizes."""
         (sizes, first), (others, second) = (
-            self.curve(effect, name) for name in (self.names[0], other)
+            self.curve(effect, name) for name in (self.names[0], rival)
         )
         both = [size for size in sizes if size in others]
         if len(both) < 2:
@@ -103,8 +103,8 @@ class Stress:
         return break_even(
             both,
             *(
-                [shares[flown.index(size)] for size in both]
-                for flown, shares in ((sizes, first), (others, second))
+                [rates[flown.index(size)] for size in both]
+                for flown, rates in ((sizes, first), (others, second))
             ),
         )
 
@@ -119,7 +119,7 @@ class Stress:
         """
         total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
         progress = stages(f"{len(self.levels)} scenarios", total)
-        made = list(self.contestants.values())
+        contestants = list(self.contestants.values())
         jobs = list(_jobs(self))
         arguments = (
             self.contest,
@@ -132,7 +132,7 @@ class Stress:
         for number, answer in pool.finished(_Flyer.tried, jobs):
             job = jobs[number]
             progress(job.episodes)
-            name = made[job.contestant].name
+            name = contestants[job.contestant].name
             level = self.levels[job.level]
             if job.contestant in lost:
                 continue
@@ -144,7 +144,7 @@ class Stress:
             flown[job.first] = answer
             self.stopped[name] = self.stopped.get(name, 0) + answer.stopped
             if sum(len(part.outcome.excess) for part in flown.values()) == self.episodes(
-                made[job.contestant]
+                contestants[job.contestant]
             ):
                 self.outcomes[level.name, name] = Outcome.joined(
                     [flown[k].outcome for k in sorted(flown)]
@@ -173,12 +173,12 @@ def prepared(
         ConfigError: there is no such contestant, effect or conditions, or they are not for this craft.
     """
     contest = replace(contest, conditions=None)
-    known = effects(contest.craft, contest.timing)
+    available = effects(contest.craft, contest.timing)
     for name in only:
-        if name not in [effect.name for effect in known]:
+        if name not in [effect.name for effect in available]:
             raise ConfigError(
-                f"there is no effect named {name!r}{meant(name, [e.name for e in known])}; "
-                f"for {contest.craft.name} there are {', '.join(e.name for e in known)}."
+                f"there is no effect named {name!r}{meant(name, [e.name for e in available])}; "
+                f"for {contest.craft.name} there are {', '.join(e.name for e in available)}."
             )
     named = [
         _PERFECT,
@@ -194,7 +194,7 @@ def prepared(
     return Stress(
         contest,
         named,
-        [e for e in known if not only or e.name in only],
+        [e for e in available if not only or e.name in only],
         slow_episodes,
         enlisted(specs, contest, trust),
     )
@@ -217,11 +217,11 @@ class _Part(NamedTuple):
 def _jobs(stress: Stress) -> Iterator[_Job]:
     """Jobs level by level, so that the first results are of all contestants."""
     for level in range(len(stress.levels)):
-        for k, one in enumerate(stress.contestants.values()):
-            count = stress.episodes(one)
-            share = _SLOW_SHARE if getattr(one.controller, "slow", False) else _SHARE
-            for first in range(0, count, share):
-                yield _Job(level, k, first, min(share, count - first))
+        for k, contestant in enumerate(stress.contestants.values()):
+            count = stress.episodes(contestant)
+            part = _SLOW_SHARE if getattr(contestant.controller, "slow", False) else _SHARE
+            for first in range(0, count, part):
+                yield _Job(level, k, first, min(part, count - first))
 
 
 class _Flyer(NamedTuple):

@@ -167,9 +167,9 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
 
 def _common_limits(flights: Sequence[tuple[str, Flight, int]]) -> Iterator[tuple[float, float]]:
     """One range per axis of W for all paths, m, equally wide."""
-    way = [[x[:, episode] for x in panels.from_goal(flight)] for _, flight, episode in flights]
+    paths = [[x[:, episode] for x in panels.from_goal(flight)] for _, flight, episode in flights]
     low, high = (
-        np.array([pick(np.concatenate([[0.0], *x])) for x in zip(*way, strict=True)])
+        np.array([pick(np.concatenate([[0.0], *x])) for x in zip(*paths, strict=True)])
         for pick in (np.min, np.max)
     )
     half = 0.5 * float((high - low).max()) + 0.5

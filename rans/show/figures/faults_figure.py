@@ -30,10 +30,10 @@ def faults_figure(
     for axes, kind in zip(figure.subplots(1, 2), ("dead", "stuck-open"), strict=True):
         grid = np.full((count, count), np.nan)
         for (of, _), sets in result.items():
-            for one in sets if of == kind else ():
-                first = one.thrusters[0]
-                last = one.thrusters[-1]
-                grid[last, first] = grid[first, last] = float(one.recoverable)
+            for fault_set in sets if of == kind else ():
+                first = fault_set.thrusters[0]
+                last = fault_set.thrusters[-1]
+                grid[last, first] = grid[first, last] = float(fault_set.recoverable)
         axes.imshow(grid, cmap=ListedColormap([RED, GREEN]), vmin=0.0, vmax=1.0)
         axes.set(xticks=range(count), yticks=range(count))
         axes.set_xticks(np.arange(count) - 0.5, minor=True)
@@ -51,4 +51,4 @@ def faults_figure(
 
 
 def _share(sets: Sequence[FaultSet]) -> str:
-    return f"{sum(one.recoverable for one in sets)} of {len(sets)}"
+    return f"{sum(fault_set.recoverable for fault_set in sets)} of {len(sets)}"

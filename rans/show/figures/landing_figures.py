@@ -37,26 +37,30 @@ def descent(
     panels = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     paths = [_path(entry.flight, start) for entry in entries]
     along = paths[0][0, :2] / max(float(np.linalg.norm(paths[0][0, :2])), 1e-9)
-    ways: list[tuple[str, Any, str, np.ndarray]] = [
+    curves: list[tuple[str, Any, str, np.ndarray]] = [
         (entry.name, series_style(k)[0], "-", path)
         for k, (entry, path) in enumerate(zip(entries, paths, strict=True))
     ]
     if bounds is not None and bounds.path is not None and start == 0:
-        ways.append(("least propellant", INK, "--", bounds.path))
-    points = np.concatenate([_seen(path, along) for *_, path in ways])
+        curves.append(("least propellant", INK, "--", bounds.path))
+    points = np.concatenate([_seen(path, along) for *_, path in curves])
     task: Any = entries[0].flight.task
-    for axes, share in zip(panels, (1.0, _NEAR), strict=True):
-        top = share * float(points[:, 1].max())
-        shown = points[points[:, 1] <= top]
-        left, right = float(shown[:, 0].min()), float(shown[:, 0].max())
+    for axes, zoom in zip(panels, (1.0, _NEAR), strict=True):
+        top = zoom * float(points[:, 1].max())
+        visible = points[points[:, 1] <= top]
+        left, right = float(visible[:, 0].min()), float(visible[:, 0].max())
         room = 0.06 * max(right - left, 1.0)
         _ground(axes, task, left - room, right + room, 1.08 * top)
-        for name, colour, line, path in ways:
-            place = _seen(path, along)
+        for name, colour, line, path in curves:
+            shown_part = _seen(path, along)
             axes.plot(
-                *place.T, line, color=colour, label=name, linewidth=1.0 if line == "--" else 1.4
+                *shown_part.T,
+                line,
+                color=colour,
+                label=name,
+                linewidth=1.0 if line == "--" else 1.4,
             )
-            axes.plot(*place[-1:].T, "o", color=colour, markersize=4)
+            axes.plot(*shown_part[-1:].T, "o", color=colour, markersize=4)
         axes.plot(*_seen(paths[0][:1], along).T, "o", color=INK, markersize=4, label="start")
         axes.plot([0.0], [0.0], "+", color=RED, markersize=10, label="site")
         axes.set(xlim=(left - room, right + room), ylim=(-0.04 * top, 1.08 * top))
@@ -91,21 +95,21 @@ def propellant_beside_bounds(entries: Sequence[Entry], bounds: MissionBounds) ->
     axes = figure.subplots()
     order = [k for k in np.argsort(bounds.lower) if np.isfinite(bounds.lower[k])]
     lower = bounds.lower[order]
-    places = np.arange(len(order))
+    columns = np.arange(len(order))
     edges = np.arange(len(order) + 1) - 0.5
-    seen = [lower]
+    times = [lower]
     for k, entry in enumerate(entries):
         colour, marker = series_style(k)
         spent = (bounds.over(entry) * bounds.lower)[order]
-        seen.append(spent)
-        axes.plot(places, spent, marker, color=colour, markersize=6, label=entry.name)
-    values = np.concatenate(seen)
+        times.append(spent)
+        axes.plot(columns, spent, marker, color=colour, markersize=6, label=entry.name)
+    values = np.concatenate(times)
     values = values[np.isfinite(values)]
     low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
     room = max(0.15 * (high - low), 0.02 * high, 1e-3)
     axes.stairs(lower, edges, color=INK, linewidth=1.4, label="certified least")
     axes.stairs(lower, edges, fill=True, color=GREY, alpha=0.2, label="provably impossible")
-    axes.set_xticks(places, [str(k) for k in order])
+    axes.set_xticks(columns, [str(k) for k in order])
     axes.set(xlim=(edges[0], edges[-1]), ylim=(max(0.0, low - 2.0 * room), high + room))
     axes.legend(loc="best")
     label(axes, "propellant beside its certified least", "start, by its bound", "propellant, kg")
@@ -123,9 +127,11 @@ def thrust_and_tilt(entries: Sequence[Entry], start: int = 0) -> Figure:
     for k, entry in enumerate(entries):
         flight = entry.flight
         last = length(flight, start)
-        share = 100.0 * forces(flight)[:last, start] / full
+        throttle = 100.0 * forces(flight)[:last, start] / full
         colour = series_style(k)[0]
-        left.stairs(share, flight.times[: last + 1], color=colour, baseline=None, label=entry.name)
+        left.stairs(
+            throttle, flight.times[: last + 1], color=colour, baseline=None, label=entry.name
+        )
         right.plot(
             flight.times[: last + 1],
             _tilt(flight, start)[: last + 1],

@@ -42,9 +42,9 @@ def orbital_plane(entries: Sequence[Entry], start: int = 0) -> Figure:
     _scenery(axes, entries[0].flight, start)
 
     # What is shown are the paths: some cones and balls are far larger.
-    places = np.concatenate(corners, axis=1)
-    low = places.min(axis=1)
-    high = places.max(axis=1)
+    vertices = np.concatenate(corners, axis=1)
+    low = vertices.min(axis=1)
+    high = vertices.max(axis=1)
     middle = 0.5 * (low + high)
     half = 0.55 * max((high - low)[0], 1.6 * (high - low)[1], 1.0)
     axes.set(
@@ -64,8 +64,8 @@ def _scenery(axes: Axes, flight: Flight, start: int) -> None:
         if isinstance(shape, Ball):
             circle = np.linspace(0.0, 2.0 * np.pi, 90)
             x, y = (
-                float(getattr(shape.centre, axis)) + float(shape.radius) * turned
-                for axis, turned in (("x", np.sin(circle)), ("y", np.cos(circle)))
+                float(getattr(shape.centre, axis)) + float(shape.radius) * coordinate
+                for axis, coordinate in (("x", np.sin(circle)), ("y", np.cos(circle)))
             )
             axes.fill(y, x, color=RED, alpha=0.15, linewidth=0.0, label="keep-out")
         elif isinstance(shape, Cone):

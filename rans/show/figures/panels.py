@@ -207,22 +207,22 @@ def from_goal(flight: Flight) -> list[np.ndarray]:
 
 def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     """The way of one episode with the direction of the body's x axis once a second."""
-    way = [x[:, episode] for x in from_goal(flight)]
+    path = [x[:, episode] for x in from_goal(flight)]
     every = max(1, round(1.0 / flight.timing.control_period))
-    nose = rotations(map_leaves(lambda x: x[:, episode], flight.states))[:, : len(way), 0].T
-    arrows = [x[::every] for x in (*way, *nose)]
-    axes: Any = figure.add_subplot(projection="3d" if len(way) == 3 else None)
-    if len(way) == 3:
+    nose = rotations(map_leaves(lambda x: x[:, episode], flight.states))[:, : len(path), 0].T
+    arrows = [x[::every] for x in (*path, *nose)]
+    axes: Any = figure.add_subplot(projection="3d" if len(path) == 3 else None)
+    if len(path) == 3:
         axes.quiver(*arrows, length=0.3, color=ORANGE, linewidth=1.0)
         axes.set_zlabel("z, m")
     else:
         axes.quiver(*arrows, color=ORANGE, angles="xy", scale=14.0, width=0.005, zorder=3)
     axes.plot([], [], color=ORANGE, label="body's x axis, once a second")
     _scenery(axes, flight, episode)
-    axes.plot(*way, color=BLUE, zorder=2)
-    axes.plot(*([x[0]] for x in way), "o", color=GREY, label="start")
+    axes.plot(*path, color=BLUE, zorder=2)
+    axes.plot(*([x[0]] for x in path), "o", color=GREY, label="start")
     if "position" in flight.errors():
-        axes.plot(*([0.0] for _ in way), "+", color=RED, markersize=10, label="goal")
+        axes.plot(*([0.0] for _ in path), "+", color=RED, markersize=10, label="goal")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best")
     label(axes, f"(a) path of episode {episode}", *_places(flight))

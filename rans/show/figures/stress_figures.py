@@ -20,10 +20,10 @@ def effect_figure(stress: Stress, effect: Effect) -> Figure:
     figure = Figure(figsize=(3.9, 2.9), layout="constrained")
     axes = figure.subplots()
     for k, name in enumerate(stress.names):
-        sizes, shares = stress.curve(effect, name)
+        sizes, rates = stress.curve(effect, name)
         colour, marker = series_style(k)
         low, value, high = (
-            100.0 * np.array([getattr(one, end) for one in shares])
+            100.0 * np.array([getattr(rate, end) for rate in rates])
             for end in ("low", "value", "high")
         )
         axes.fill_between(sizes, low, high, color=colour, alpha=0.18, linewidth=0)

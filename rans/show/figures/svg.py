@@ -146,7 +146,11 @@ def panels(picture: str) -> list[str]:
     results = [(group, match[1].split()) for group, match in marked if match]
     if not 2 <= len(results) <= _MOST_PANELS:
         return [picture]
-    shared = {one.get("id", ""): one for group in root.iter(f"{{{_SVG}}}defs") for one in group}
+    shared = {
+        element.get("id", ""): element
+        for group in root.iter(f"{{{_SVG}}}defs")
+        for element in group
+    }
     style = root.find(f".//{{{_SVG}}}style")
     return [_document(group, box, shared, style) for group, box in results]
 
@@ -173,7 +177,7 @@ def _mark_panels(figure: Figure) -> None:
 def _inside(part: SubFigure | Axes) -> list[Axes]:
     if isinstance(part, Axes):
         return [part]
-    return [*part.axes, *(axes for one in part.subfigs for axes in _inside(one))]
+    return [*part.axes, *(axes for subfigure in part.subfigs for axes in _inside(subfigure))]
 
 
 def _drawn(axes: Axes) -> bool:
@@ -182,8 +186,8 @@ def _drawn(axes: Axes) -> bool:
 
 def _extent(axes: Axes) -> Bbox:
     """Of everything, or of a legend that stands by itself, in pixels."""
-    drawn = axes if axes.axison else axes.get_legend()
-    return (drawn and drawn.get_tightbbox()) or axes.bbox
+    artist = axes if axes.axison else axes.get_legend()
+    return (artist and artist.get_tightbbox()) or axes.bbox
 
 
 def _document(
@@ -194,7 +198,7 @@ def _document(
     root = ET.Element(f"{{{_SVG}}}svg", sizes)
     if style is not None:
         root.append(style)
-    own = {one.get("id") for one in group.iter()}
+    own = {element.get("id") for element in group.iter()}
     ET.SubElement(root, f"{{{_SVG}}}defs").extend(
         shared[name]
         for name in dict.fromkeys(_references(group))
@@ -205,6 +209,6 @@ def _document(
 
 
 def _references(group: ET.Element) -> Iterator[str]:
-    for one in group.iter():
-        for value in one.attrib.values():
+    for element in group.iter():
+        for value in element.attrib.values():
             yield from re.findall(r"#([\w-]+)", value)

@@ -16,30 +16,30 @@ def verdict(result: Mapping[str, Any]) -> str:
     """In one sentence."""
     bound = result["bounds"]["any"]
     below = result["about"]["below"]
-    known = (
+    sentences = (
         f"{bound['failures']:,} of {bound['flights']:,} flights failed: the probability of failure is "
         f"at most {bound['at most']:.3g}"
         + (f" and at least {bound['at least']:.3g}, each" if bound["failures"] else "")
         + f" at {_sure(result)} confidence."
     )
     if below is not None:
-        known = {
+        sentences = {
             "below": f"Shown: the probability of failure is below {below:g}. ",
             "above": f"Refuted: the probability of failure is above {below:g}. ",
             "open": f"Not decided: whether the probability of failure is below {below:g}. ",
-        }[result["decision"]] + known
+        }[result["decision"]] + sentences
     return (
-        known
+        sentences
         if is_over(result)
-        else f"Interrupted, to be gone on with by the same command. {known}"
+        else f"Interrupted, to be gone on with by the same command. {sentences}"
     )
 
 
 def is_over(result: Mapping[str, Any]) -> bool:
     """Whether there is nothing left to fly."""
     flown = result["bounds"]["any"]["flights"]
-    most = result["about"]["looks"][-1][0]
-    return result["decision"] != "open" or flown >= most
+    last_look = result["about"]["looks"][-1][0]
+    return result["decision"] != "open" or flown >= last_look
 
 
 def counts(result: Mapping[str, Any]) -> Table:

@@ -70,9 +70,9 @@ def findings(assurance: Assurance) -> Iterator[Finding]:
         return
     for judge in replays.judges():
         refuted = replays.refuted(judge)
-        kept = len(replays.found) - len(refuted)
+        confirmed = len(replays.found) - len(refuted)
         yield Finding(
-            f"{kept} of {len(replays.found)} failed flights, the worst and the first of each kind, "
+            f"{confirmed} of {len(replays.found)} failed flights, the worst and the first of each kind, "
             f"fail again in {_JUDGES[judge]}"
             + (f", not {', '.join(map(str, refuted))}" if refuted else ""),
             False if refuted else None,
@@ -92,13 +92,13 @@ def _plan(assurance: Assurance) -> Section:
     flown = assurance.campaign.flights
     rows = [
         [
-            f"{look.flights:,}",
-            f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else None,
-            f"{look.high_level:.2g}",
-            f"{look.low_level:.2g}",
-            "reached" if look.flights <= flown else None,
+            f"{stage.flights:,}",
+            f"at most {allowed:,}" if (allowed := plan.allowed(stage)) >= 0 else None,
+            f"{stage.high_level:.2g}",
+            f"{stage.low_level:.2g}",
+            "reached" if stage.flights <= flown else None,
         ]
-        for look in plan.looks
+        for stage in plan.looks
     ]
     return Section(
         "When it was looked at",
@@ -131,12 +131,12 @@ def _again(assurance: Assurance) -> Iterator[Section]:
     if replays is None or replays.flight is None:
         return
     for kind in Failure:
-        places = [k for k, one in enumerate(replays.found) if one.kind == kind]
-        if not places:
+        numbers = [k for k, replayed in enumerate(replays.found) if replayed.kind == kind]
+        if not numbers:
             continue
-        title = f"flight {replays.found[places[0]].number:,}"
-        pictures = [*_drawn(replays.flight, places, title)] if _has_pictures() else []
-        rows = [_replayed(assurance, replays.found[k]) for k in places]
+        title = f"flight {replays.found[numbers[0]].number:,}"
+        pictures = [*_drawn(replays.flight, numbers, title)] if _has_pictures() else []
+        rows = [_replayed(assurance, replays.found[k]) for k in numbers]
         columns = (
             "flight",
             *(f"in {_JUDGES[judge]}" for judge in replays.judges()),
@@ -220,7 +220,7 @@ def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
         ["flown again in", "; ".join(again)],
         ["largest error", f"{breaking.excess:.3g} tolerances"],
         ["in the end it", breaking.ending],
-        *([name, said] for name, said in breaking.drew.items()),
+        *([name, text] for name, text in breaking.drew.items()),
     ]
     pictures = [*_drawn(breaking.flight, [0], "the worst case")] if _has_pictures() else []
     yield Section(
@@ -237,24 +237,24 @@ def _has_pictures() -> bool:
     return is_installed("matplotlib")
 
 
-def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
+def _replayed(assurance: Assurance, replayed: Replayed) -> list[str]:
     again = [
-        ("fails" if failure == one.kind else f"fails: {failure.meaning}")
+        ("fails" if failure == replayed.kind else f"fails: {failure.meaning}")
         if failure
         else "does not fail"
-        for failure in one.again.values()
+        for failure in replayed.again.values()
     ]
     errors = (
         (QUANTITIES[name].display[0] * x, QUANTITIES[name].display[1])
-        for name, x in one.errors.items()
+        for name, x in replayed.errors.items()
     )
     return [
-        f"{one.number}",
+        f"{replayed.number}",
         *again,
         ", ".join(f"{x:.3g} {unit}" for x, unit in errors),
-        f"{100.0 * one.outside:.0f} % of it",
-        one.ending,
-        assurance.view(one.number),
+        f"{100.0 * replayed.outside:.0f} % of it",
+        replayed.ending,
+        assurance.view(replayed.number),
     ]
 
 

@@ -85,13 +85,13 @@ class Chart:
             f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="group" aria-label="{escape(self.caption)}">',
             *self._ground(x_axis, y_axis),
         ]
-        for k, one in enumerate(self.series):
-            parts += _drawn(one, k, x_axis, y_axis)
+        for k, series in enumerate(self.series):
+            parts += _drawn(series, k, x_axis, y_axis)
         return "\n".join((*parts, "</svg>"))
 
     def _marks(self) -> Iterator[Mark]:
-        for one in self.series:
-            yield from _finite(one.marks)
+        for series in self.series:
+            yield from _finite(series.marks)
 
     def _xs(self) -> Iterator[float]:
         yield from (high for _, high, _ in self.shaded)
@@ -156,8 +156,8 @@ class _Axis(NamedTuple):
             low, high = low - room, high + room
 
         def at(value: float) -> float:
-            place = scale(value) if value > 0.0 or not logarithmic else low
-            return first + (place - low) / (high - low) * (last - first)
+            position = scale(value) if value > 0.0 or not logarithmic else low
+            return first + (position - low) / (high - low) * (last - first)
 
         if logarithmic:
             locator = LogLocator(subs=_LOG_MARKS, numticks=20)
@@ -186,13 +186,13 @@ def _finite(marks: Sequence[Mark]) -> list[Mark]:
     return [mark for mark in marks if math.isfinite(mark.x) and math.isfinite(mark.y)]
 
 
-def _drawn(one: Series, k: int, x_axis: _Axis, y_axis: _Axis) -> Iterator[str]:
+def _drawn(series: Series, k: int, x_axis: _Axis, y_axis: _Axis) -> Iterator[str]:
     """A group of one series: its line, intervals and marks."""
-    marks = _finite(one.marks)
-    yield f'<g class="series" data-series="{k}" style="color:{escape(one.colour)}">'
-    if one.line and len(marks) > 1:
+    marks = _finite(series.marks)
+    yield f'<g class="series" data-series="{k}" style="color:{escape(series.colour)}">'
+    if series.line and len(marks) > 1:
         points = " ".join(f"{x_axis.at(m.x):.1f},{y_axis.at(m.y):.1f}" for m in marks)
-        dash = ' stroke-dasharray="2 4"' if one.line == "dotted" else ""
+        dash = ' stroke-dasharray="2 4"' if series.line == "dotted" else ""
         yield f'<polyline class="line" points="{points}"{dash}/>'
     for mark in marks:
         x, y = x_axis.at(mark.x), y_axis.at(mark.y)
@@ -209,7 +209,7 @@ def _drawn(one: Series, k: int, x_axis: _Axis, y_axis: _Axis) -> Iterator[str]:
         text = escape(mark.text)
         yield (
             f'<g class="point" tabindex="0" role="img" aria-label="{text}" '
-            f'transform="translate({x:.1f} {y:.1f})"><title>{text}</title>{_marker(one.marker)}</g>'
+            f'transform="translate({x:.1f} {y:.1f})"><title>{text}</title>{_marker(series.marker)}</g>'
         )
     yield "</g>"
 

@@ -152,23 +152,23 @@ def front_chart(front: Front, curve: Sequence[Entry] = ()) -> Chart:
         colour, marker = series_style(k)
         name = f"{agent}, trade-off at {counted(len(line), 'position')}"
         series.append(Series(name, [*map(_placed, line)], colour, marker, "solid"))
-        multiples = [(one, own) for one in line if (own := front.multiple(one))]
+        multiples = [(entry, own) for entry in line if (own := front.multiple(entry))]
         marks = [
             Mark(
                 own.time,
                 own.bound,
-                f"certified least impulse when {one.name} was there: {own.bound:.3g} N s",
+                f"certified least impulse when {entry.name} was there: {own.bound:.3g} N s",
             )
-            for one, own in multiples
+            for entry, own in multiples
         ]
         if marks:
             name = f"certified least impulse when {agent} was there, from each start"
             series.append(Series(name, marks, colour, "x"))
-    for k, other in enumerate(front.others(), len(lines)):
+    for k, rival in enumerate(front.others(), len(lines)):
         colour, marker = series_style(k)
-        there = point(other).there
-        name = other.name if there == 1.0 else f"{other.name} ({100.0 * there:.3g} % get there)"
-        series.append(Series(name, [_placed(other)], colour, marker))
+        arrived = point(rival).there
+        name = rival.name if arrived == 1.0 else f"{rival.name} ({100.0 * arrived:.3g} % get there)"
+        series.append(Series(name, [_placed(rival)], colour, marker))
     contest = front.contest
     return Chart(
         "time first at rest in the goal set, s",

@@ -256,11 +256,11 @@ def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None
     unit = key.partition(", ")[2]
     value = own[key]
     interval = f"{value.low:.3g} to {value.high:.3g} {unit}" if np.isfinite(value.high) else ""
-    beside = f"{rival} {_amount(others[key], unit)}" if rival else ""
+    comparison_text = f"{rival} {_amount(others[key], unit)}" if rival else ""
     return Tile(
         _TILES[key],
         _amount(value, unit),
-        "; ".join(filter(None, (interval, beside))),
+        "; ".join(filter(None, (interval, comparison_text))),
     )
 
 
@@ -322,11 +322,11 @@ def _summary(comparison: Comparison) -> Section:
         findings.append(Finding("No flight beats a certified bound.", not comparison.impossible()))
     headings = dict.fromkeys(key for row in board.values() for key in row)
     rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
-    made = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
+    tuning = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
     result = (
         [
             Table(("score", *board), rows, "Scores over all starts"),
-            Table(("contestant", "knows", "tuning"), made, "What it took"),
+            Table(("contestant", "knows", "tuning"), tuning, "What it took"),
         ]
         if rows
         else []
@@ -460,10 +460,10 @@ def _returns(comparison: Comparison) -> Section:
     optimum = tables.best_returns(comparison)
     if optimum is not None:
         title = "Return and latency"
-        known = np.isfinite(optimum)
+        solved = np.isfinite(optimum)
         text += (
-            f" The return is the task's own reward, from {known.sum()} of "
-            f"{counted(len(known), 'start')}; 100 % is its relaxed optimum from there, which may "
+            f" The return is the task's own reward, from {solved.sum()} of "
+            f"{counted(len(solved), 'start')}; 100 % is its relaxed optimum from there, which may "
             "throttle; the mean of the former over the mean of the latter."
         )
     picture = Picture.of(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")

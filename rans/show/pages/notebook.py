@@ -47,7 +47,9 @@ def _(craft: Spacecraft) -> str:
 @html.register
 def _(task: Task) -> str:
     summary = (type(task).__doc__ or "").strip().partition("\n")[0]
-    listings = (one for one in task_listings(task) if not one.title.startswith("Observation"))
+    listings = (
+        listing for listing in task_listings(task) if not listing.title.startswith("Observation")
+    )
     return f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, listings))}"
 
 
@@ -69,8 +71,10 @@ def _(comparison: Comparison) -> str:
     board = scoreboard(comparison)
     keys = dict.fromkeys(key for row in board.values() for key in row)
     rows = [(key, *(row[key].text() for row in board.values())) for key in keys]
-    said = "".join(f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures))
-    return _table(Listing(comparison.contest.title(), ("", *board), rows)) + said
+    paragraphs = "".join(
+        f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures)
+    )
+    return _table(Listing(comparison.contest.title(), ("", *board), rows)) + paragraphs
 
 
 @html.register

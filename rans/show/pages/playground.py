@@ -157,11 +157,11 @@ class _Traced:
         draws = Draws(words[0], words[1], words[2], 0, None)
         self._begun = world.begin(*world.scenario(clock, draws), clock, draws)
         count = len(leaves(self._begun))
-        place = len(leaves((self._begun.state, self._begun.goal)))
-        kinds = ["int" if k == place else "real" for k in range(count)]
+        offset = len(leaves((self._begun.state, self._begun.goal)))
+        kinds = ["int" if k == offset else "real" for k in range(count)]
         self.carried = [Symbol.input(f"carried_{k}", kinds[k]) for k in range(count)]  # type: ignore[arg-type]
         self.episode: Episode = unflatten(self._begun, self.carried)
-        assert self.episode.clock is self.carried[place]
+        assert self.episode.clock is self.carried[offset]
 
     def begin(self) -> str:
         """``begin([low, high, number])``: what is carried at an episode's start."""
@@ -183,17 +183,17 @@ class _Traced:
         architecture = agent.network.architecture
         program = policy_program(architecture)
         memory = inputs("memory", architecture.memory)
-        known: dict[str, Any] = {"observation": observation}
-        known |= {
+        values: dict[str, Any] = {"observation": observation}
+        values |= {
             name: tables[name].tolist()
             for name in ("mean", "scale", "zoom")
             if name in program.parameters
         }
-        asked = ["command"]
+        requested = ["command"]
         if memory:
-            known["memory"] = memory
-            asked.append("memory_out")
-        outputs, stages = symbols(program, known, asked)
+            values["memory"] = memory
+            requested.append("memory_out")
+        outputs, stages = symbols(program, values, requested)
         results = {
             "command": of_outputs(world.craft, tuple(outputs["command"])),
             "memory": outputs.get("memory_out", ()),
@@ -216,7 +216,7 @@ class _Traced:
 
         def move(state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
             states = world.move(state, step_inputs, substeps.advance)
-            poses.extend(x for one in states for x in leaves((one.p, one.attitude)))
+            poses.extend(x for state in states for x in leaves((state.p, state.attitude)))
             return states
 
         body = replace(Body.of(craft), gain=tuple(gain), leak=tuple(leak))
@@ -264,9 +264,10 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str,
     conditions = run.conditions or Conditions()
     every = (conditions, *conditions.others)
     shortest = min(
-        bounds(one.thrusters.latency)[0] + bounds(one.thrusters.command_delay)[0] for one in every
+        bounds(conditions.thrusters.latency)[0] + bounds(conditions.thrusters.command_delay)[0]
+        for conditions in every
     )
-    longest = max(one.delay for one in every)
+    longest = max(parameters.delay for parameters in every)
     delay = round(0.5 * (shortest + longest) / world.timing.control_period, 6)
     return {
         "planar": craft.dimension == 2,
@@ -311,9 +312,9 @@ def _packed(weights: np.ndarray, biases: np.ndarray, bits: int) -> dict[str, str
     """A layer as base64: weights (o, i) as whole shares of the largest of their row, the rest in float32."""
     largest = np.maximum(np.abs(weights).max(axis=1), 1e-30)
     steps = 2 ** (bits - 1) - 1
-    shares = np.round(weights / largest[:, None] * steps).astype(f"<i{bits // 8}")
+    integers = np.round(weights / largest[:, None] * steps).astype(f"<i{bits // 8}")
     parts = {
-        "weights": shares,
+        "weights": integers,
         "scales": (largest / steps).astype("<f4"),
         "biases": biases.astype("<f4"),
     }

@@ -113,10 +113,10 @@ def _motion(states: State, episode: int, stride: int) -> dict[str, list[list[flo
         (Vec2(1.0, 0.0), Vec2(0.0, 1.0)) if planar else (Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0))
     )
     position = np.stack([one(x) for x in states.p.columns()], axis=1)
-    turned = [np.stack([one(x) for x in attitude.rotate(axis).columns()], 1) for axis in axes]
+    rotated = [np.stack([one(x) for x in attitude.rotate(axis).columns()], 1) for axis in axes]
     return {
         "p": [_rounded(row) for row in position],
-        "e": [_rounded(row) for row in np.concatenate(turned, axis=1)],
+        "e": [_rounded(row) for row in np.concatenate(rotated, axis=1)],
     }
 
 

@@ -73,11 +73,11 @@ def report_from_run(run: Path) -> Page:
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
         raise ConfigError(f"{run} holds no results to report; is it a run folder?")
-    made = _read(run / "config.json", _header) or _read(run / "validation.json", _header) or {}
+    header = _read(run / "config.json", _header) or _read(run / "validation.json", _header) or {}
     sections += filter(None, [_read(run / "config.json", _configuration)])
-    measured = [one for file in evaluations for one in _read(file, _measured) or ()]
+    measured = [measurement for file in evaluations for measurement in _read(file, _measured) or ()]
     hero, tiles = headline(measured[0]) if measured else ("", [])
-    return Page(f"RANS: {run.resolve().name}", sections, made, hero=hero, tiles=tiles)
+    return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles)
 
 
 def headline(measured: Metrics) -> tuple[str, list[Tile]]:
@@ -134,7 +134,7 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     columns = ("check", "value", "tolerance", "unit", "verdict", "why this tolerance")
     keys = ("name", "value", "tolerance", "unit", "passed", "reason")
     rows = [[check[key] for key in keys] for check in checks]
-    rows += [[one["name"], None, None, None, "not run", one["reason"]] for one in skipped]
+    rows += [[check["name"], None, None, None, "not run", check["reason"]] for check in skipped]
     findings = [
         *(
             Finding(
@@ -146,7 +146,7 @@ def validation_section(study: Mapping[str, Any]) -> Section:
         Finding(
             f"{title}: {within} checks within tolerance.", True if checks and not failed else None
         ),
-        *(Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped),
+        *(Finding(f"Not run: {check['name']}. {check['reason']}") for check in skipped),
     ]
     return Section(
         "Validation",
@@ -207,11 +207,11 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
     keys = list(sweep["members"][0])
     varied = keys[keys.index("seed") + 1 : keys.index("solved")]
     rows = [
-        [one[key] for key in ("member", "seed", *varied, "solved")]
-        + [f"{one['steps']:,}", f"{one['success']:.1%}"]
-        for one in members
+        [member[key] for key in ("member", "seed", *varied, "solved")]
+        + [f"{member['steps']:,}", f"{member['success']:.1%}"]
+        for member in members
     ]
-    solved = f"{sum(one['solved'] for one in members)} of {counted(len(members), 'member')}"
+    solved = f"{sum(member['solved'] for member in members)} of {counted(len(members), 'member')}"
     caption = "Success while training, and steps until solved; the best is orange."
     pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
     table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
@@ -233,12 +233,12 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
         "All episodes fly to their full length and count. Steps are the states after each command. "
         "Intervals are 95 %: Wilson's of shares, and percentile bootstraps over episodes of the rest."
     )
-    shares = [(m.title(), m["solved"].value) for m in measured]
+    rates = [(m.title(), m["solved"].value) for m in measured]
     findings = [
         Finding(
-            f"{title}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.", share >= SOLVED_SHARE
+            f"{title}: {rate:.1f} % solved; {SOLVED_SHARE:g} % are wanted.", rate >= SOLVED_SHARE
         )
-        for title, share in shares
+        for title, rate in rates
     ]
     summary = [line for m in measured for line in _key_metrics(m)]
     return Section("Evaluation", text, tables, pictures, findings=findings, summary=summary)
@@ -273,9 +273,9 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
     flown = stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
     rows = [
         (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"]))
-        for name, one in flown.items()
-        if one["size"] is None
-        for who, result in one["contestants"].items()
+        for name, row in flown.items()
+        if row["size"] is None
+        for who, result in row["contestants"].items()
     ]
     findings = [Finding(text, False) for text in stress["failures"]]
     return Section(
@@ -290,10 +290,10 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
 
 def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     """What an assurance counted (`rans.show.pages.assure_counts`); the page beside its file has the rest."""
-    wanted = result["about"]["below"] is not None
+    has_limit = result["about"]["below"] is not None
     page = file.with_suffix(".html")
     table = counts(result)
-    passed = result["decision"] == "below" if wanted and is_over(result) else None
+    passed = result["decision"] == "below" if has_limit and is_over(result) else None
     failed = "{failures:,} of {flights:,}".format(**result["bounds"]["any"])
     return Section(
         _title(file),
@@ -361,8 +361,8 @@ def _find_metrics(result: Any) -> Iterator[Metrics]:
 
 def _header(content: Mapping[str, Any]) -> dict[str, str]:
     """How it was made, from ``config.json`` or ``validation.json``."""
-    known = {key: content[key] for key in ("seed", "device", "environment") if key in content}
-    return header(content.get("about", {}) | known)
+    training = {key: content[key] for key in ("seed", "device", "environment") if key in content}
+    return header(content.get("about", {}) | training)
 
 
 def _configuration(config: Mapping[str, Any]) -> Section:

@@ -82,29 +82,31 @@ class StressReport(NotebookRepr):
             yield (
                 f"Interrupted after {self.flown()} of {self._planned()} scenarios: the others are left out."
             )
-        for spec, one in self.stress.contestants.items():
+        for spec, contestant in self.stress.contestants.items():
             tuned = [
                 level.effect for level in self.stress.named if self.stress.tuned_for(spec, level)
             ]
             if tuned:
-                yield f"{one.name} flies {', '.join(tuned)} with settings that were tuned for it."
-            count = self.stress.episodes(one)
-            stopped = self.stress.stopped.get(one.name, 0)
+                yield f"{contestant.name} flies {', '.join(tuned)} with settings that were tuned for it."
+            count = self.stress.episodes(contestant)
+            stopped = self.stress.stopped.get(contestant.name, 0)
             if count < self.stress.contest.episodes:
-                yield f"{one.name} is slow and flew {counted(count, 'episode')} in each scenario."
+                yield f"{contestant.name} is slow and flew {counted(count, 'episode')} in each scenario."
             if stopped:
-                yield f"{one.name}'s solver stopped {counted(stopped, 'time')}; the plan before was flown on."
+                yield (
+                    f"{contestant.name}'s solver stopped {counted(stopped, 'time')}; the plan before was flown on."
+                )
 
     def named_rows(self) -> list[list[str | None]]:
         """What is held in named scenarios: name, then a text a contestant."""
-        return [[level.effect, *shares] for level, shares in self._known(self.stress.named)]
+        return [[level.effect, *rates] for level, rates in self._known(self.stress.named)]
 
     def _known(self, levels: Iterable[Level]) -> Iterator[tuple[Level, list[str | None]]]:
         """Scenarios in which somebody flew, and the share that each contestant held."""
         for level in levels:
-            shares = self._shares(level)
-            if any(shares):
-                yield level, shares
+            rates = self._shares(level)
+            if any(rates):
+                yield level, rates
 
     def effect_columns(self) -> list[str]:
         """Headings of `effect_rows`."""
@@ -112,7 +114,7 @@ class StressReport(NotebookRepr):
             "disturbance",
             "unit",
             *self.stress.names,
-            *(f"{self.stress.names[0]} or {other}" for other in self.stress.names[1:]),
+            *(f"{self.stress.names[0]} or {rival}" for rival in self.stress.names[1:]),
         ]
 
     def effect_rows(self) -> list[list[str]]:
@@ -123,7 +125,7 @@ class StressReport(NotebookRepr):
                 effect.name,
                 effect.unit,
                 *(_reach(stress, effect, name) for name in stress.names),
-                *(_lead(stress, effect, other) for other in stress.names[1:]),
+                *(_lead(stress, effect, rival) for rival in stress.names[1:]),
             ]
             for effect in self._flown_effects()
         ]
@@ -154,14 +156,14 @@ class StressReport(NotebookRepr):
     def worst_rows(self) -> Iterator[list[str]]:
         """The worst episodes in each named scenario, and at the smallest size that was too much."""
         for level in self._telling():
-            for spec, one in self.stress.contestants.items():
-                result = self.stress.outcomes.get((level.name, one.name))
+            for spec, contestant in self.stress.contestants.items():
+                result = self.stress.outcomes.get((level.name, contestant.name))
                 for k in result.worst(self.worst) if result else ():
                     yield [
                         level.name,
-                        one.name,
+                        contestant.name,
                         str(k),
-                        self._errors(level, one.name, k),
+                        self._errors(level, contestant.name, k),
                         self.command(level, spec, k),
                     ]
 
@@ -173,13 +175,13 @@ class StressReport(NotebookRepr):
             "text": TEXT,
             "seed": stress.contest.seed,
             "contestants": {
-                one.name: {
+                contestant.name: {
                     "spec": spec,
-                    "knows": one.knows,
-                    "tuning": one.tuning,
-                    "episodes": stress.episodes(one),
+                    "knows": contestant.knows,
+                    "tuning": contestant.tuning,
+                    "episodes": stress.episodes(contestant),
                 }
-                for spec, one in stress.contestants.items()
+                for spec, contestant in stress.contestants.items()
             },
             "conditions": {level.name: self._level(level) for level in stress.levels},
             "effects": {effect.name: self._effect(effect) for effect in stress.effects},
@@ -266,20 +268,20 @@ class StressReport(NotebookRepr):
     def held(self) -> Iterator[str]:
         """In how many named scenarios each contestant holds what is wanted, in a sentence."""
         for name in self.stress.names:
-            shares = [
+            rates = [
                 result.share.value
                 for level in self.stress.named
                 if (result := self.stress.outcomes.get((level.name, name)))
             ]
-            held = sum(share >= WANTED for share in shares)
-            count = counted(len(shares), "named scenario")
+            held = sum(rate >= WANTED for rate in rates)
+            count = counted(len(rates), "named scenario")
             yield f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {count}."
 
     def _group(self, group: str, some: list[Effect]) -> Section:
         rows = [
-            [level.effect, f"{level.size:g} {effect.unit}", *shares]
+            [level.effect, f"{level.size:g} {effect.unit}", *rates]
             for effect in some
-            for level, shares in self._known(effect.levels())
+            for level, rates in self._known(effect.levels())
         ]
         pictures = [
             Picture.of(
@@ -291,8 +293,10 @@ class StressReport(NotebookRepr):
         return Section(group, "", [Table(("held, %", "size", *self.stress.names), rows)], pictures)
 
     def _shares(self, level: Level) -> list[str | None]:
-        result = (self.stress.outcomes.get((level.name, name)) for name in self.stress.names)
-        return [one.share.scaled(100.0).text(".1f") if one else None for one in result]
+        outcomes = (self.stress.outcomes.get((level.name, name)) for name in self.stress.names)
+        return [
+            outcome.share.scaled(100.0).text(".1f") if outcome else None for outcome in outcomes
+        ]
 
     def _file(self, level: Level) -> bool:
         """Whether a scenario has no name, or file, by which `rans view` knows it."""
@@ -313,13 +317,13 @@ class StressReport(NotebookRepr):
 
     def _errors(self, level: Level, name: str, episode: int) -> str:
         errors = self.stress.outcomes[level.name, name].errors
-        shown = (
+        final_errors = (
             (factor * errors[q][episode], unit)
             for q in errors
             for factor, unit in [QUANTITIES[q].display]
         )
         return ", ".join(
-            f"{x:,.0f} {unit}" if x >= 1000.0 else f"{x:.3g} {unit}" for x, unit in shown
+            f"{x:,.0f} {unit}" if x >= 1000.0 else f"{x:.3g} {unit}" for x, unit in final_errors
         )
 
     def _level(self, level: Level) -> dict[str, Any]:
@@ -328,9 +332,9 @@ class StressReport(NotebookRepr):
             "size": level.size,
             "conditions": conditions_text(level.conditions),
             "contestants": {
-                one.name: self._outcome(level, spec, one.name)
-                for spec, one in self.stress.contestants.items()
-                if (level.name, one.name) in self.stress.outcomes
+                contestant.name: self._outcome(level, spec, contestant.name)
+                for spec, contestant in self.stress.contestants.items()
+                if (level.name, contestant.name) in self.stress.outcomes
             },
         }
 
@@ -355,7 +359,7 @@ class StressReport(NotebookRepr):
 
     def _effect(self, effect: Effect) -> dict[str, Any]:
         stress = self.stress
-        pairs = {other: stress.break_even(effect, other) for other in stress.names[1:]}
+        pairs = {rival: stress.break_even(effect, rival) for rival in stress.names[1:]}
         return {
             "unit": effect.unit,
             "nominal": effect.nominal,
@@ -370,8 +374,8 @@ class StressReport(NotebookRepr):
 
 def _reach(stress: Stress, effect: Effect, name: str) -> str:
     """To which size somebody holds 99 %; "none" where no size that was flown is small enough."""
-    sizes, shares = stress.curve(effect, name)
-    size = holds_to(sizes, shares)
+    sizes, rates = stress.curve(effect, name)
+    size = holds_to(sizes, rates)
     if len(sizes) < 2:
         return "-"
     if size is None or size == effect.nominal:
@@ -379,9 +383,9 @@ def _reach(stress: Stress, effect: Effect, name: str) -> str:
     return f"all to {size:g}" if size == effect.sizes[-1] else f"{size:g}"
 
 
-def _lead(stress: Stress, effect: Effect, other: str) -> str:
-    result = stress.break_even(effect, other)
+def _lead(stress: Stress, effect: Effect, rival: str) -> str:
+    result = stress.break_even(effect, rival)
     first = stress.names[0]
     if result is not None and result.size == effect.nominal:
-        return f"{first if result.after == 1 else other} from {effect.sizes[0]:g} {effect.unit} on"
-    return "-" if result is None else result.text(first, other, effect.unit)
+        return f"{first if result.after == 1 else rival} from {effect.sizes[0]:g} {effect.unit} on"
+    return "-" if result is None else result.text(first, rival, effect.unit)

@@ -42,10 +42,10 @@ def fit(points: np.ndarray, direction: Sequence[float], upright: float, aspect: 
     shifts = []
     distances = []
     for along, tangent in ((x, aspect * math.tan(upright / 2.0)), (y, math.tan(upright / 2.0))):
-        one = float(np.max(z + along / tangent))
-        other = float(np.max(z - along / tangent))
-        shifts.append(tangent * (one - other) / 2.0)
-        distances.append((one + other) / 2.0)
+        front = float(np.max(z + along / tangent))
+        back = float(np.max(z - along / tangent))
+        shifts.append(tangent * (front - back) / 2.0)
+        distances.append((front + back) / 2.0)
     middle = float(z.min() + z.max()) / 2.0
     target = axes.T @ [*shifts, middle]
     return Camera(target + (max(distances) - middle) * axes[2], target)

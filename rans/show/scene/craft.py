@@ -53,13 +53,13 @@ def craft_parts(craft: Spacecraft, body: Rgba) -> list[Part]:
     parts = [*hull_parts(craft, body), *triad(craft, 1.55, 0.04)]
     for i, (bell, thruster) in enumerate(zip(exhausts(craft, 0.0), craft.thrusters, strict=True)):
         parts.append(Part(f"nozzle {i}", frustum(0.045 * r, 0.12 * r, _BELL * r), _DARK, bell))
-        place = np.array(thruster.position) - craft.centre_of_mass
+        position = np.array(thruster.position) - craft.centre_of_mass
         parts.append(
-            Part(f"valve {i}", Box(0.15 * r, 0.15 * r, 0.15 * r), _STEEL, RigidTransform(place))
+            Part(f"valve {i}", Box(0.15 * r, 0.15 * r, 0.15 * r), _STEEL, RigidTransform(position))
         )
-        if (distance := float(np.linalg.norm(place))) > 0.7 * r:
-            inner = place * (0.5 * r / distance)
-            parts.append(Part(f"arm {i}", *rod(inner, place, 0.045 * r, _STEEL)))
+        if (distance := float(np.linalg.norm(position))) > 0.7 * r:
+            inner = position * (0.5 * r / distance)
+            parts.append(Part(f"arm {i}", *rod(inner, position, 0.045 * r, _STEEL)))
     return parts
 
 
@@ -83,16 +83,16 @@ def hull_parts(
 ) -> list[Part]:
     """Everything but nozzles, so many times as large; of the body's colour alone where that is asked for."""
     if craft.solids:
-        made = [
+        parts = [
             _solid(craft, solid, body, scale, f"solid {k}") for k, solid in enumerate(craft.solids)
         ]
     else:
-        made = [
+        parts = [
             *(_platform if craft.dimension == 2 else _flyer)(
                 scale * craft.radius, craft.shape, body
             )
         ]
-    return [part._replace(colour=body) for part in made] if one_colour else made
+    return [part._replace(colour=body) for part in parts] if one_colour else parts
 
 
 def _platform(r: float, shape: str, body: Rgba) -> Iterator[Part]:
@@ -118,12 +118,12 @@ def _platform(r: float, shape: str, body: Rgba) -> Iterator[Part]:
 
 def _flyer(r: float, shape: str, body: Rgba) -> Iterator[Part]:
     """A body of eight sides (or round) with solar cells, two tanks and a camera that looks along x."""
-    turned = RotationMatrix.MakeZRotation(math.pi / 8.0)
+    eighth_turn = RotationMatrix.MakeZRotation(math.pi / 8.0)
     yield Part(
         "bus",
         frustum(0.74 * r, 0.74 * r, 0.84 * r, sides=8 if shape == "sphere" else _SIDES),
         body,
-        RigidTransform(turned, [0.0, 0.0, -0.42 * r]),
+        RigidTransform(eighth_turn, [0.0, 0.0, -0.42 * r]),
     )
     for k, z in enumerate((-0.42, 0.42)):
         yield Part(f"tank {k}", Sphere(0.40 * r), _STEEL, RigidTransform([0.0, 0.0, z * r]))
@@ -157,24 +157,24 @@ def _solid(craft: Spacecraft, solid: Solid, body: Rgba, scale: float, name: str)
     else:
         shape = {"box": Box, "cylinder": Cylinder, "sphere": Sphere}[solid.shape](*size)
     turn = RotationMatrix.MakeFromOneVector(np.array(solid.axis), 2)
-    place = scale * (np.array(solid.position) - craft.centre_of_mass)
+    position = scale * (np.array(solid.position) - craft.centre_of_mass)
     if solid.shape == "cone":
-        place = place - turn @ [0.0, 0.0, size[1] / 2.0]
+        position = position - turn @ [0.0, 0.0, size[1] / 2.0]
     colour = (
         Rgba(*(int(solid.colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)))
         if solid.colour
         else body
     )
-    return Part(name, shape, colour, RigidTransform(turn, place))
+    return Part(name, shape, colour, RigidTransform(turn, position))
 
 
 def exhausts(craft: Spacecraft, along: float) -> list[RigidTransform]:
     """Frames in B whose z axes point along the exhausts, so many radii from the thrusters."""
     away = [-np.array(thruster.direction) for thruster in craft.thrusters]
-    places = [np.array(thruster.position) - craft.centre_of_mass for thruster in craft.thrusters]
+    positions = [np.array(thruster.position) - craft.centre_of_mass for thruster in craft.thrusters]
     return [
-        RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), place + along * craft.radius * z)
-        for z, place in zip(away, places, strict=True)
+        RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), position + along * craft.radius * z)
+        for z, position in zip(away, positions, strict=True)
     ]
 
 
@@ -191,9 +191,9 @@ def rod(
     start: np.ndarray, end: np.ndarray, radius: float, colour: Rgba
 ) -> tuple[Shape, Rgba, RigidTransform]:
     """A thin cylinder from one point to another, m."""
-    way = end - start
-    pose = RigidTransform(RotationMatrix.MakeFromOneVector(way, 2), (start + end) / 2.0)
-    return Cylinder(radius, float(np.linalg.norm(way))), colour, pose
+    axis = end - start
+    pose = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), (start + end) / 2.0)
+    return Cylinder(radius, float(np.linalg.norm(axis))), colour, pose
 
 
 def frustum(

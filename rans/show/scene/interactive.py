@@ -111,8 +111,8 @@ class InteractiveFlight:
         """Begin the episode anew, or another one of the seed; faults, delay and noise stay."""
         self.number = self.number if episode is None else episode
         craft = self.world.craft
-        drawn = scenarios(self.world.task, craft, self.seed, 1, first=self.number)
-        self._episode = self.world.begin(drawn.start, drawn.goal, 0, None, Body.of(craft))
+        samples = scenarios(self.world.task, craft, self.seed, 1, first=self.number)
+        self._episode = self.world.begin(samples.start, samples.goal, 0, None, Body.of(craft))
         self._past: list[_Snapshot] = []
         self._waiting: deque[tuple[float, ...]] = deque()
         self.over = ""

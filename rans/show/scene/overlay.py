@@ -35,7 +35,7 @@ def html(
         title: of the page; by default who flies.
         aspect: width over height for which the camera was placed.
     """
-    way = iter(paths)
+    remaining = iter(paths)
     agents = [
         {
             "name": flight.controller,
@@ -44,21 +44,21 @@ def html(
                 [name, QUANTITIES[name].display[1], QUANTITIES[name].display[0] * bound]
                 for name, bound in flight.task.tolerances().items()
             ],
-            "flights": [{"path": next(way), **_series(motion)} for motion in row],
+            "flights": [{"path": next(remaining), **_series(motion)} for motion in row],
         }
         for flight, row, colour in zip(flights, rows, colours, strict=True)
     ]
-    wanted = frozenset[str]().union(*(motion.wanted for row in rows for motion in row))
+    bounded = frozenset[str]().union(*(motion.wanted for row in rows for motion in row))
     planar, space = ({flight.craft.dimension for flight in flights} >= {axes} for axes in (2, 3))
     data = {
         "title": title or " and ".join(dict.fromkeys(flight.controller for flight in flights)),
         "agents": agents,
         "legend": [
             [css_class, text]
-            for css_class, text, shown in (
-                ("goal", "goal", bool(wanted & {"position", "attitude"})),
-                ("goal", "velocity to fly", "velocity" in wanted),
-                ("way", "velocity flown, way of 2 s", "velocity" in wanted),
+            for css_class, text, visible in (
+                ("goal", "goal", bool(bounded & {"position", "attitude"})),
+                ("goal", "velocity to fly", "velocity" in bounded),
+                ("way", "velocity flown, way of 2 s", "velocity" in bounded),
                 ("plume", "open thruster, as long as its command", True),
                 ("way", "way flown", True),
                 ("x", "x axis" if space else "x axis, the heading", True),
@@ -66,7 +66,7 @@ def html(
                 ("z", "z axis", space),
                 ("grid", "lines 1 m apart", planar),
             )
-            if shown
+            if visible
         ],
         "aspect": aspect,
         "dark": not planar,

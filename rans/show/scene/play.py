@@ -215,8 +215,8 @@ class Playground:
         axes = self._meshcat.GetGamepad().axes
         for name, push in zip(names, (axes[0], -axes[1]) if len(axes) > 1 else (), strict=False):
             if abs(push) > _PAD_REST:
-                moved = self._meshcat.GetSliderValue(name) + push * _PAD_SPEED * _IDLE
-                self._meshcat.SetSliderValue(name, moved)
+                value = self._meshcat.GetSliderValue(name) + push * _PAD_SPEED * _IDLE
+                self._meshcat.SetSliderValue(name, value)
         now = {name: self._meshcat.GetSliderValue(name) for name in names}
         if all(now[name] == self._values[name] for name in names):
             return
@@ -227,7 +227,7 @@ class Playground:
     def _begin(self) -> None:
         """Draw everything of an episode anew."""
         flight = self.flight
-        one = flight.world.craft
+        spacecraft = flight.world.craft
         start = columns(flight.state.p)[0]
         goal = columns(flight.goal.p)[0] if flight.moves else start
         if flight.moves:
@@ -235,21 +235,23 @@ class Playground:
         length = math.ceil(_TRAIL_SECONDS / flight.world.timing.control_period)
         self._trail: deque[np.ndarray] = deque([start], maxlen=length)
         points = np.array([start, goal, -goal, start * (1.0, -1.0, 1.0)])
-        low = points.min(axis=0) - 3.0 * one.radius - 0.5
-        high = points.max(axis=0) + 3.0 * one.radius + 0.5
-        planar = one.dimension == 2
+        low = points.min(axis=0) - 3.0 * spacecraft.radius - 0.5
+        high = points.max(axis=0) + 3.0 * spacecraft.radius + 0.5
+        planar = spacecraft.dimension == 2
         if planar:
-            low[2] = craft.FLOOR * one.radius
-            high[2] = one.radius
+            low[2] = craft.FLOOR * spacecraft.radius
+            high[2] = spacecraft.radius
         self._meshcat.Delete("/play")
         self._put("/play/ground", scene.ground_parts(low, high, not planar))
         size = float(np.linalg.norm(high - low))
         self._meshcat.SetProperty(CAMERA, "near", 2e-3 * size)
         self._meshcat.SetProperty(CAMERA, "far", 3.0 * scene.STARS * size)
-        place, target = fit(np.array([low, high]), DIRECTION[planar], UPRIGHT, ASPECT)
-        self._meshcat.SetCameraPose(place, target)
+        camera, target = fit(np.array([low, high]), DIRECTION[planar], UPRIGHT, ASPECT)
+        self._meshcat.SetCameraPose(camera, target)
         self._put_craft()
-        self._put("/play/goal", scene.goal_parts(one, frozenset(flight.world.task.tolerances())))
+        self._put(
+            "/play/goal", scene.goal_parts(spacecraft, frozenset(flight.world.task.tolerances()))
+        )
         for number, shape in enumerate(self._scenery()):
             reach = float(np.linalg.norm(start - goal))
             self._put(f"/play/scenery {number}", scene.scenery_parts(shape, reach))
@@ -281,23 +283,23 @@ class Playground:
 
     def _put_craft(self) -> None:
         """The craft in the colour of who commands it."""
-        one = self.flight.world.craft
+        spacecraft = self.flight.world.craft
         colour = scene.BODIES[self._colours[self.flight.active]]
-        self._put("/play/craft", craft.craft_parts(one, colour))
-        for index, frame in enumerate(craft.plumes(one)):
-            self._put(f"/play/craft/plume {index}", craft.plume_parts(one))
+        self._put("/play/craft", craft.craft_parts(spacecraft, colour))
+        for index, frame in enumerate(craft.plumes(spacecraft)):
+            self._put(f"/play/craft/plume {index}", craft.plume_parts(spacecraft))
             self._meshcat.SetTransform(f"/play/craft/plume {index}", frame)
 
     def _mark_faults(self) -> None:
         """Red balls at dead thrusters, yellow ones at those stuck open."""
-        one = self.flight.world.craft
+        craft = self.flight.world.craft
         self._meshcat.Delete("/play/craft/faults")
         for failed, colour in ((self.flight.dead, _DEAD), (self.flight.stuck, _STUCK)):
             for number in failed:
-                place = np.array(one.thrusters[number].position) - one.centre_of_mass
+                position = np.array(craft.thrusters[number].position) - craft.centre_of_mass
                 path = f"/play/craft/faults/{number}"
-                self._meshcat.SetObject(path, Sphere(0.18 * one.radius), colour)
-                self._meshcat.SetTransform(path, RigidTransform(place))
+                self._meshcat.SetObject(path, Sphere(0.18 * craft.radius), colour)
+                self._meshcat.SetTransform(path, RigidTransform(position))
 
     def _draw(self, state: Any) -> None:
         """Craft, goal, plumes, scenery and trail at a state, fields (1,)."""
@@ -309,11 +311,11 @@ class Playground:
         self._meshcat.SetTransform("/play/craft", pose)
         self._meshcat.SetTransform("/play/goal", goal)
         for index in range(len(flight.world.craft.thrusters)):
-            share = 1.0 if index in flight.stuck else float(flight.command[index])
-            lit = share > 0.0 and index not in flight.dead
+            opening = 1.0 if index in flight.stuck else float(flight.command[index])
+            lit = opening > 0.0 and index not in flight.dead
             path = f"/play/craft/plume {index}"
             self._meshcat.SetProperty(path, "visible", lit)
-            self._meshcat.SetProperty(path, "scale", [1.0, 1.0, max(share, 1e-3)])
+            self._meshcat.SetProperty(path, "scale", [1.0, 1.0, max(opening, 1e-3)])
         for number, shape in enumerate(self._scenery()):
             self._meshcat.SetTransform(f"/play/scenery {number}", scene.scenery_pose(shape))
         if len(self._trail) > 1:

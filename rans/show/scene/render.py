@@ -62,9 +62,9 @@ class Renderer:
                 default_clear_color=SKY[motion.craft.dimension],
                 lights=[
                     geometry.LightParameter(
-                        type="directional", frame=frame, intensity=intensity, direction=way
+                        type="directional", frame=frame, intensity=intensity, direction=direction
                     )
-                    for frame, intensity, way in _LIGHTS
+                    for frame, intensity, direction in _LIGHTS
                 ],
             )
         )
@@ -97,8 +97,8 @@ class Renderer:
             ),
             image,
         )
-        for one in passing:
-            self._engine.RemoveGeometry(one)
+        for passing_part in passing:
+            self._engine.RemoveGeometry(passing_part)
         return Image.fromarray(np.array(image.data)[:, :, :3]).reduce(_SMOOTHING)
 
     def pose(self, time: float) -> RigidTransform:
@@ -125,9 +125,9 @@ class Renderer:
             goal = RigidTransform(goal.rotation(), pose.translation())
         yield from ((goal, part) for part in scene.goal_parts(motion.craft, motion.wanted))
         for shape in motion.scenery:
-            one = scene.at_instant(shape, k)
-            place = scene.scenery_pose(one)
-            yield from ((place, part) for part in scene.scenery_parts(one, motion.reach))
+            posed = scene.at_instant(shape, k)
+            origin = scene.scenery_pose(posed)
+            yield from ((origin, part) for part in scene.scenery_parts(posed, motion.reach))
         if "velocity" in motion.wanted:
             for own, velocity in ((True, motion.goal_velocities[k]), (False, motion.velocities[k])):
                 turn, length = scene.velocity_arrow(velocity)

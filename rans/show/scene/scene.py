@@ -151,16 +151,16 @@ class Motion:
             )
             * r
         )
-        places = [*self.path]
+        points = [*self.path]
         if "position" in self.wanted:
-            places += [goal.translation() for goal in self.goals]
+            points += [goal.translation() for goal in self.goals]
         for shape in self.scenery:
             for k in {0, len(self.poses) - 1}:
-                places += [*np.concatenate(outlines(at_instant(shape, k), 0.0) or [self.path[:1]])]
+                points += [*np.concatenate(outlines(at_instant(shape, k), 0.0) or [self.path[:1]])]
         if "velocity" in self.wanted:
-            ways = _SECONDS * np.array([*self.velocities, *self.goal_velocities])
-            places += [*(np.tile(self.path, (2, 1)) + ways)]
-        return (np.array(places)[:, None] + corners).reshape(-1, 3)
+            arrows = _SECONDS * np.array([*self.velocities, *self.goal_velocities])
+            points += [*(np.tile(self.path, (2, 1)) + arrows)]
+        return (np.array(points)[:, None] + corners).reshape(-1, 3)
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner in W, (3,) m, of `points`; in the plane the floor is the lowest."""
@@ -168,22 +168,22 @@ class Motion:
         return points.min(axis=0), points.max(axis=0)
 
 
-def goal_parts(craft: Spacecraft, wanted: Collection[str]) -> list[Part]:
+def goal_parts(craft: Spacecraft, bounded: Collection[str]) -> list[Part]:
     """What there is to reach, in the goal's frame: a ghost with axes, axes alone, or a pin.
 
     Wanted are the errors that the task bounds, the keys of `Task.tolerances`.
     """
     r = craft.radius
-    if "attitude" in wanted:
+    if "attitude" in bounded:
         # A little larger, so that no surface of the craft lies in one of its ghost.
-        hull = hull_parts(craft, _GHOST, 1.04, one_colour=True) if "position" in wanted else []
+        hull = hull_parts(craft, _GHOST, 1.04, one_colour=True) if "position" in bounded else []
         ghost = [part._replace(name=f"ghost {part.name}") for part in hull]
         return [*ghost, *triad(craft, 2.1, 0.03, _GOAL if craft.dimension == 2 else None)]
     pin = [
         Part("needle", frustum(0.001 * r, 0.08 * r, 2.2 * r), _GOAL, RigidTransform()),
         Part("head", Sphere(0.3 * r), _GOAL, RigidTransform([0.0, 0.0, 2.2 * r])),
     ]
-    return pin if "position" in wanted else []
+    return pin if "position" in bounded else []
 
 
 def at_instant(shape: Shape, k: int) -> Shape:
@@ -256,10 +256,10 @@ def velocity_arrow(velocity: np.ndarray) -> tuple[RotationMatrix, float]:
     return RotationMatrix.MakeFromOneVector(velocity, 0), _SECONDS * length
 
 
-def trail_parts(way: np.ndarray) -> Iterator[tuple[int, Part]]:
+def trail_parts(path: np.ndarray) -> Iterator[tuple[int, Part]]:
     """Pieces of a path in W, (K, 3) m, each with the index at which it is complete."""
-    last = way[0]
-    for k, point in enumerate(way):
+    last = path[0]
+    for k, point in enumerate(path):
         if np.linalg.norm(point - last) >= _STRIDE:
             yield k, Part(f"trail {k}", *rod(last, point, 0.008, _TRAIL))
             last = point
@@ -290,11 +290,11 @@ def shadow_part(craft: Spacecraft) -> Part:
 def _stars(middle: np.ndarray, distance: float) -> Part:
     """Points of light in all directions, as one mesh of tetrahedra; always the same ones."""
     random = np.random.default_rng(0)
-    ways = random.normal(size=(700, 3))
+    directions = random.normal(size=(700, 3))
     sizes = distance * random.uniform(6e-4, 2.2e-3, 700)
     corners = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / math.sqrt(3.0)
-    places = distance * ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    points = (places[:, None] + sizes[:, None, None] * corners).reshape(-1, 3)
+    stars = distance * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    points = (stars[:, None] + sizes[:, None, None] * corners).reshape(-1, 3)
     faces = [
         (k + a, k + b, k + c)
         for k in range(0, len(points), 4)

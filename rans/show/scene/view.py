@@ -128,10 +128,10 @@ class View:
 
     def _add(self, motion: Motion, path: str, body: Rgba, floor: float) -> None:
         """One spacecraft with everything that belongs to it."""
-        one = motion.craft
+        spacecraft = motion.craft
         frames = np.rint(motion.times * _FRAMES_PER_SECOND).astype(int)
-        self._put(f"{path}/craft", craft.craft_parts(one, body))
-        self._put(f"{path}/goal", scene.goal_parts(one, motion.wanted))
+        self._put(f"{path}/craft", craft.craft_parts(spacecraft, body))
+        self._put(f"{path}/goal", scene.goal_parts(spacecraft, motion.wanted))
         for k, frame in enumerate(frames):
             self._animation.SetTransform(frame, f"{path}/craft", motion.poses[k])
             self._animation.SetTransform(frame, f"{path}/goal", motion.goal_at(k))
@@ -141,12 +141,12 @@ class View:
             for k, frame in enumerate(frames):
                 pose = scene.scenery_pose(scene.at_instant(shape, k))
                 self._animation.SetTransform(frame, f"{path}/scenery {number}", pose)
-        if one.dimension == 2:
-            self._put(path, [scene.shadow_part(one)])
+        if spacecraft.dimension == 2:
+            self._put(path, [scene.shadow_part(spacecraft)])
             for frame, (x, y, _) in zip(frames, motion.path, strict=True):
                 self._animation.SetTransform(frame, f"{path}/shadow", RigidTransform([x, y, floor]))
-        for index, frame in enumerate(craft.plumes(one)):
-            self._put(f"{path}/craft/plume {index}", craft.plume_parts(one))
+        for index, frame in enumerate(craft.plumes(spacecraft)):
+            self._put(f"{path}/craft/plume {index}", craft.plume_parts(spacecraft))
             self._meshcat.SetTransform(f"{path}/craft/plume {index}", frame)
             self._blow(frames, f"{path}/craft/plume {index}", motion.opening[:, index])
         for k, part in scene.trail_parts(motion.path):
@@ -163,9 +163,9 @@ class View:
     ) -> None:
         """From the body's centre, as long as a velocity."""
         self._put(path, scene.velocity_parts(goal))
-        for frame, place, velocity in zip(frames, motion.path, velocities, strict=True):
+        for frame, position, velocity in zip(frames, motion.path, velocities, strict=True):
             turn, scale = scene.velocity_arrow(velocity)
-            self._animation.SetTransform(frame, path, RigidTransform(turn, place))
+            self._animation.SetTransform(frame, path, RigidTransform(turn, position))
             self._animation.SetProperty(frame, path, "scale", [scale] * 3)
 
     def _blow(self, frames: np.ndarray, path: str, opening: np.ndarray) -> None:
@@ -173,9 +173,9 @@ class View:
         self._switch(frames, path, opening > 0.0)
         if not np.isin(opening, (0.0, 1.0)).all():
             for frame, until, command in zip(frames[:-1], frames[1:], opening[:-1], strict=True):
-                for one in (frame, until - 1):
+                for at in (frame, until - 1):
                     self._animation.SetProperty(
-                        one, path, "scale", [1.0, 1.0, max(float(command), 1e-3)]
+                        at, path, "scale", [1.0, 1.0, max(float(command), 1e-3)]
                     )
 
     def _switch(self, frames: np.ndarray, path: str, on: np.ndarray) -> None:
@@ -193,5 +193,5 @@ class View:
         size = float(np.linalg.norm(high - low))
         self._meshcat.SetProperty(CAMERA, "near", 2e-3 * size)
         self._meshcat.SetProperty(CAMERA, "far", 3.0 * scene.STARS * size)
-        place, target = fit(points, DIRECTION[steep], UPRIGHT, ASPECT)
-        self._meshcat.SetCameraPose(place, target)
+        camera, target = fit(points, DIRECTION[steep], UPRIGHT, ASPECT)
+        self._meshcat.SetCameraPose(camera, target)

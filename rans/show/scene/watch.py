@@ -31,17 +31,17 @@ def watch(run: Path, port: int) -> None:
     torch.set_num_threads(1)  # of small networks; more would disturb the training
     view = View()
     file = RunFolder(run).trained_file
-    shown = 0
+    latest = 0
     served = view.serve(port)
     open_browser(served.url)
     while True:
         changed = file.stat().st_mtime_ns if file.exists() else 0
-        if changed != shown:
+        if changed != latest:
             agent = load_agent(run)
             view.show(
                 [fly_episodes(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight]
             )
             served.renew()
-            shown = changed
+            latest = changed
             time.sleep(_SECONDS)
         time.sleep(_PAUSE)

@@ -72,8 +72,8 @@ def scores(
     else:
         result = _goal_scores(entry, bootstrap)
     if optimum is not None:
-        known = np.isfinite(optimum)
-        ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
+        solved = np.isfinite(optimum)
+        ratio = Bootstrap(int(solved.sum())).ratio(entry.returns[solved], optimum[solved])
         result[RETURN] = ratio.scaled(100.0)
     middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
     return result | {"latency, ms": Estimate(*middle)}
@@ -194,9 +194,9 @@ def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
     """Rows of a table of the relaxed optima, one for each objective."""
     rows = []
     for name, optima in comparison.relaxed.items():
-        solved = [one for one in optima if one.solved]
+        solved = [optimum for optimum in optima if optimum.solved]
         middle = [_median(solved, key) for key in ("arrival", "settling", "thrust", "total")]
-        worst = max((one.replay_error for one in solved), default=None)
+        worst = max((optimum.replay_error for optimum in solved), default=None)
         rows.append(
             [name, f"{len(solved)} of {len(optima)}", *middle, worst, _median(solved, "seconds")]
         )
@@ -242,7 +242,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                     name: [_relaxed_row(row) for row in rows]
                     for name, rows in comparison.relaxed.items()
                 },
-                "certified": [asdict(one) for one in comparison.certified],
+                "certified": [asdict(bound) for bound in comparison.certified],
                 "mission": None if comparison.mission is None else comparison.mission.to_json(),
             },
             "environment": environment(),

@@ -18,14 +18,20 @@ def table(front: Front) -> tuple[list[str], list[list[str]]]:
     quantity, factor, unit = _error(front)
     rows = []
     for entry in _ordered(front):
-        place = point(entry)
+        coordinates = point(entry)
         multiple = front.multiple(entry)
         over = (
             (multiple.behind, multiple.until, multiple.episode)
             if multiple
             else (math.nan, math.nan, math.nan)
         )
-        numbers = 100.0 * place.there, place.time, place.impulse, factor * place.error, *over
+        numbers = (
+            100.0 * coordinates.there,
+            coordinates.time,
+            coordinates.impulse,
+            factor * coordinates.error,
+            *over,
+        )
         rows.append([entry.name, *map(figure, numbers)])
     return [
         "contestant",
@@ -42,16 +48,16 @@ def table(front: Front) -> tuple[list[str], list[list[str]]]:
 def sentences(front: Front) -> Iterator[str]:
     """Who dominates whom, and how far from the bounds each line is."""
     for agent, line in front.lines().items():
-        for other in front.others():
-            verdict = front.verdict(line, other)
+        for rival in front.others():
+            verdict = front.verdict(line, rival)
             does = "dominates" if verdict.dominates else "does not dominate"
             sure = (
-                f" (in {100.0 * front.chance(line, other):.3g} % of resamplings)"
+                f" (in {100.0 * front.chance(line, rival):.3g} % of resamplings)"
                 if verdict.dominates
                 else ""
             )
-            yield f"{agent} {does} {other.name}{sure}: {_reason(verdict, point(other), *_error(front))}."
-        over = {one.contestant.trade_off: own for one in line if (own := front.multiple(one))}
+            yield f"{agent} {does} {rival.name}{sure}: {_reason(verdict, point(rival), *_error(front))}."
+        over = {entry.contestant.trade_off: own for entry in line if (own := front.multiple(entry))}
         for says, name in (
             (
                 "is behind the nearest point of the certified front, in time and impulse at once, by factors of",
@@ -74,21 +80,21 @@ def sentences(front: Front) -> Iterator[str]:
             )
 
 
-def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: str) -> str:
+def _reason(verdict: Verdict, rival: Point, quantity: str, factor: float, unit: str) -> str:
     thrifty, quick, _ = verdict
     if thrifty is None:
-        return f"at no position is it there within {other.time:.4g} s in the mean"
-    if thrifty.impulse >= other.impulse:
-        return f"in {other.time:.4g} s it spends {thrifty.impulse:.4g} N s, not less than {other.impulse:.4g}"
-    text = f"in {other.time:.4g} s {thrifty.impulse:.4g} N s instead of {other.impulse:.4g}"
-    if quick is None or quick.time >= other.time:
-        return f"{text}, but with {other.impulse:.4g} N s it is no quicker"
+        return f"at no position is it there within {rival.time:.4g} s in the mean"
+    if thrifty.impulse >= rival.impulse:
+        return f"in {rival.time:.4g} s it spends {thrifty.impulse:.4g} N s, not less than {rival.impulse:.4g}"
+    text = f"in {rival.time:.4g} s {thrifty.impulse:.4g} N s instead of {rival.impulse:.4g}"
+    if quick is None or quick.time >= rival.time:
+        return f"{text}, but with {rival.impulse:.4g} N s it is no quicker"
     error = max(thrifty.error, quick.error)
-    there = min(thrifty.there, quick.there)
+    arrived = min(thrifty.there, quick.there)
     return (
-        f"{text}; with {other.impulse:.4g} N s {quick.time:.4g} s instead of {other.time:.4g}; "
-        f"{quantity} error {factor * error:.3g} {unit} beside {factor * other.error:.3g}; there from "
-        f"{100.0 * there:.4g} % of starts beside {100.0 * other.there:.4g}"
+        f"{text}; with {rival.impulse:.4g} N s {quick.time:.4g} s instead of {rival.time:.4g}; "
+        f"{quantity} error {factor * error:.3g} {unit} beside {factor * rival.error:.3g}; there from "
+        f"{100.0 * arrived:.4g} % of starts beside {100.0 * rival.there:.4g}"
     )
 
 
@@ -98,16 +104,16 @@ def to_json(front: Front) -> dict[str, Any]:
         "horizon": front.contest.duration,
         "starts": front.contest.episodes,
         "points": {
-            one.name: {
-                "trade_off": one.contestant.trade_off,
-                **point(one)._asdict(),
-                "over_bound": multiple._asdict() if (multiple := front.multiple(one)) else None,
+            entry.name: {
+                "trade_off": entry.contestant.trade_off,
+                **point(entry)._asdict(),
+                "over_bound": multiple._asdict() if (multiple := front.multiple(entry)) else None,
             }
-            for one in _ordered(front)
+            for entry in _ordered(front)
         },
-        "lines": {agent: [one.name for one in line] for agent, line in front.lines().items()},
+        "lines": {agent: [entry.name for entry in line] for agent, line in front.lines().items()},
         "dominates": {
-            agent: {other.name: front.verdict(line, other).dominates for other in front.others()}
+            agent: {rival.name: front.verdict(line, rival).dominates for rival in front.others()}
             for agent, line in front.lines().items()
         },
         "indicators": {
@@ -126,7 +132,7 @@ def to_json(front: Front) -> dict[str, Any]:
 
 
 def _ordered(front: Front) -> list[Entry]:
-    return [*(one for line in front.lines().values() for one in line), *front.others()]
+    return [*(entry for line in front.lines().values() for entry in line), *front.others()]
 
 
 def _error(front: Front) -> tuple[str, float, str]:

@@ -44,14 +44,14 @@ def layout_text(craft: Spacecraft) -> str:
     )
 
 
-def _cell(place: Sequence[float], width: float) -> tuple[int, int]:
+def _cell(position: Sequence[float], width: float) -> tuple[int, int]:
     """Row and first column of a text centred at a place given in units; characters are 1 x 2."""
-    return round(-8.0 * place[1]), round(16.0 * place[0] - (width - 1) / 2)
+    return round(-8.0 * position[1]), round(16.0 * position[0] - (width - 1) / 2)
 
 
-def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -> None:
+def _put(cells: dict[tuple[int, int], str], position: Sequence[float], text: str) -> None:
     """Write the text at its place, or in the first free row below."""
-    row, column = _cell(place, len(text))
+    row, column = _cell(position, len(text))
     span = range(column, column + len(text))
     while any(cells.get((row, c), "·") != "·" for c in span):
         row += 1

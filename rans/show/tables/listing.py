@@ -175,13 +175,13 @@ def settings_listing(settings: Any, prefix: str = "", title: str = "Settings") -
 
 def _settings(settings: Any, prefix: str) -> Iterator[tuple[str, str, str]]:
     """Rows of a listing of settings; those of the tasks within a multi-task are left out."""
-    known = meanings(type(settings))
-    for one in dataclasses.fields(settings):
-        value = getattr(settings, one.name)
+    texts = meanings(type(settings))
+    for setting_field in dataclasses.fields(settings):
+        value = getattr(settings, setting_field.name)
         if dataclasses.is_dataclass(value) and not isinstance(value, Task):
-            yield from _settings(value, f"{prefix}{one.name}.")
+            yield from _settings(value, f"{prefix}{setting_field.name}.")
         else:
-            yield prefix + one.name, setting(value), known.get(one.name, "")
+            yield prefix + setting_field.name, setting(value), texts.get(setting_field.name, "")
 
 
 def conditions_listing(conditions: Conditions) -> Listing:
@@ -194,16 +194,16 @@ def conditions_listing(conditions: Conditions) -> Listing:
 
 
 def _changed(settings: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    for one in dataclasses.fields(settings):
-        value = getattr(settings, one.name)
+    for setting_field in dataclasses.fields(settings):
+        value = getattr(settings, setting_field.name)
         if dataclasses.is_dataclass(value):
-            yield from _changed(value, f"{prefix}{one.name}.")
-        elif one.name == "others":
-            yield from ((f"others.{k}", str(other)) for k, other in enumerate(value))
-        elif value != default(one) and one.name != "description":
+            yield from _changed(value, f"{prefix}{setting_field.name}.")
+        elif setting_field.name == "others":
+            yield from ((f"others.{k}", str(element)) for k, element in enumerate(value))
+        elif value != default(setting_field) and setting_field.name != "description":
             ranged = isinstance(value, tuple) and all(isinstance(x, float) for x in value)
             yield (
-                prefix + one.name,
+                prefix + setting_field.name,
                 (" to " if ranged else ", ").join(
                     map(setting, value if isinstance(value, tuple) else (value,))
                 ),
