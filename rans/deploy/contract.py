@@ -42,15 +42,15 @@ PAIRED = 64
 GOLDEN = 4
 """Flights that are kept as golden pairs."""
 FLIGHT_SEED = 2026
-"""Of their starts, which are those of training; no training or judgement uses this seed."""
+"""Seed of the starts of these flights, drawn as in training; no training or judgement uses this seed."""
 WIRED = 64
 """States and goals whose observation is kept, to check how an observation is put together."""
 _WIRING_SEED = 2029
 DUTY_TOLERANCE = 1e-4
-"""How far golden duties may be off: rounding of float32 in another order of sums is a hundredth of it."""
+"""Largest error of golden duties: rounding of float32 in another order of sums is a hundredth of it."""
 OBSERVATION_TOLERANCE = 1e-4
-"""How far a column put together elsewhere may be off: single precision of coordinates of up to ten metres is a
-hundredth of it."""
+"""Largest error of a column of observations that is computed elsewhere: single precision of coordinates of up to
+ten metres is a hundredth of it."""
 _FRAMES = {
     "W": "at rest (or, on an orbit, the Hill frame: x outwards, y along the track, z across); right-handed",
     "B": "fixed to the spacecraft: origin at its centre of mass, axes of spacecraft.toml; right-handed",
@@ -290,7 +290,7 @@ def changed_settings(value: Any) -> dict[str, Any]:
 
 
 def _conditions_text(conditions: Conditions) -> str:
-    """In a sentence, what the training drew of what a robot engineer asks for first."""
+    """Sentence with the conditions of the training that a robot engineer asks for first: latency, mass, noise."""
     if conditions.or_none is None:
         return "everything as designed: no latency, the designed mass, exact readings"
     every = (conditions, *conditions.others)
@@ -367,7 +367,7 @@ def is_one_task(task: Task) -> bool:
 
 
 def _trade_off(task: Task, craft: Spacecraft) -> dict[str, Any] | None:
-    """Which column trades time for thrust, and which of its ends is fast."""
+    """Column of the observation that trades time for thrust, and the meaning of its ends; None: there is none."""
     at = 0
     for entry in example(task, craft.dimension).terms:
         if isinstance(entry, TradeOff):

@@ -48,7 +48,7 @@ _FILES: dict[Form, tuple[str, ...]] = {
     "numpy": ("agent.py", "agent.npz"),
     "c": C_FILES,
 }
-"""Of the agent, by its form."""
+"""Files of the agent, by its form."""
 
 
 def export(
@@ -229,7 +229,7 @@ def evaluated(
 
 
 def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Any]:
-    """By the task's name, "" unless there are several: value, 95 % interval and unit of every metric."""
+    """Value, 95 % interval and unit of every metric, by the name of the task; "" unless there are several."""
     result = {}
     for one in judged_separately(spec):
         run = contestant(one, protocol)
@@ -241,7 +241,7 @@ def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict
 
 
 def _training(run: RunFolder) -> dict[str, Any]:
-    """How the agent came to be."""
+    """Training of an agent, as its card has it: seed, steps, time, device and versions."""
     rows = run.metrics()
     config = run.config()
     if not rows:

@@ -15,7 +15,7 @@ from rans.policy.program import Program
 
 OPSET = 17
 FORMAT = 8
-"""Of ONNX 1.12 of 2022: runtimes on robots are old, and nothing here is newer."""
+"""Versions of operators and of the file, those of ONNX 1.12 of 2022: runtimes on robots are old."""
 
 
 def write_onnx(

@@ -18,7 +18,7 @@ from rans.policy.program import Program
 from rans.policy.traced import parameters, policy_program
 
 _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
-"""Those that ONNX has an operation for."""
+"""Activations by name, and the operations that ONNX has for them."""
 
 
 def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
@@ -54,7 +54,7 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
 
 
 def _opened(program: Program) -> Program:
-    """The same with layers as ONNX's own operations."""
+    """A program whose layers are ONNX's own operations."""
     result = Program()
     result.constants = dict(program.constants)
     result.parameters = dict(program.parameters)

@@ -131,7 +131,7 @@ class UDPBus:
 
 
 ROUTER = "tcp/localhost:7447"
-"""Where sessions of rmw_zenoh expect their router; they do not search the network for one."""
+"""Address at which sessions of rmw_zenoh expect their router; they do not search the network for one."""
 _QOS = "::,10:,:,:,,"
 """Quality of service as tokens write it: defaults, which are reliable and volatile, with a depth of 10."""
 

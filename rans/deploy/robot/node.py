@@ -54,7 +54,7 @@ _MOST_OTHERS = 50
 
 @dataclass
 class Report:
-    """How a flight went."""
+    """Result of a flight."""
 
     decisions: int = 0
     """Control periods."""
@@ -74,7 +74,7 @@ class Report:
     """Why the flight ended before its time; "" where it did not."""
 
     def text(self) -> str:
-        """In a sentence."""
+        """The result as a sentence."""
         if not self.computed:
             return "no control period was flown."
         of = np.array(self.computed) * 1e3
@@ -342,7 +342,7 @@ class Inbox:
             return None
 
     def waiting(self) -> int:
-        """How many messages were not taken."""
+        """Number of messages that were not taken."""
         return self._queue.qsize()
 
     def empty(self) -> None:
@@ -409,7 +409,7 @@ class Announcements:
             time.sleep(0.02)
 
     def others(self) -> list[str]:
-        """Who else commands this robot, in sentences."""
+        """Sentences about others that command this robot."""
         found = []
         while self._heard:
             try:

@@ -42,13 +42,13 @@ from rans.tasks.shapes import Ball
 
 AGENT_FILES = ("agent.py", "agent.npz", "contract.json", "golden.json", "spacecraft.toml")
 CRAFT_TOPIC = "rans/craft"
-"""Where a robot says which spacecraft it is, as JSON in a text."""
+"""Topic on which a robot says which spacecraft it is, as JSON in a text."""
 AGENT_TOPIC = "rans/agent"
-"""Where a node says the same of its agent."""
+"""Topic on which a node says which agent it flies and on which topics it commands, as JSON in a text."""
 NOTE_TOPIC = "rans/note"
-"""Where a node says why valves are shut."""
+"""Topic on which a node says why valves are shut."""
 GOAL_TOPIC = "goal_pose"
-"""Where a goal may come from, such as RViz's."""
+"""Topic on which a goal may come, such as RViz's."""
 _RANGE_FLIGHTS = 512
 _SPREAD = 20
 """Intervals between states by whose median their rate is judged."""
@@ -106,7 +106,7 @@ class Plan:
     robot: RobotName = "ros"
     """Kind of robot (`rans.deploy.robot.interfaces`)."""
     goal: tuple[float, ...] = ()
-    """Where to go: x, y (m) and heading (degrees) in the plane; x, y, z and roll, pitch, yaw in space. Empty: the
+    """The goal: x, y (m) and heading (degrees) in the plane; x, y, z and roll, pitch, yaw in space. Empty: the
     origin."""
     goal_velocity: tuple[float, ...] = ()
     """Velocity of the goal in W, m/s, and after it its angular velocity, rad/s, for tasks that track one."""

@@ -188,7 +188,7 @@ def _placed(craft: Spacecraft, numbers: tuple[float, ...]) -> Any:
 
 
 def _of_numbers(episode: Any) -> Any:
-    """The same episode of numbers, but for whole ones."""
+    """An episode whose arrays of one element are floats; whole numbers stay as they are."""
 
     def plain(x: Any) -> Any:
         return x if np.asarray(x).dtype.kind in "iu" else float(np.squeeze(x))

@@ -111,7 +111,7 @@ def command(values: Any, low: Any, high: Any) -> np.ndarray:
 
 
 class Description(NamedTuple):
-    """Which spacecraft a robot is."""
+    """Description of the spacecraft that a robot is."""
 
     name: str
     sha256: str

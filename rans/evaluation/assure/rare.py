@@ -161,7 +161,7 @@ class _Flights(NamedTuple):
     """(G, N)."""
 
     def chosen(self, index: np.ndarray) -> _Flights:
-        """Those of an index (G, M) into each group."""
+        """The flights that an index (G, M) selects in each group."""
         return _Flights(
             np.take_along_axis(self.z, index[None], axis=2),
             np.take_along_axis(self.number, index, axis=1),

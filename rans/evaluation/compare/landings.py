@@ -44,7 +44,7 @@ class LandingAnswer:
     replayed: float = math.nan
     """Distance between the plan's end and that of the flight in the fast engine, m."""
     in_drake: float = math.nan
-    """The same of the flight in Drake, m."""
+    """Distance between the plan's end and that of the flight in Drake, m."""
 
     @property
     def good(self) -> bool:

@@ -24,7 +24,7 @@ _TIMES = 8
 _ROUNDING = 1e-6
 """Relative error of what is spent and of a bound by rounding."""
 _AROUND = (8.0, 16.0)
-"""How long before and after the landing of least propellant the front is bounded, in every control period, s."""
+"""Times before and after the landing of least propellant, s, within which the front is bounded in every period."""
 _SHORTEST = 2.0
 """Shortest landing that is tried, s."""
 
@@ -208,7 +208,7 @@ def _lower(contest: Contest, k: int, by: float | None = None) -> float:
 
 
 def steps_of(contest: Contest, count: int) -> int:
-    """How often `mission_bounds` reports progress at most."""
+    """Largest number of steps of progress that `mission_bounds` reports."""
     landed = contest.task.optimal_problem == "landing"
     return min(count, contest.episodes) + (1 if landed else _TIMES)
 

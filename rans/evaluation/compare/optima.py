@@ -49,7 +49,7 @@ _SENTENCES = {
 
 _AS_PLANNED = Timing(episode_steps=1)
 _ROUNDING = 1e-6
-"""How far a command of the optimiser may be beyond its bounds, which it keeps to 1e-8."""
+"""Largest excess of a command of the optimiser over its bounds, which it keeps to 1e-8."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,8 @@ class ArrivalCost:
     """Price of a second in the goal set with a position error as large as its tolerance; it grows with the square
     of the error."""
     attitude: float = 0.07
-    """The same of the attitude error; other errors cost nothing within their tolerances."""
+    """Price of a second in the goal set with an attitude error as large as its tolerance; it grows with the square
+    of the error. Other errors cost nothing within their tolerances."""
 
     def __post_init__(self) -> None:
         """Refuse prices that are negative or not finite."""

@@ -83,7 +83,7 @@ class Path:
         ]
 
     def in_space(self) -> Path:
-        """The same path with z = 0 if it is planar."""
+        """The path in space: a planar one with z = 0, one in space as it is."""
         return replace(self, points=np.pad(self.points, ((0, 0), (0, 3 - self.dimension))))
 
     def cross_track(self, position: np.ndarray, progress: np.ndarray, reach: float) -> np.ndarray:

@@ -30,7 +30,7 @@ class FixedTradeOff:
 
 
 def without_trade_off(run: LoadedRun) -> LoadedRun:
-    """The same agent for the task without a trade-off, if its trade-off is fixed."""
+    """An agent whose trade-off is fixed, for the task without one; others as they are."""
     trade_off = run.task.held_trade_off
     if trade_off is None:
         return run

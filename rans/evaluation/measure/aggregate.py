@@ -102,7 +102,7 @@ class Metrics(NotebookRepr):
             yield group, _line(tuple(rows))
 
     def key_lines(self) -> list[tuple[str, tuple[str, str, str, str]]]:
-        """Those of `lines` in a short table: success, time, errors and impulse."""
+        """Lines of a short table, as `lines` has them: success, time, errors and impulse."""
         lines = list(self.lines())
         order = [
             *(name for name in _FIRST),

@@ -229,7 +229,7 @@ class _Flyer(NamedTuple):
 
     contest: Contest
     controllers: Sequence[Sequence[Controller]]
-    """Of each contestant, one for each level."""
+    """Controllers by contestant and level."""
     conditions: Sequence[Conditions | None]
 
     def tried(self, level: int, contestant: int, first: int, count: int) -> _Part | str:
