@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import io
-import time
 import urllib.request
 from collections.abc import Iterator
 from http.client import HTTPResponse
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,11 +49,22 @@ def test_frames_reach_the_browser(window: Window, capsys: pytest.CaptureFixture[
             window.show(flat((30, 200, 30)))
 
 
-def test_it_keeps_real_time(window: Window) -> None:
-    begun = time.monotonic()
-    for _ in range(5):
+def test_frames_are_a_period_apart(window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is a twentieth of a second after the one before; after a late one nobody hurries."""
+    now = 100.0
+
+    def sleep(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    clock = SimpleNamespace(monotonic=lambda: now, sleep=sleep)
+    monkeypatch.setattr("rans.window.time", clock)
+    shown = []
+    for work in (0.0, 0.02, 0.2, 0.0, 0.04):
+        now += work
         window.show(flat((0, 0, 0)))
-    assert time.monotonic() - begun >= 4 / 20.0  # the first frame is due at once
+        shown.append(now)
+    assert shown == pytest.approx([100.0, 100.05, 100.25, 100.3, 100.35])
 
 
 def test_the_film_ends_with_the_window(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Every pair of effects together, against SciPy: each may be right alone and wrong beside another."""
+"""Every pair of effects together, against SciPy and Drake: each may be right alone and wrong beside another."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Literal
 
 import pytest
 
-from tests.support.pairs import EFFECTS, PAIRS, compare
+from tests.support.pairs import EFFECTS, PAIRS, Apart, compare, compare_with_drake
 
 BOUND = 1e-5
 """m and rad within 25 s, the accuracy that docs/validation.md states for one effect alone."""
@@ -15,7 +15,10 @@ ROUNDING = 1e-12
 
 
 def agrees(effects: tuple[str, ...], dimension: Literal[2, 3], period: float, seed: int) -> None:
-    apart = compare(effects, dimension, period, seed)
+    within(compare(effects, dimension, period, seed))
+
+
+def within(apart: Apart) -> None:
     assert apart.position < BOUND, apart
     assert apart.attitude < BOUND, apart
     assert apart.stores < ROUNDING, apart
@@ -56,3 +59,18 @@ def test_all_effects_together_agree_with_scipy(
 ) -> None:
     alone = ("pulsed", "throttle", "gravity")
     agrees(tuple(one for one in EFFECTS if one not in alone), dimension, period, seed)
+
+
+@pytest.mark.parametrize(("pair", "dimension"), [(("tank", "push"), 2), (("orbit", "kicks"), 2)])
+def test_a_pair_of_effects_agrees_with_drake(
+    pair: tuple[str, str], dimension: Literal[2, 3]
+) -> None:
+    within(compare_with_drake(pair, dimension, 0.5, seed=2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(PAIRS)), ids=lambda k: " and ".join(PAIRS[k]))
+def test_every_pair_of_effects_agrees_with_drake(number: int) -> None:
+    """Drake has its own masses, nozzles and joints. A pair is in the plane or in space, at one of two periods."""
+    dimension: Literal[2, 3] = 2 if number % 2 else 3
+    within(compare_with_drake(PAIRS[number], dimension, (0.2, 0.5)[number // 2 % 2], seed=2))

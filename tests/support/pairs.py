@@ -10,11 +10,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rans.flight import fly
+from rans.flight import Flight, fly
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
 from rans.model.fields import unflatten
+from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.model.timing import Timing
 from rans.randomization.conditions import (
@@ -25,7 +26,8 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.randomization.parameters import draw
-from rans.scenario import draws, scenarios
+from rans.reference.flight import fly_in_drake
+from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import GoToPose
 from tests.support.pair_oracle import Oracle
 from validation.study.sampling import Restless, gaps
@@ -175,7 +177,7 @@ def conditions_of(effects: Collection[str]) -> Conditions | None:
 
 
 class Apart(NamedTuple):
-    """Largest differences between RANS and the oracle at any instant of a flight."""
+    """Largest differences between two engines at any instant of a flight."""
 
     position: float
     """m."""
@@ -187,14 +189,40 @@ class Apart(NamedTuple):
     """Largest spin of the flight, rad/s: no difference."""
 
 
-def compare(
+class Flown(NamedTuple):
+    """A flight of RANS, and what another engine needs to repeat it."""
+
+    flight: Flight
+    starts: Scenario
+    conditions: Conditions | None
+    draws: Draws
+
+
+class Repeated:
+    """Gives the commands of a flight again, whatever the states are."""
+
+    name = "repeated"
+
+    def __init__(self, commands: np.ndarray) -> None:
+        self._commands = commands
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._left = iter(self._commands)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        return next(self._left)
+
+
+def flown(
     effects: Collection[str],
     dimension: Literal[2, 3],
     period: float,
     seed: int,
     seconds: float = 25.0,
-) -> Apart:
-    """Fly a random craft under some effects with the substeps that RANS chooses, and again by the oracle."""
+) -> Flown:
+    """Fly a random craft under some effects with the substeps that RANS chooses."""
     craft = craft_with(effects, dimension, seed)
     conditions = conditions_of(effects)
     task_class = GoToPose
@@ -213,17 +241,52 @@ def compare(
             for s in craft.stores
         )
         starts = replace(starts, start=replace(starts.start, stores=stores))
+    own = draws(seed, 1)
     with warnings.catch_warnings():  # that a period of 0.5 s is too long for some of them
         warnings.filterwarnings("ignore", message=".*can hardly be controlled")
         pilot = Restless(craft, seed)
-        own = draws(seed, 1)
         flight = fly(craft, task, pilot, starts, timing, conditions=conditions, draws=own)
+    return Flown(flight, starts, conditions, own)
+
+
+def compare(effects: Collection[str], dimension: Literal[2, 3], period: float, seed: int) -> Apart:
+    """Fly a random craft under some effects in RANS, and again by the oracle."""
+    flight, _, conditions, own = flown(effects, dimension, period, seed)
     drawn = None
     if conditions is not None:
-        body = Body.of(craft)
-        drawn = draw(conditions, craft, body, timing.episode_steps, own.first, own)
+        craft = flight.craft
+        steps = flight.timing.episode_steps
+        drawn = draw(conditions, craft, Body.of(craft), steps, own.first, own)
     rows = Oracle(flight, drawn, 0).fly()
-    off = gaps(flight.states, unflatten(flight.states, [column[:, None] for column in rows.T]))
+    return _apart(flight, unflatten(flight.states, [column[:, None] for column in rows.T]))
+
+
+def compare_with_drake(
+    effects: Collection[str],
+    dimension: Literal[2, 3],
+    period: float,
+    seed: int,
+    seconds: float = 10.0,
+) -> Apart:
+    """Fly a random craft under some effects in RANS, and its commands again in Drake."""
+    flight, starts, conditions, own = flown(effects, dimension, period, seed, seconds)
+    again = Repeated(flight.commands)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*can hardly be controlled")
+        judged = fly_in_drake(
+            flight.craft,
+            flight.task,
+            again,
+            starts,
+            flight.timing,
+            conditions=conditions,
+            draws=own,
+        )
+    return _apart(flight, judged.states)
+
+
+def _apart(flight: Flight, others: Any) -> Apart:
+    off = gaps(flight.states, others)
     spin = np.linalg.norm(np.array(flight.states.spin()), axis=0)
     return Apart(
         float(off["position"].max()),

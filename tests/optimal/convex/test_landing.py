@@ -19,6 +19,7 @@ from rans.optimal.convex.landing import (
     Lander,
     Landing,
     _floor,
+    _Problem,
     best_landing,
     landing,
     largest_turning,
@@ -129,6 +130,28 @@ def test_no_landing_is_below_the_bounds_of_its_flight_time(apart: bool) -> None:
                         sharpness.append(floor / needed)
     assert len(sharpness) > 10
     assert np.mean(sharpness) > 0.99
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_landings_in_the_middle_of_a_period_are_hardly_cheaper(apart: bool) -> None:
+    """The mission is judged there too, and the bound is of whole periods.
+
+    Near its minimum the propellant is a parabola of the flight time: 374.68 kg after 75 s and 375.30 kg after 74 s,
+    so that it rises by less than 0.7 kg times the square of the time from it in seconds. Half a second from the
+    nearest whole periods it is lower by 0.7 / 4 kg at most.
+    """
+    lander = Lander.of(CRAFT, apart=apart)
+    descent = Descent.of(Land(), craft=CRAFT)
+
+    def needed(*lengths: float) -> float:
+        problem = _Problem(lander, descent, PUBLISHED, np.array(lengths), None)
+        answer = problem.answer(problem.heaviest, "bound")
+        return math.inf if answer is None else problem.needed(answer)
+
+    counts = range(71, 77)
+    whole = min(needed(*[1.0] * count) for count in counts)
+    middle = min(needed(*[1.0] * count, 0.5) for count in counts)
+    assert whole - 0.7 / 4.0 < middle < whole + 0.7
 
 
 def test_the_burn_at_the_last_moment_is_the_optimum() -> None:
