@@ -128,7 +128,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._now: Episode | None = _plain(
             self._world.begin(chosen.start, chosen.goal, 0, self._draws)
         )
-        self._command = (0.0,) * len(self.craft.commands)
+        self._command = (0.0,) * self.craft.command_count
         self._trail: list[tuple[float, ...]] = []
         self._show()
         return self._observe(), {"errors": self._errors()}

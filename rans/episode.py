@@ -257,7 +257,7 @@ class World:
         Raises:
             ConfigError: there are conditions and no ``draws``.
         """
-        still = (0,) * len(self.craft.commands)
+        still = (0,) * self.craft.command_count
         if self.craft.stores and not start.stores:
             start = replace(start, stores=tuple(store.initial for store in self.craft.stores))
         new = self.recalled(
@@ -396,7 +396,7 @@ def step(
             world, sensed, episode.goal, command, **queued
         )
     if episode.parameters is not None and episode.parameters.dwell is not None:
-        count = len(world.craft.thrusters)
+        count = world.craft.thruster_count
         before = [earlier[:count] for earlier in episode.commands]
         obeyed = episode.parameters.dwell.enforced(command[:count], before, period)
         command = (*obeyed, *command[count:])

@@ -122,7 +122,7 @@ class Flight:
     @property
     def openings(self) -> np.ndarray:
         """Commands (T, N, thrusters) of the thrusters alone."""
-        return self.commands[:, :, : len(self.craft.thrusters)]
+        return self.commands[:, :, self.craft.thruster_commands]
 
     def errors(self) -> dict[str, np.ndarray]:
         """Errors of the task at every instant by quantity, (T + 1, N), SI units."""
@@ -287,10 +287,10 @@ def fly(
         desired = np.asarray(
             controller.act(world.sensed(now, draws), now.goal, observations), dtype=np.float64
         )
-        if desired.shape != (count, len(craft.commands)):
+        if desired.shape != (count, craft.command_count):
             raise ConfigError(
                 f"{controller.name} must answer {counted(count, 'observation')} with commands of the "
-                f"shape {(count, len(craft.commands))}, got {desired.shape}: was it made for another "
+                f"shape {(count, craft.command_count)}, got {desired.shape}: was it made for another "
                 f"craft than {craft.name}?"
             )
         outcome = step(world, now, tuple(desired.T), draws, move)
@@ -413,14 +413,14 @@ def _check_controller(controller: Controller, craft: Spacecraft) -> None:
     if isinstance(known, Spacecraft) and _form(known) != _form(craft):
         raise ConfigError(
             f"{controller.name} was made for {known.name}, with {len(known.commands)} commands in "
-            f"{known.dimension} dimensions, but {craft.name} has {len(craft.commands)} in "
+            f"{known.dimension} dimensions, but {craft.name} has {craft.command_count} in "
             f"{craft.dimension}."
         )
 
 
 def _form(craft: Spacecraft) -> tuple[int, int]:
     """Dimension and number of commands, which a controller must match."""
-    return craft.dimension, len(craft.commands)
+    return craft.dimension, craft.command_count
 
 
 def _stacked(trees: list[Any]) -> Any:

@@ -144,7 +144,7 @@ class FlightStatistics:
         steps = world.timing.episode_steps
         (failure, settles, settled) = outcome
         places = np.flatnonzero(failure)[:listed]
-        slots = last_fifth(steps) * len(world.craft.thrusters)
+        slots = last_fifth(steps) * world.craft.thruster_count
         values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
         return cls(
             len(failure),

@@ -150,7 +150,7 @@ class Effort:
             gained=self.gained + where(running & ~lost, outcome.reward, zero),
             impulse=self.impulse + spent,
             opened=self.opened
-            + where(running & late, reduce(add, outcome.command[: len(craft.thrusters)]), zero),
+            + where(running & late, reduce(add, outcome.command[craft.thruster_commands]), zero),
         )
 
 

@@ -208,6 +208,21 @@ def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors(name: str, file:
     assert asked == CHECKED.get(name, set()) | JUDGES.get(name, set())
 
 
+@every_module
+def test_commands_are_counted_by_the_spacecraft(name: str, file: Path) -> None:
+    """`Spacecraft.thruster_count` and its neighbours say which effectors are meant."""
+    if not name.startswith("rans.") or name.startswith(("rans.model", "rans.effectors")):
+        return
+    counted = {
+        node.args[0].attr
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func) == "len"
+        and isinstance(node.args[0], ast.Attribute)
+    }
+    assert not counted & {"thrusters", "wheels"} or name == "rans.compile.cuda.flight"
+
+
 def loaders_used(source: str) -> set[str]:
     """Loaders that a module imports, under any name, or reads from another module."""
     used = set()

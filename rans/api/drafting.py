@@ -62,7 +62,7 @@ class Draft:
         """Thrusters each of which may be dead while every force and torque stays possible."""
         from rans.randomization.faults import fault_sets
 
-        if len(self.spacecraft.thrusters) < 2:
+        if self.spacecraft.thruster_count < 2:
             return ()
         result = fault_sets(self.spacecraft, 1, "dead")
         return tuple(one.thrusters[0] for one in result if one.recoverable)

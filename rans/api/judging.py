@@ -452,7 +452,7 @@ def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
     from rans.show.progress import watched
 
     craft = load_spacecraft(spacecraft)
-    count = len(craft.thrusters)
+    count = craft.thruster_count
     if count < 2:
         raise ConfigError(f"{craft.name} has one thruster, which it cannot do without.")
     kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")

@@ -51,7 +51,7 @@ class Faults:
             Terminal().say(f"Picture: {self.picture}")
         # The conditions "faults" draw recoverable sets of one and of two thrusters, dead or stuck open.
         drawn = all(any(one.recoverable for one in sets) for sets in result.sets.values())
-        if drawn and len(craft.thrusters) > 2:
+        if drawn and craft.thruster_count > 2:
             words = ["rans", "train", "go-to-pose", "--spacecraft", self.craft]
             Terminal().suggest(shlex.join([*words, "--conditions", "faults"]))
         return 0

@@ -185,7 +185,7 @@ class Init:
             )
         )
         bearable = draft.bearable()
-        others = [k for k in range(len(craft.thrusters)) if k not in bearable]
+        others = [k for k in range(craft.thruster_count) if k not in bearable]
         if not bearable:
             console.say("No thruster may be dead: each one is needed for some force or torque.")
         elif not others:

@@ -130,7 +130,7 @@ def trace_flight(
 
     # A control period. A number is a state variable only if some period changes it. To find these takes several
     # passes: in each, those that the last pass changed are symbols.
-    commands = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.commands)))
+    commands = tuple(Symbol.input(f"command_{i}") for i in range(world.craft.command_count))
     kinds = dict[int, Kind]()
     while True:
         state = [

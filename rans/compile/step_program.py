@@ -132,7 +132,7 @@ class StepProgram:
 def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
     """Trace one step of these episodes; TypeError where a task does more than arithmetic on fields."""
     world, inputs, memory, settings = on_symbols(world, episode)
-    command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.commands)))
+    command = tuple(Symbol.input(f"command_{i}") for i in range(world.craft.command_count))
     low, high, first, stride = (
         Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
     )

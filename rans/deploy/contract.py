@@ -193,7 +193,7 @@ def contract(
         "command": {
             "actuators": craft.actuators.kind,
             "values": craft.actuators.allowed,
-            "thrusters": [_thruster(craft, at) for at in range(len(craft.thrusters))],
+            "thrusters": [_thruster(craft, at) for at in range(craft.thruster_count)],
             "thruster_position": "where the force acts, from the centre of mass, axes of B, m",
             "thruster_direction": "unit vector of the force on the spacecraft, axes of B: the exhaust "
             "leaves the other way",
@@ -203,7 +203,7 @@ def contract(
             if craft.wheels
             else None,
             "ranges": [one._asdict() for one in craft.commands],
-            "shut": [0.0] * len(craft.commands),
+            "shut": [0.0] * craft.command_count,
         },
         "memory": memory,
         "memory_rule": "zeros where an episode begins; memory_out of one period is memory of the next. It "

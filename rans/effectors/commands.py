@@ -23,7 +23,7 @@ def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
     from gymnasium import spaces
 
     if not craft.is_continuous:
-        return spaces.MultiDiscrete([2] * len(craft.commands))
+        return spaces.MultiDiscrete([2] * craft.command_count)
     low, high = bounds(craft)
     if len({*low.tolist()}) == len({*high.tolist()}) == 1:
         return spaces.Box(float(low[0]), float(high[0]), low.shape, np.float32)
@@ -71,7 +71,7 @@ def per_velocity(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], .
     wanted = {tuple(row) for row in np.concatenate([axes, -axes])}
     if (
         {tuple(row) for row in directions + 0.0} != wanted
-        or len(craft.commands) != len(wanted)
+        or craft.command_count != len(wanted)
         or not craft.is_continuous
     ):
         raise ConfigError(
@@ -105,7 +105,7 @@ def check(craft: Spacecraft, values: Any, *batch: int) -> None:
     Raises:
         ConfigError: the shape is wrong, or a command is out of range.
     """
-    shape = (*batch, len(craft.commands))
+    shape = (*batch, craft.command_count)
     given = np.asarray(values)
     if given.shape != shape or given.dtype.kind not in "biuf" or not is_possible(craft, given):
         many = f"{batch[0]:,} times " if batch else ""

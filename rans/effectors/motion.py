@@ -28,7 +28,7 @@ class Thrusters(Effector):
     @property
     def commands(self) -> tuple[CommandRange, ...]:
         """Commands of the thrusters, one each."""
-        return self.craft.commands[: len(self.craft.thrusters)]
+        return self.craft.commands[self.craft.thruster_commands]
 
     @property
     def stores(self) -> tuple[Store, ...]:
@@ -129,10 +129,9 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
         fastest = flow / (craft.mass * craft.lightest)
         results.append(PropellantTank(craft.propellant, craft.stores[0], fastest))
     if craft.wheels:
-        first = len(craft.thrusters)
-        ranges = craft.commands[first : first + len(craft.wheels)]
+        ranges = craft.commands[craft.wheel_commands]
         tanks = int(craft.propellant is not None)
-        momenta = craft.stores[tanks : tanks + len(craft.wheels)]
+        momenta = craft.stores[tanks : tanks + craft.wheel_count]
         results.append(ReactionWheels(craft.wheels, craft.dimension, ranges, momenta))
     further: tuple[Any, ...] = craft.further_effectors
     return (*results, *further)

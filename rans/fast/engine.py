@@ -181,7 +181,7 @@ class Engine:
     def term_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in the order of `Step.terms`."""
         zero = leaves(self.state)[0] * 0.0
-        shut = (zero,) * len(self.craft.commands)
+        shut = (zero,) * self.craft.command_count
         transition = Transition(
             self.state,
             self.goal,
@@ -351,9 +351,9 @@ def _check_actions(
     if not isinstance(action, Tensor):
         checked("actions", action, Tensor)
     shape = tuple(action.shape)
-    if shape != (count, len(craft.commands)):
+    if shape != (count, craft.command_count):
         raise ConfigError(
-            f"actions must have the shape {(count, len(craft.commands))} (environments, "
+            f"actions must have the shape {(count, craft.command_count)} (environments, "
             f"commands), got {shape}."
         )
     if action.layout != torch.strided or action.is_meta or action.is_complex():

@@ -257,7 +257,6 @@ class _Search:
 
     def _near(self, command: Command, first: Command) -> list[Command]:
         """Commands near the desired ones."""
-        thrusters = self.world.craft.thrusters
         if self.world.craft.actuators.is_continuous:
             return [
                 tuple(x + (y - x) * share for x, y in zip(command, first, strict=True))
@@ -265,5 +264,5 @@ class _Search:
             ]
         return [
             tuple(1.0 - x if i == k else x for i, x in enumerate(command))
-            for k in range(len(thrusters))
+            for k in range(self.world.craft.thruster_count)
         ]

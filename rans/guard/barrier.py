@@ -305,7 +305,7 @@ def check_throttles(craft: Spacecraft) -> None:
     Raises:
         ConfigError: an engine is always lit, or thrusters are not in opposite pairs.
     """
-    if any(one.low > 0.0 for one in craft.commands[: len(craft.thrusters)]):
+    if any(one.low > 0.0 for one in craft.commands[craft.thruster_commands]):
         raise ConfigError(f"no safety filter can brake {craft.name}: its engines cannot be shut.")
     effects = np.array(craft.wrench_map)
     forces = effects[:, : craft.dimension]

@@ -90,8 +90,8 @@ class Thrusters:
         return cls(
             tuple(map(tuple, (forces / lengths).tolist())),
             tuple(map(tuple, despins.tolist())),
-            tuple(one.high for one in craft.commands[: len(craft.thrusters)]),
-            len(craft.wheels),
+            tuple(one.high for one in craft.commands[craft.thruster_commands]),
+            craft.wheel_count,
         )
 
     def pushing(self, state: Any, push: Any) -> tuple[Field, ...]:

@@ -193,7 +193,7 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
 def _wheel_ways(craft: Spacecraft, body: Body) -> np.ndarray:
     """Angular acceleration of every body by the largest torque of each wheel, rad/s^2, (bodies, wheels, 1 or 3)."""
     tensors = np.atleast_3d(_tensors(body).T).T
-    torques = np.array(craft.wheel_map).reshape(len(craft.wheels), tensors.shape[-1])
+    torques = np.array(craft.wheel_map).reshape(craft.wheel_count, tensors.shape[-1])
     return np.linalg.solve(tensors[:, None], torques[None, ..., None])[..., 0]
 
 

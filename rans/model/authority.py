@@ -53,7 +53,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
 
     # Force or torque along each axis by each actuator; rows are scaled to 1 for the solver.
     size = craft.degrees_of_freedom
-    wheels = np.zeros((size, len(craft.wheels)))
+    wheels = np.zeros((size, craft.wheel_count))
     if craft.wheels:
         wheels[craft.dimension :] = np.array(craft.wheel_map).T
     table = np.column_stack([np.array(craft.wrench_map).T, wheels])
@@ -63,7 +63,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     # The limit of a shared supply, and the mass or moment of each axis.
     supply = None
     if craft.thrust_sharing == "split":
-        supply = np.append(np.ones(len(craft.thrusters)), np.zeros(len(craft.wheels)))[None]
+        supply = np.append(np.ones(craft.thruster_count), np.zeros(craft.wheel_count))[None]
     inertia = [craft.mass] * craft.dimension
     moments = np.diag(np.array(craft.inertia)).tolist()
     inertia += moments[2:] if craft.dimension == 2 else moments

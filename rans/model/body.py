@@ -46,7 +46,7 @@ class Body:
     def of(cls, craft: Spacecraft) -> Body:
         """Body of a spacecraft as designed."""
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = craft.inertia
-        count = len(craft.thrusters)
+        count = craft.thruster_count
         moments = (zz,) if craft.dimension == 2 else (xx, xy, xz, yy, yz, zz)
         return cls(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 

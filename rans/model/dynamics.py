@@ -125,8 +125,8 @@ def thrust(
     A supply that droops (``thrust_sharing`` of the craft, ``droop`` of the body) is divided among those of its
     thrusters that are in fact open.
     """
-    if len(craft.commands) > len(craft.thrusters):
-        command = command[: len(craft.thrusters)]
+    if not craft.has_only_thrusters:
+        command = command[craft.thruster_commands]
     command = craft.actuators.levels(command)
     if body is not None and body.gain:
         command = [
@@ -189,7 +189,7 @@ def at_once(
     craft: Spacecraft, body: Body, command: Sequence[Field], period: float
 ) -> Iterator[Piece]:
     """Pieces of a control period (s) in which thrusters follow their command without delay."""
-    for fraction, part in craft.actuators.pulses(command[: len(craft.thrusters)]):
+    for fraction, part in craft.actuators.pulses(command[craft.thruster_commands]):
         longest = fraction * period if type(fraction) is float else period
         yield fraction * period, wrench(craft, part, body), None, longest
 

@@ -149,6 +149,7 @@ class Spacecraft(NotebookRepr):
         check(self)
         # Computed here because the compiler of torch cannot trace cached properties.
         _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop, self.supplies
+        _ = self.command_count, self.thruster_commands, self.wheel_commands, self.has_only_thrusters
 
     @classmethod
     def planar(
@@ -238,6 +239,36 @@ class Spacecraft(NotebookRepr):
         return (*thrusters, *wheels, *further)
 
     @cached_property
+    def thruster_count(self) -> int:
+        """Number of thrusters, each with one command."""
+        return len(self.thrusters)
+
+    @cached_property
+    def wheel_count(self) -> int:
+        """Number of reaction wheels, each with one command."""
+        return len(self.wheels)
+
+    @cached_property
+    def command_count(self) -> int:
+        """Number of commands of a control period, of all effectors."""
+        return len(self.commands)
+
+    @cached_property
+    def thruster_commands(self) -> slice:
+        """Positions of the thrusters' commands among `commands`."""
+        return slice(0, self.thruster_count)
+
+    @cached_property
+    def wheel_commands(self) -> slice:
+        """Positions of the wheels' commands among `commands`."""
+        return slice(self.thruster_count, self.thruster_count + self.wheel_count)
+
+    @cached_property
+    def has_only_thrusters(self) -> bool:
+        """Whether no other effector takes commands."""
+        return self.command_count == self.thruster_count
+
+    @cached_property
     def stores(self) -> tuple[Store, ...]:
         """Entries of `rans.model.dynamics.State.stores`: propellant left, wheel momenta, further effectors.
 
@@ -265,13 +296,12 @@ class Spacecraft(NotebookRepr):
     @property
     def is_continuous(self) -> bool:
         """Whether any command may take values between its bounds."""
-        return self.actuators.is_continuous or len(self.commands) > len(self.thrusters)
+        return self.actuators.is_continuous or not self.has_only_thrusters
 
     @property
     def command_dtype(self) -> Literal["int8", "float32"]:
         """Number type in which commands are stored."""
-        only_thrusters = len(self.commands) == len(self.thrusters)
-        return self.actuators.dtype if only_thrusters else "float32"
+        return self.actuators.dtype if self.has_only_thrusters else "float32"
 
     @property
     def lightest(self) -> float:

@@ -316,7 +316,7 @@ class Conditions(Settings):
             ConfigError: there are shortest on or off times, but the thrusters are not on/off, or there is no
                 thruster of a number that is to fail.
         """
-        count = len(craft.thrusters)
+        count = craft.thruster_count
         if any(k >= count for k in self.faults.thrusters):
             raise ConfigError(
                 f"Conditions have faults of thrusters {[*self.faults.thrusters]}; those of {craft.name!r} have the "

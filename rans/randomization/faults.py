@@ -52,7 +52,7 @@ def fault_sets(
 
     A fault that is recoverable at both ends of a range of shares is recoverable between them.
     """
-    for thrusters in combinations(range(len(craft.thrusters)), count):
+    for thrusters in combinations(range(craft.thruster_count), count):
         ways = {failed(kind, share) for share in shares}
         yield FaultSet(kind, thrusters, min(margin(craft, thrusters, *way) for way in ways))
 

@@ -175,7 +175,7 @@ def _commanded(
     thrusts = []
     for age, command in reversed(list(enumerate(commands))):
         time: Field = -age * period
-        for share, part in craft.actuators.pulses(command[: len(craft.thrusters)]):
+        for share, part in craft.actuators.pulses(command[craft.thruster_commands]):
             when.append(time)
             thrusts.append(thrust(craft, part, body))
             time = time + share * period

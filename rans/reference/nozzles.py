@@ -68,8 +68,8 @@ class Nozzles:
         usual = 1.0 if craft.thrust_sharing == "split" else 0.0
         supply = np.array([nozzle.supply for nozzle in craft.thrusters])
         return cls(
-            columns(body.gain or (1.0,) * len(craft.thrusters)),
-            columns(body.leak or (0.0,) * len(craft.thrusters)),
+            columns(body.gain or (1.0,) * craft.thruster_count),
+            columns(body.leak or (0.0,) * craft.thruster_count),
             *(
                 columns([x])
                 for x in (usual if body.droop is None else body.droop, latency, rise, fall)

@@ -26,7 +26,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 def designed(craft: Spacecraft) -> Body:
     """The body of a spacecraft as its author describes it: read here, not by those who are judged."""
     tensor = np.array(craft.inertia)
-    count = len(craft.thrusters)
+    count = craft.thruster_count
     moments = (tensor[2, 2],) if craft.dimension == 2 else tuple(tensor[np.triu_indices(3)])
     return Body(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 

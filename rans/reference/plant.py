@@ -117,7 +117,7 @@ class Plant:
             for frame in self._frames
         ]
         self._wheels = [
-            [self._add_wheel(k, number) for number in range(len(craft.wheels))]
+            [self._add_wheel(k, number) for number in range(craft.wheel_count)]
             for k in range(count)
         ]
         self._plant.Finalize()
@@ -172,7 +172,7 @@ class Plant:
         return np.array(
             [
                 self.wrenches(np.tile(alone, (self.count, 1)))[0]
-                for alone in np.eye(len(self.craft.thrusters))
+                for alone in np.eye(self.craft.thruster_count)
             ]
         )
 
@@ -183,7 +183,7 @@ class Plant:
         """
         self._set(
             np.tile(self._rest(), (self.count, 1)),
-            np.zeros((self.count, len(self.craft.commands))),
+            np.zeros((self.count, self.craft.command_count)),
         )
         own = self._velocity[0]
         whole = self._plant.CalcMassMatrix(self._plant_context)
@@ -252,7 +252,7 @@ class Plant:
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
-        commanded = [command[:, : len(self.craft.thrusters)] for command in (commands, *earlier)]
+        commanded = [command[:, self.craft.thruster_commands] for command in (commands, *earlier)]
         seen = []
         segments = nozzles.segments(self.craft.actuators, commanded, duration, failure)
         if self.craft.propellant is not None:
@@ -356,7 +356,7 @@ class Plant:
 
     def _with_wheels(self, commands: np.ndarray) -> np.ndarray:
         """Commands (N, commands), with zeros for the wheels where they are of thrusters alone."""
-        missing = len(self.craft.commands) - commands.shape[1]
+        missing = self.craft.command_count - commands.shape[1]
         return np.pad(commands, ((0, 0), (0, missing)))
 
     def _with_stores(self, states: np.ndarray) -> np.ndarray:
@@ -369,7 +369,7 @@ class Plant:
     def _momenta(self, states: np.ndarray) -> np.ndarray:
         """Momenta of the wheels (N, wheels), N m s."""
         end = states.shape[1] - sum(len(one.stores) for one in self.craft.further_effectors)
-        return states[:, end - len(self.craft.wheels) : end]
+        return states[:, end - self.craft.wheel_count : end]
 
     def _axes(self) -> np.ndarray:
         """Axes of the wheels in B, (3, wheels)."""
@@ -382,8 +382,7 @@ class Plant:
         strongest, largest = np.array(
             [(wheel.max_torque, wheel.max_momentum) for wheel in self.craft.wheels]
         ).T
-        first = len(self.craft.thrusters)
-        wanted = commands[:, first : first + len(self.craft.wheels)] * strongest
+        wanted = commands[:, self.craft.wheel_commands] * strongest
         if np.isfinite(duration):
             least = (-largest - momenta) / duration
             most = (largest - momenta) / duration
@@ -472,14 +471,14 @@ class Plant:
             w_W = np.einsum("nij,nj->ni", self._rotations(), states[:, 10:])
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
         self._plant.SetVelocities(self._plant_context, v)
-        opened = commands[:, : len(self.craft.thrusters)]
+        opened = commands[:, self.craft.thruster_commands]
         self._begin_further(commands, stores, duration)
         self._open(self._nozzles.force_shares(opened), np.zeros(opened.shape))
 
     def _begin_further(self, commands: np.ndarray, stores: np.ndarray, duration: float) -> None:
         """Begin a control period (s) of further effectors."""
         commands = self._with_wheels(commands)
-        first = len(self.craft.thrusters) + len(self.craft.wheels)
+        first = self.craft.wheel_commands.stop
         kept = stores.shape[1] - sum(len(one.stores) for one in self.craft.further_effectors)
         self._begun = []
         """Each further effector with its commands and stores, and the length of the control period."""

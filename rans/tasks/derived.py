@@ -151,13 +151,13 @@ def watches_switching(task: Task, craft: Spacecraft) -> bool:
 
     True for a reward that cannot be evaluated on NumPy arrays.
     """
-    shut = (np.zeros(1),) * len(craft.commands)
+    shut = (np.zeros(1),) * craft.command_count
     previous = _Noted(shut)
     task = _with_numbers(task)
     try:
         with np.errstate(all="ignore"):
             state, goal = example_state(task, craft.dimension)
-            forces = (1.0,) * len(craft.thrusters)
+            forces = (1.0,) * craft.thruster_count
             task.reward(Transition(state, goal, shut, previous, state, 0.2, forces))
     except Exception:  # code of other packages may raise anything
         return True

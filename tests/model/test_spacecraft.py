@@ -14,6 +14,7 @@ from rans.model.dynamics import wrench
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import nasty_planar, nasty_spatial
+from tests.support.torquer import TURNED
 
 DIAGONAL = 0.7071067811865476
 """Component of a unit vector at 45 degrees."""
@@ -91,6 +92,20 @@ def test_the_shared_platform_has_one_thrusters_worth() -> None:
     for opened, push, torque in cases:
         total: Any = wrench(shared, [float(k in opened) for k in range(8)])
         assert (total.force.norm(), total.torque) == pytest.approx((push, torque), abs=1e-15)
+
+
+def test_commands_are_counted_by_effector() -> None:
+    """A CubeSat has 8 thrusters and 3 wheels; a torquer's command comes after a platform's 8 thrusters."""
+    wheeled = load_spacecraft("cubesat-3u")
+    counts = (wheeled.thruster_count, wheeled.wheel_count, wheeled.command_count)
+    assert counts == (8, 3, 11)
+    names = [command.name for command in wheeled.commands]
+    assert all(name.startswith("thruster") for name in names[wheeled.thruster_commands])
+    assert names[wheeled.wheel_commands] == ["wheel 0", "wheel 1", "wheel 2"]
+    assert not wheeled.has_only_thrusters
+    assert (TURNED.thruster_count, TURNED.wheel_count, TURNED.command_count) == (8, 0, 9)
+    assert not TURNED.has_only_thrusters
+    assert load_spacecraft("floating-platform").has_only_thrusters
 
 
 def test_torque_is_about_the_centre_of_mass() -> None:

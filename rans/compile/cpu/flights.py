@@ -43,7 +43,7 @@ class CpuFlights:
             variable for variable in variables if variable.next is not variable.symbol
         ]
         self._carried = set(symbols)
-        self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
+        self._told = [Symbol.input(f"command_{i}") for i in range(world.craft.command_count)]
         self._begin = CompiledProgram(words, [variable.initial for variable in variables])
         outputs = [symbol for stage in program.policy.stages for symbol in stage.outputs]
         self._step = CompiledProgram(

@@ -162,7 +162,7 @@ def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None
     Raises:
         ConfigError: it does not, as `Pilot` says.
     """
-    interface(plan.robot, len(craft.commands), len(craft.thrusters))
+    interface(plan.robot, craft.command_count, craft.thruster_count)
     task = _with_trade_off(task, plan.trade_off)
     _goal(craft, task, plan)
     if plan.guard:
@@ -202,7 +202,7 @@ class Pilot:
         self.oldest = float(self.contract["readings"]["oldest"])
         self.agent = exported_agent(folder)
         self.interface: Interface = interface(
-            plan.robot, len(self.craft.commands), len(self.craft.thrusters)
+            plan.robot, self.craft.command_count, self.craft.thruster_count
         )
         self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
         self._task = _with_trade_off(task, plan.trade_off)
@@ -297,7 +297,7 @@ class Pilot:
     def decide(self, now: int) -> Decision:
         """The command of the control period that begins at a time, ns."""
         self._began = now if self._began is None else self._began
-        shut = np.zeros(len(self.craft.commands))
+        shut = np.zeros(self.craft.command_count)
         troubles, self._troubles = self._troubles, {}
         if self._fault:
             return Decision(shut, self._fault, over=True)
@@ -339,7 +339,7 @@ class Pilot:
 
     def shut(self, now: int) -> list[Message]:
         """What goes over the bus to shut all valves."""
-        return self.interface.command([0.0] * len(self.craft.commands), now)
+        return self.interface.command([0.0] * self.craft.command_count, now)
 
     def _unfit(self, now: int, began: int) -> tuple[str, bool] | None:
         """Why there is no state to decide by, and whether that ends the flight; None: there is one.

@@ -111,7 +111,7 @@ class Craft:
             from rans.reference.flight import DrakeMover
 
             self._move = DrakeMover(craft, timing)
-        self._command = np.zeros(len(craft.commands))
+        self._command = np.zeros(craft.command_count)
         self._elapsed = math.inf
         self._published: tuple[float, ...] = ()
 
@@ -146,7 +146,7 @@ class Craft:
         if self.plan.craft.actuators.kind == "pulsed":
             # Of a pulse of command times control period, that which falls into this step.
             left = given * self.plan.control_period - self._elapsed
-            count = len(self.plan.craft.thrusters)
+            count = self.plan.craft.thruster_count
             pulse = np.clip(left / self.period, 0.0, 1.0)
             given = np.where(np.arange(len(given)) < count, pulse, given)
             low, _ = bounds(self.plan.craft)
@@ -221,7 +221,7 @@ def run_twin(
         craft.advance()
         craft.measured()
     craft = Craft(plan)
-    ends = interface(plan.robot, len(plan.craft.commands), len(plan.craft.thrusters))
+    ends = interface(plan.robot, plan.craft.command_count, plan.craft.thruster_count)
     inbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
     for topic, kind in ends.outputs.items():
         bus.subscribe(topic, kind, lambda data, topic=topic: inbox.put((topic, data)))
@@ -236,7 +236,7 @@ def run_twin(
     begun = due = time.monotonic_ns()
     commanded: int | None = None
     is_open = False
-    shown = np.full(len(plan.craft.commands), np.nan)
+    shown = np.full(plan.craft.command_count, np.nan)
     next_announcement = begun
     next_valves = begun
     behind = False
@@ -274,7 +274,7 @@ def run_twin(
             commanded = now
             is_open = True
         elif is_open and commanded is not None and now - commanded > watchdog:
-            craft.hold(np.zeros(len(plan.craft.commands)))
+            craft.hold(np.zeros(plan.craft.command_count))
             is_open = False
             say(f"no command for {(now - commanded) * 1e-9:.2f} s: valves shut.")
 

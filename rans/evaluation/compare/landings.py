@@ -149,7 +149,7 @@ def replay_landing(
             w=Vec3(zero, zero, zero),
             stores=(zero + left, *(zero for _ in craft.wheels)),
         )
-        command = (zero + throttle,) * len(craft.thrusters) + (zero,) * len(craft.wheels)
+        command = (zero + throttle,) * craft.thruster_count + (zero,) * craft.wheel_count
         (state,) = move(state, StepInputs(Body.of(craft), (command,)))
         left = float(np.asarray(state.stores[0]).item())
         states.append(state)

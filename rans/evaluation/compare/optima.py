@@ -180,7 +180,7 @@ def episode(
         planned = 0
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
     planned_commands = trajectory.commands[:planned]
-    commands = np.vstack([planned_commands, np.zeros((steps - planned, len(craft.thrusters)))])
+    commands = np.vstack([planned_commands, np.zeros((steps - planned, craft.thruster_count))])
     own = Timing(control_period=period, episode_steps=steps)
     states = map_leaves(
         lambda x: x[:, None], replay(craft, scenario.start, commands, own, task.drift)
@@ -359,7 +359,7 @@ def _check_trajectories(
     file = folder / "optimal.npz"
     count = len(commands) if commands.ndim == 3 else -1
     shapes = {
-        "commands": (commands, (count, *commands.shape[1:2], len(craft.thrusters))),
+        "commands": (commands, (count, *commands.shape[1:2], craft.thruster_count)),
         "control_period": (periods, (count,)),
         "starts": (starts, (count, len(leaves(like.start)))),
         "goals": (goals, (count, len(leaves(like.goal)))),

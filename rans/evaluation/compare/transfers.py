@@ -224,7 +224,7 @@ def optimum(
     does: its impulse is that of both.
     """
     steps = task.timing.episode_steps
-    commands = np.zeros((len(answers), steps, len(craft.thrusters)))
+    commands = np.zeros((len(answers), steps, craft.thruster_count))
     afterwards = Afterwards(craft, task, task.timing) if task.stays else None
     for k, (answer, scenario) in enumerate(zip(answers, each(starts), strict=True)):
         transfer = answer.transfer

@@ -145,7 +145,7 @@ def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) 
     expected = layout(task, craft.dimension)
     observed = architecture.layout.width
     commands = architecture.thrusters
-    needed = expected.width, len(craft.commands)
+    needed = expected.width, craft.command_count
     if (observed, commands) != needed:
         raise ConfigError(
             f"{run.agent_file} observes {observed} columns and gives {commands} commands, but "

@@ -299,7 +299,7 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
         raise ConfigError(
             f"{who} failed: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
         ) from error
-    shape = count, len(craft.commands)
+    shape = count, craft.command_count
     if commands.shape != shape:
         raise ConfigError(
             f"{who} must answer {count} observations with commands of shape "
@@ -479,7 +479,7 @@ def _check_spaces(
     from gymnasium.spaces import MultiBinary, MultiDiscrete
 
     width = observation_width(task, craft.dimension)
-    count = len(craft.commands)
+    count = craft.command_count
     if observation_space.shape != (width,):
         raise ConfigError(
             f"{name} observes {observation_space.shape}, but {craft.name} has ({width},)."
@@ -487,9 +487,9 @@ def _check_spaces(
     accepted = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
     if expected not in accepted:
         takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
-        wheels = f" and {len(craft.wheels)} reaction wheels" if craft.wheels else ""
+        wheels = f" and {craft.wheel_count} reaction wheels" if craft.wheels else ""
         raise ConfigError(
-            f"{name} acts by {expected}, but {craft.name} has {len(craft.thrusters)} thrusters{wheels}, which "
+            f"{name} acts by {expected}, but {craft.name} has {craft.thruster_count} thrusters{wheels}, which "
             f"take {takes}: {', '.join(dict.fromkeys(map(str, accepted)))}."
         )
 

@@ -222,7 +222,7 @@ class Lookahead:
                 f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
                 f"those of {craft.name} are {craft.actuators.kind}."
             )
-        if len(craft.commands) > len(craft.thrusters):
+        if not craft.has_only_thrusters:
             others = "reaction wheels" if craft.wheels else "effectors of other kinds"
             raise ConfigError(
                 f"{agent.name} cannot look ahead: {craft.name} has {others}, and it would open and shut single "

@@ -39,9 +39,9 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
     if protocol == "own":
         return own
     craft = SPACECRAFT[_SPACECRAFT[protocol]].craft
-    if (own.craft.dimension, len(own.craft.commands)) != (craft.dimension, len(craft.commands)):
+    if (own.craft.dimension, own.craft.command_count) != (craft.dimension, craft.command_count):
         raise ConfigError(
-            f"--protocol {protocol} is for planar spacecraft with {len(craft.thrusters)} "
+            f"--protocol {protocol} is for planar spacecraft with {craft.thruster_count} "
             f"thrusters, but {own.craft.name} is another kind; use --protocol own."
         )
     return Setup(craft, _started_away(own.task), replace(Timing(), episode_steps=_STEPS))

@@ -22,7 +22,7 @@ class Actions:
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._shape = (engine.num_envs, len(engine.craft.commands))
+        self._shape = (engine.num_envs, engine.craft.command_count)
         self._limits = [
             torch.as_tensor(limit, device=engine.device) for limit in limits(engine.craft)
         ]
@@ -69,7 +69,7 @@ class Actions:
         within = ((action >= low) & (action <= high)).all()
         if craft.actuators.is_continuous:
             return within
-        chosen = action[:, : len(craft.thrusters)]
+        chosen = action[:, craft.thruster_commands]
         return within & ((chosen == 0) | (chosen == 1)).all()
 
     def _tensor(self, action: np.ndarray) -> Tensor:

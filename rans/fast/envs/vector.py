@@ -345,7 +345,7 @@ class Film:
 
     def restart(self) -> None:
         """Clear all trails after new episodes have begun in all environments."""
-        self._commands = np.zeros((self._count, len(self.engine.craft.commands)))
+        self._commands = np.zeros((self._count, self.engine.craft.command_count))
         self._trails: list[list[np.ndarray]] = [[] for _ in range(self._count)]
         self._remember()
 

@@ -83,7 +83,7 @@ class ImitationLearner:
         self._low, high = (torch.as_tensor(x, dtype=engine.dtype) for x in bounds(engine.craft))
         self._range = high - self._low
         self._observations = torch.zeros(0, engine.observation_width, dtype=engine.dtype)
-        self._outputs = torch.zeros(0, len(engine.craft.commands), dtype=engine.dtype)
+        self._outputs = torch.zeros(0, engine.craft.command_count, dtype=engine.dtype)
         self._returns = torch.zeros(0, dtype=engine.dtype)
 
     @property

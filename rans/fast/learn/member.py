@@ -35,7 +35,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     has_history = settings.memory in ("history", "commands")
     return Architecture(
         layout=engine.layout,
-        thrusters=len(craft.commands),
+        thrusters=craft.command_count,
         layers=tuple(settings.layers),
         activation=settings.activation,
         zoom=settings.zoom,

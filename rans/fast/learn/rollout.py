@@ -64,7 +64,7 @@ class Rollout:
     def __init__(self, engine: Engine, network: Network, n_steps: int) -> None:
         count = engine.num_envs
         width = engine.observation_width
-        thrusters = len(engine.craft.commands)
+        thrusters = engine.craft.command_count
         architecture = network.architecture
         members = network.members
         new = lambda *shape: torch.zeros(shape, dtype=engine.dtype, device=engine.device)  # noqa: E731

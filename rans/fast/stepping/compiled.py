@@ -65,7 +65,7 @@ class GeneratedStep:
         ]
         stride = Symbol.input("stride", "int")
         self._count = len(episode.clock)
-        self._commands = [Symbol.input(f"command_{i}") for i in range(len(world.craft.commands))]
+        self._commands = [Symbol.input(f"command_{i}") for i in range(world.craft.command_count)]
         self._stores = list(_everywhere(program))
         self._memory = [parameter.source for parameter in program.memory]
         compiled = CompiledProgram(

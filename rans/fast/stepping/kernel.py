@@ -57,7 +57,7 @@ class Kernel:
         ]
         self._seed = (draws.low, draws.high)
         self._members = members
-        self._thrusters = len(world.craft.commands)
+        self._thrusters = world.craft.command_count
         self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
         many = self._count >= MANY and self._count % 2 == 0
         self._together = 2 if many and self._program.operations < LONG else 1

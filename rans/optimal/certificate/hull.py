@@ -42,7 +42,7 @@ class Health(NamedTuple):
     @classmethod
     def sound(cls, craft: Spacecraft) -> Health:
         """Health of thrusters as designed."""
-        return cls((1.0,) * len(craft.thrusters), (0.0,) * len(craft.thrusters))
+        return cls((1.0,) * craft.thruster_count, (0.0,) * craft.thruster_count)
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         if self._meeting is None:
             self._meeting = self._cautious(goal)
             self._impulses = Impulses(self._meeting)
-        commands = np.zeros((len(here), len(self._craft.commands)))
+        commands = np.zeros((len(here), self._craft.command_count))
         for k, plan in enumerate(self._plans):
             if plan is not None and (stays[k] or self._is_off(self._meeting, plan, here[k])):
                 self._plans[k] = None

@@ -47,7 +47,7 @@ class WithoutDead:
         self._alive = alive
 
     def __repr__(self) -> str:
-        dead = sorted({*range(len(self.craft.commands))} - {*self._alive.tolist()})
+        dead = sorted({*range(self.craft.command_count)} - {*self._alive.tolist()})
         return f"{self._remaining!r} without thrusters {', '.join(map(str, dead))}"
 
     def expecting(self, conditions: Conditions | None) -> Controller:
@@ -69,7 +69,7 @@ class WithoutDead:
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; dead thrusters have command 0."""
         commands = self._remaining.act(state, goal, observation)
-        everything = np.zeros((len(commands), len(self.craft.commands)))
+        everything = np.zeros((len(commands), self.craft.command_count))
         everything[:, self._alive] = commands
         return everything
 
@@ -88,14 +88,14 @@ def expecting_dead(
     """
     craft = nominal.craft
     dead = () if conditions is None else conditions.dead
-    left = [k for k in range(len(craft.thrusters)) if k not in dead]
+    left = [k for k in range(craft.thruster_count) if k not in dead]
     if not dead or not left:
         return nominal
     with warnings.catch_warnings(action="ignore"):  # of a craft that cannot be steered
         reduced = replace(craft, thrusters=tuple(craft.thrusters[k] for k in left))
     if not is_steerable(reduced):
         return nominal
-    others = range(len(craft.thrusters), len(craft.commands))
+    others = range(craft.thruster_count, craft.command_count)
     with warnings.catch_warnings(
         action="ignore"
     ):  # the nominal controller has warned of constraints

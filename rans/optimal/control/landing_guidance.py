@@ -119,7 +119,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         # Motors turn the craft against their wheels.
         self._shares = -np.linalg.pinv(axes.T) / torques[:, None]
         self._turning = 1.0 / np.abs(self._shares @ self._inertia).sum(axis=1).max()
-        live = [k for k in range(len(self._craft.thrusters)) if k not in dead]
+        live = [k for k in range(self._craft.thruster_count) if k not in dead]
         if dead and np.abs(np.array(self._craft.wrench_map)[live, 3:].sum(axis=0)).max() > 1e-9:
             raise ConfigError(
                 f"without engines {[*dead]} the others turn {self._craft.name!r}, and landing guidance flies "
@@ -180,8 +180,8 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         site = np.stack([np.broadcast_to(x, count) for x in goal.p.columns()], axis=1)
         height = np.asarray(state.p.z, float) - site[:, 2]
         self._landed = self._landed | self._mission.reached(state, goal) | (height <= 0.0)
-        engines = len(self._craft.thrusters)
-        commands = np.zeros((count, len(self._craft.commands)))
+        engines = self._craft.thruster_count
+        commands = np.zeros((count, self._craft.command_count))
         commands[:, :engines] = self._craft.actuators.low
         for k, row in enumerate(np.stack(columns, axis=1)):
             if not self._landed[k]:
@@ -216,7 +216,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         angular = here.acceleration(turning, rolling, self._timing.control_period)
         torque = self._inertia @ self._axes.T @ angular * (here.state[10] / self._full_mass)
         shares = np.clip(self._shares @ torque, -1.0, 1.0)
-        levels = np.full(len(self._craft.thrusters), self._craft.actuators.low)
+        levels = np.full(self._craft.thruster_count, self._craft.actuators.low)
         levels[self._live] = level
         return np.concatenate([levels, shares])
 

@@ -130,7 +130,7 @@ class MPC(ModelBased):
         self._deadband = checked("deadband", deadband, Deadband)
         self._settings = checked("settings", settings, Settings)
         self._wrenches = _wrenches(craft)
-        self._wheels = len(craft.wheels)
+        self._wheels = craft.wheel_count
         self._tank = craft.propellant is not None
         self._allocation = Allocation(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
@@ -230,7 +230,7 @@ class MPC(ModelBased):
         wrench[:, : self._craft.dimension] = np.array(leaves(force)).T
         holding = np.zeros(self._plans.shape[:2])
         if wrench.any():
-            holding[:, : len(self._craft.thrusters)] = self._allocation.commands(wrench)
+            holding[:, self._craft.thruster_commands] = self._allocation.commands(wrench)
         return holding
 
 
@@ -253,8 +253,8 @@ class _Program:
         period: float,
         margins: ca.Function | None = None,
     ) -> None:
-        thrusters = len(craft.thrusters)
-        self._wheels = len(craft.wheels)
+        thrusters = craft.thruster_count
+        self._wheels = craft.wheel_count
         self._nozzles = thrusters + self._wheels
         self._count = horizon
         self._size = 2 * craft.degrees_of_freedom
@@ -453,9 +453,9 @@ def _step(craft: Spacecraft, period: float, like: State, drift: Drift) -> ca.Fun
     later = map_leaves(lambda _: ca.SX.sym("l"), like)
     e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]
     u = [ca.SX.sym("u") for _ in _wrenches(craft)]
-    pushed = wrench(linear, u[: len(craft.thrusters)])
+    pushed = wrench(linear, u[craft.thruster_commands])
     if craft.wheels:
-        turned = ca.DM(np.array(craft.wheel_map).T) @ ca.vertcat(*u[len(craft.thrusters) :])
+        turned = ca.DM(np.array(craft.wheel_map).T) @ ca.vertcat(*u[craft.thruster_count :])
         torque = Vec3(*ca.vertsplit(turned)) if craft.dimension == 3 else turned
         pushed = replace(pushed, torque=pushed.torque + torque)
     after = advance(around(goal, e), pushed, body, period, drift=drift)
@@ -467,7 +467,7 @@ def _step(craft: Spacecraft, period: float, like: State, drift: Drift) -> ca.Fun
 
 def _wrenches(craft: Spacecraft) -> np.ndarray:
     """(thrusters and wheels, 3 or 6) wrench of each command of 1, N and N m."""
-    wheels = np.zeros((len(craft.wheels), craft.degrees_of_freedom))
+    wheels = np.zeros((craft.wheel_count, craft.degrees_of_freedom))
     if craft.wheels:
         wheels[:, craft.dimension :] = craft.wheel_map
     return np.vstack([np.array(craft.wrench_map), wheels])

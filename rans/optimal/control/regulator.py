@@ -124,7 +124,7 @@ class Deadband:
         thrusters, in W, drives it while it rests. Coasts are followed for a control period (s) at least. Where
         no thruster turns the craft, a spin that the task does not ask for is no reason not to rest.
         """
-        shut = wrench(craft, (0.0,) * len(craft.thrusters))
+        shut = wrench(craft, (0.0,) * craft.thruster_count)
         body = Body.of(craft)
         look_ahead = max(self.look_ahead, period)
         instants = [(state, goal)]

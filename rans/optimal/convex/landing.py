@@ -140,7 +140,7 @@ def full_thrust(craft: Spacecraft, dead: Sequence[int] = ()) -> np.ndarray:
     Raises:
         ConfigError: there is no engine of a number, or none is left.
     """
-    count = len(craft.thrusters)
+    count = craft.thruster_count
     if not all(0 <= k < count for k in dead) or len({*dead}) == count:
         raise ConfigError(
             f"dead engines are some, not all, of the numbers 0 to {count - 1}, got {[*dead]}."

@@ -57,12 +57,12 @@ class Allocation:
         check_effectors(craft)
         if not is_steerable(craft):
             raise ConfigError(
-                f"spacecraft {craft.name!r} cannot be steered: its {len(craft.thrusters)} "
+                f"spacecraft {craft.name!r} cannot be steered: its {craft.thruster_count} "
                 "thrusters do not push and turn it in every direction; the usual cause is a "
                 "missing or reversed thruster."
             )
         self._craft = craft
-        self._thrusters = len(craft.thrusters)
+        self._thrusters = craft.thruster_count
         self._basis: np.ndarray | None = None
         if craft.wheels:
             columns, self._basis = _with_wheels(craft)
@@ -238,7 +238,7 @@ def check_thrusters_alone(craft: Spacecraft, who: str) -> None:
         others = (
             "effectors of other kinds"
             if craft.further_effectors
-            else counted(len(craft.wheels), "reaction wheel")
+            else counted(craft.wheel_count, "reaction wheel")
         )
         raise ConfigError(
             f"{who} command thrusters alone, but {craft.name!r} has {others}: LQR, switching and MPC fly "

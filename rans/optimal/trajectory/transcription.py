@@ -192,7 +192,7 @@ def at_once(objective: Objective, craft: Spacecraft, start: State) -> Trajectory
         solved=True,
         cost=0.0,
         states=map_leaves(lambda x: np.full(count + 1, float(x)), start),
-        commands=np.zeros((count, len(craft.commands))),
+        commands=np.zeros((count, craft.command_count)),
         control_period=0.0,
         iterations=0,
         seconds=0.0,
@@ -201,7 +201,7 @@ def at_once(objective: Objective, craft: Spacecraft, start: State) -> Trajectory
 
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
     """A trajectory of NaN, for a problem whose solver never answered."""
-    nothing = np.full((objective.intervals + 1, len(craft.commands)), np.nan)
+    nothing = np.full((objective.intervals + 1, craft.command_count), np.nan)
     return Trajectory(
         objective=objective.name,
         status=status,
@@ -283,7 +283,7 @@ class Transcription:
         ]
         shuts = not self._low.any() and (self._high == 1.0).all()
         self._allocation = Allocation(craft) if shuts and is_steerable(craft) else None
-        self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
+        self._rows = (craft.thruster_count, len(self._wrenches), len(leaves(self._like)))
         self._build(len(leaves(example.goal)))
 
     def _build(self, goal_width: int) -> None:

@@ -25,7 +25,7 @@ def faults_figure(
         craft: the spacecraft.
         result: sets by kind of fault and number of thrusters.
     """
-    count = len(craft.thrusters)
+    count = craft.thruster_count
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
     for axes, kind in zip(figure.subplots(1, 2), ("dead", "stuck-open"), strict=True):
         grid = np.full((count, count), np.nan)

@@ -208,9 +208,9 @@ class _Traced:
         """
         world = self.world
         craft = world.craft
-        command = inputs("command", len(craft.commands))
-        gain = inputs("gain", len(craft.thrusters))
-        leak = inputs("leak", len(craft.thrusters))
+        command = inputs("command", craft.command_count)
+        gain = inputs("gain", craft.thruster_count)
+        leak = inputs("leak", craft.thruster_count)
         poses: list[Field] = []
         substeps = Substeps()
 
@@ -279,7 +279,7 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str,
         "episode": episode,
         "goal": len(leaves(traced.episode.state)),
         "memory": controller.network.architecture.memory,
-        "commands": len(craft.commands),
+        "commands": craft.command_count,
         "noise": noise_scale(craft).tolist(),
         "moves": may_move_goal(world.task),
         "turned": "attitude" in errors,

@@ -92,7 +92,7 @@ def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, 
                 "name": track.name,
                 "colour": series_style(k)[0],
                 "arrival": track.arrival if math.isfinite(track.arrival) else None,
-                "u": _levels(track, stride, len(craft.thrusters)),
+                "u": _levels(track, stride, craft.thruster_count),
                 **_motion(track.flight.states, track.episode, stride),
             }
             for k, track in enumerate(tracks)

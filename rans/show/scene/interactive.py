@@ -116,7 +116,7 @@ class InteractiveFlight:
         self._past: list[_Snapshot] = []
         self._waiting: deque[tuple[float, ...]] = deque()
         self.over = ""
-        self.command = (0.0,) * len(self.world.craft.commands)
+        self.command = (0.0,) * self.world.craft.command_count
         self.controller.reset(1)
 
     @property
@@ -198,7 +198,7 @@ class InteractiveFlight:
 
         # The command that reaches the thrusters now.
         self._waiting.append(tuple(float(x) for x in answer[0]))
-        self.command = (0.0,) * len(world.craft.commands)
+        self.command = (0.0,) * world.craft.command_count
         while len(self._waiting) > self.delay:
             self.command = self._waiting.popleft()
 

@@ -185,7 +185,7 @@ class Playground:
             if craft_.dimension == 2:
                 self._slider(name=_HEADING, low=-180.0, high=180.0, step=5.0, value=0.0)
         self._slider(
-            name=_THRUSTER, low=0.0, high=max(len(craft_.thrusters) - 1.0, 1.0), step=1.0, value=0.0
+            name=_THRUSTER, low=0.0, high=max(craft_.thruster_count - 1.0, 1.0), step=1.0, value=0.0
         )
         self._slider(name=_DELAY, low=0.0, high=5.0, step=1.0, value=0.0)
         self._slider(name=_NOISE, low=0.0, high=100.0, step=5.0, value=0.0)
@@ -310,7 +310,7 @@ class Playground:
             goal = RigidTransform(goal.rotation(), pose.translation())
         self._meshcat.SetTransform("/play/craft", pose)
         self._meshcat.SetTransform("/play/goal", goal)
-        for index in range(len(flight.world.craft.thrusters)):
+        for index in range(flight.world.craft.thruster_count):
             opening = 1.0 if index in flight.stuck else float(flight.command[index])
             lit = opening > 0.0 and index not in flight.dead
             path = f"/play/craft/plume {index}"

@@ -92,7 +92,7 @@ class Motion:
             end = min(end, int(flight.lengths[episode]) + 1)
         if flight.task.violation_ends and flight.violated_when()[:, episode].any():
             end = min(end, int(flight.violated_when()[:, episode].argmax()) + 2)
-        opening = np.zeros((end, len(flight.craft.thrusters)))
+        opening = np.zeros((end, flight.craft.thruster_count))
         opening[:-1] = flight.openings[: end - 1, episode]
         errors = flight.errors()
         return cls(

@@ -202,7 +202,7 @@ def _patterns(
 ) -> Patterns:
     """All sums of thrusters, one after the other, of equal ones the cheapest."""
     tiny = 1e-12 * max(thruster.force for thruster in craft.thrusters)
-    count = len(craft.thrusters)
+    count = craft.thruster_count
     result = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
     for index, (thruster, (x, y, _)) in enumerate(
         zip(craft.thrusters, craft.wrench_map, strict=True)

@@ -106,7 +106,7 @@ class HalfTrajectories:
             and not any(start.w.columns())
             and not any(goal.w.columns())
             and lattice.final_levels(aims, start, goal_set) == range(1)
-            and len(lattice.craft.thrusters) <= _MOST_THRUSTERS
+            and lattice.craft.thruster_count <= _MOST_THRUSTERS
         )
         self._largest_gains: dict[tuple[_End, int, float], float] = {}
 
