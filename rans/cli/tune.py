@@ -6,14 +6,20 @@ import math
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.errors import ConfigError
 from rans.files import command_line, ready_folder
 from rans.registry import typed
 from rans.terminal import Terminal, progress, stages, table
+
+if TYPE_CHECKING:
+    from rans.model.spacecraft import Spacecraft
+    from rans.model.timing import Timing
+    from rans.tasks import Task
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,9 @@ class Tune:
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
     floating-platform."""
+    like: Annotated[str | None, arg(metavar="CONTESTANT")] = None
+    """Take task, starts, spacecraft and control period from this contestant, such as
+    pretrained:go-to-pose-2d-pingu, in place of --task and --spacecraft."""
     candidates: int = 300
     """Number of settings to try, the default ones included."""
     starts: int = 256
@@ -53,20 +62,26 @@ class Tune:
         from rans.episode import Setup
         from rans.evaluation.compare.tuning import ranges, tune
         from rans.evaluation.fly.controllers import CONTROLLERS
-        from rans.evaluation.fly.tuned import OWN, defaults, file_name, tuned
+        from rans.evaluation.fly.tuned import OWN, defaults, file_name, task_name, tuned
         from rans.randomization.conditions_file import conditions_label
         from rans.tasks import TASKS
 
         check_count("--candidates", self.candidates)
         check_count("--starts", self.starts)
         within = ranges(typed(self.controller))
-        task = TASKS[typed(self.task)]()
-        spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
-        craft = load_spacecraft(spacecraft)
+        if self.like is None:
+            task = TASKS[typed(self.task)]()
+            spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
+            craft = load_spacecraft(spacecraft)
+            timing = task.timing
+        else:
+            if self.spacecraft is not None:
+                raise ConfigError("--like has a spacecraft of its own: leave --spacecraft out.")
+            task, craft, timing = _of_contestant(self.like)
         world = None if self.conditions is None else load_conditions(self.conditions)
         label = conditions_label(self.conditions, world) if self.conditions and world else ""
         conditions = None if world is None else world.or_none
-        setup = Setup(craft, task.for_evaluation(), task.timing, conditions)
+        setup = Setup(craft, task.for_evaluation(), timing, conditions)
         file = self.output or OWN / file_name(
             self.controller, craft, task, label if conditions else ""
         )
@@ -92,7 +107,7 @@ class Tune:
         before = defaults(CONTROLLERS[self.controller], within)
         Terminal().print(
             table(
-                f"{self.controller}, {self.task}, {craft.name}: {result.budget()}",
+                f"{self.controller}, {task_name(task)}, {craft.name}: {result.budget()}",
                 ("setting", "default", "tuned"),
                 [
                     *(
@@ -111,6 +126,19 @@ class Tune:
         )
         if result.candidates < self.candidates and result.seconds < self.seconds:
             raise KeyboardInterrupt
-        where = f"{self.task}-{craft.dimension}d@{spacecraft}"
-        Terminal().suggest(shlex.join(["rans", "evaluate", f"{self.controller}:{where}"]))
+        if self.like is None:
+            where = f"{self.task}-{craft.dimension}d@{spacecraft}"
+            Terminal().suggest(shlex.join(["rans", "evaluate", f"{self.controller}:{where}"]))
+        else:
+            Terminal().suggest(
+                shlex.join(["rans", "compare", self.like, "--with", self.controller])
+            )
         return 0
+
+
+def _of_contestant(name: str) -> tuple[Task, Spacecraft, Timing]:
+    """Task, spacecraft and control period of a contestant."""
+    from rans.evaluation.fly.contestants import contestant
+
+    run = contestant(typed(name))
+    return run.task, run.craft, run.timing

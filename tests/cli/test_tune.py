@@ -9,7 +9,8 @@ import pytest
 from rans.cli import main
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import simple_controller
-from rans.evaluation.fly.tuned import OWN
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.tuned import OWN, Tuned
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS
@@ -43,6 +44,17 @@ def test_what_is_tuned_flies_from_then_on(
     assert file.exists()
     contest = Contest(load_spacecraft("atmos"), TASKS["track-velocity"](), Timing(), 1, 1)
     assert simple_controller("lqr", contest).tuning.startswith("tuned: 2 settings on 2 starts")
+
+
+def test_tunes_for_the_setup_of_a_contestant(tmp_path: Path) -> None:
+    """An agent of a CubeSat flies at 1 Hz, where its task alone would be at 5 Hz."""
+    file = tmp_path / "tuned.json"
+    like = ["--like", "pretrained:go-to-pose-3d-afrl-12kg"]
+    few = ["--candidates", "1", "--starts", "1", "--output", str(file)]
+    assert main(["tune", "lqr", *like, *few]) == 0
+    result = Tuned.read(file)
+    assert result.control_period == 1.0
+    assert result.fits("lqr", contestant(like[1]).judged)
 
 
 @pytest.mark.slow
