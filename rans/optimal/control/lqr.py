@@ -20,6 +20,7 @@ from rans.optimal.control.regulator import (
     Regulator,
     Weights,
     goal_ahead,
+    mass_share,
 )
 from rans.optimal.trajectory.allocation import inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
@@ -117,7 +118,7 @@ class LQR(ModelBased):
         return self._rounding.round(self.wrench(state, goal), rest, state.stores)
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
-        """The regulator's force and torque on B, (N, 3 or 6), N and N m."""
+        """The regulator's force and torque on B, (N, 3 or 6), N and N m, for the mass that is left."""
         later = goal_ahead(self._task, goal, state, self._timing.control_period)
         regulator = self._regulator
         # Force: feedback and feed-forward in W, expressed in B's axes at the start of the period.
@@ -130,4 +131,5 @@ class LQR(ModelBased):
         turn = -rotation_vector(state.attitude.to(goal.attitude))
         spin = np.array(state.spin()) - np.array(goal.spin())
         spin_up = regulator.rotation.acceleration(turn, spin)
-        return np.vstack([leaves(to_body.rotate(force)), self._inertia @ spin_up]).T
+        wanted = np.vstack([leaves(to_body.rotate(force)), self._inertia @ spin_up])
+        return (wanted * mass_share(self._craft, state)).T

@@ -171,6 +171,13 @@ def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any)
     )
 
 
+def mass_share(craft: Spacecraft, state: Any) -> Any:
+    """Mass of a craft over that with a full tank, (N,), and its inertia likewise; 1 if it has no propellant."""
+    if craft.propellant is None:
+        return 1.0
+    return 1.0 - (craft.propellant.mass - np.asarray(state.stores[0])) / craft.mass
+
+
 class ModelBased:
     """A controller that knows the equations of what it flies, and is told the state: base of the simple ones.
 

@@ -18,7 +18,13 @@ from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.dead_thrusters import expecting_dead
 from rans.optimal.control.linear_motion import LinearMotion
-from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead, holding
+from rans.optimal.control.regulator import (
+    Deadband,
+    ModelBased,
+    goal_ahead,
+    holding,
+    mass_share,
+)
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.optimal.trajectory.wheel_torques import WheelTorques
@@ -198,6 +204,7 @@ class Switching(ModelBased):
         commands = self._last * self._parts[chosen, None]
         if helped is not None:
             turn = (self._patterns.shares(self._last) * self._parts[chosen, None]) @ self._turns
+            turn = turn * coast.lighter[:, None]
             commands = np.hstack([commands, helped.commands(turn[:, None])[:, 0]])
         if self._afterwards is not None:
             commands = self._afterwards.commands(state, goal, commands)
@@ -217,7 +224,8 @@ class Switching(ModelBased):
         end = advance(state, shut, body, time, drift=drift)
         middle = advance(state, shut, body, 0.5 * time, drift=drift).attitude
         pull = _pull(self._motion, self._task, self._period, state, goal)
-        return _Gap.between(end, goal_ahead(self._task, goal, state, time), middle, pull)
+        lighter = 1.0 / mass_share(self._craft, state)
+        return _Gap.between(end, goal_ahead(self._task, goal, state, time), middle, pull, lighter)
 
     def _wheel_help(
         self, coast: _Gap, scales: np.ndarray, state: Any, rest: np.ndarray
@@ -230,9 +238,14 @@ class Switching(ModelBased):
         high = np.where(rest[:, None], np.maximum(high, 0.0), high)
         held = "attitude" in self._task.tolerances()
         spin_up = _to_curve(
-            coast.turn if held else None, coast.spin, self._turn * scales[1], self._period
+            coast.turn if held else None,
+            coast.spin,
+            self._turn * coast.lighter[:, None] * scales[1],
+            self._period,
         )
-        return _WheelHelp(self._wheels, self._inertia, self._inverse_inertia, spin_up, low, high)
+        return _WheelHelp(
+            self._wheels, self._inertia, self._inverse_inertia, spin_up, low, high, coast.lighter
+        )
 
     def _scales(self, count: int) -> np.ndarray:
         """(2, N, 1) the curve's shares of what there is to push and turn with."""
@@ -273,8 +286,10 @@ class Switching(ModelBased):
         shares = self._patterns.shares(patterns) * part
         held = self._task.tolerances()
         h = self._period
-        push = (shares @ self._pushes) @ gap.to_world
-        most = np.maximum(self._push * scales[0] - gap.pull[:, None], _LEAST_PUSH * self._push)
+        lighter = gap.lighter[:, None]
+        push = ((shares @ self._pushes) @ gap.to_world) * lighter[..., None]
+        full = self._push * lighter
+        most = np.maximum(full * scales[0] - gap.pull[:, None], _LEAST_PUSH * full)
         way = least_time(
             gap.p[:, None] + 0.5 * h * h * push if "position" in held else None,
             gap.v[:, None] + h * push,
@@ -282,13 +297,13 @@ class Switching(ModelBased):
         )
         turning = np.zeros_like(way)
         if self._can_turn:
-            turn = shares @ self._turns
+            turn = (shares @ self._turns) * lighter[..., None]
             if wheels is not None:
                 turn = turn + wheels.accelerations(turn)
             turning = least_time(
                 gap.turn[:, None] + 0.5 * h * h * turn if "attitude" in held else None,
                 gap.spin[:, None] + h * turn,
-                self._turn * scales[1],
+                self._turn * lighter * scales[1],
             )
         power = self._curve.norm_scale
         both = (way**power + turning**power) ** (1.0 / power)
@@ -309,8 +324,13 @@ class _Gap:
     pull: np.ndarray
     """(N,) m/s^2, what it takes to stay at the goal in the drift."""
 
+    lighter: np.ndarray
+    """(N,) mass with a full tank over mass."""
+
     @classmethod
-    def between(cls, state: Any, goal: Any, middle: Any, pull: np.ndarray) -> _Gap:
+    def between(
+        cls, state: Any, goal: Any, middle: Any, pull: np.ndarray, lighter: Any = 1.0
+    ) -> _Gap:
         """Gap between a state and a goal, of arrays (N,), with the attitude in the middle of the period."""
         units = (
             (Vec2(1.0, 0.0), Vec2(0.0, 1.0))
@@ -321,7 +341,15 @@ class _Gap:
         p, v = (np.array(leaves(gap)).T for gap in (state.p - goal.p, state.v - goal.v))
         turn = rotation_vector(goal.attitude.to(state.attitude))
         spin = np.array(state.spin()) - goal.spin()
-        return cls(p, v, turn.T, spin.T, np.moveaxis(axes, 2, 0), pull)
+        return cls(
+            p,
+            v,
+            turn.T,
+            spin.T,
+            np.moveaxis(axes, 2, 0),
+            pull,
+            np.broadcast_to(lighter, np.shape(pull)),
+        )
 
     def of_episodes(self, which: np.ndarray) -> _Gap:
         """Gaps of some episodes, by number."""
@@ -334,6 +362,7 @@ class _WheelHelp:
 
     wheels: WheelTorques
     inertia: np.ndarray
+    """With a full tank, kg m^2."""
     inverse_inertia: np.ndarray
     spin_up: np.ndarray
     """(N, 1 or 3) angular acceleration that all effectors together should give, in B, rad/s^2."""
@@ -341,20 +370,23 @@ class _WheelHelp:
     """(N, wheels) least commands."""
     high: np.ndarray
     """(N, wheels) largest commands."""
+    lighter: np.ndarray
+    """(N,) inertia with a full tank over inertia."""
 
     def of_episodes(self, which: np.ndarray) -> _WheelHelp:
         """Help of some episodes, by number."""
-        spin_up, low, high = (x[which] for x in (self.spin_up, self.low, self.high))
-        return _WheelHelp(self.wheels, self.inertia, self.inverse_inertia, spin_up, low, high)
+        rows = (x[which] for x in (self.spin_up, self.low, self.high, self.lighter))
+        return _WheelHelp(self.wheels, self.inertia, self.inverse_inertia, *rows)
 
     def commands(self, turn: np.ndarray) -> np.ndarray:
         """Commands (N, C, wheels) beside angular accelerations (N, C, 1 or 3) by thrusters."""
-        torque = (self.spin_up[:, None] - turn) @ self.inertia
+        torque = ((self.spin_up[:, None] - turn) @ self.inertia) / self.lighter[:, None, None]
         return self.wheels.commands(torque, self.low[:, None], self.high[:, None])
 
     def accelerations(self, turn: np.ndarray) -> np.ndarray:
         """Angular accelerations (N, C, 1 or 3) by the wheels beside those by thrusters."""
-        return self.commands(turn) @ self.wheels.map @ self.inverse_inertia
+        turned = self.commands(turn) @ self.wheels.map @ self.inverse_inertia
+        return turned * self.lighter[:, None, None]
 
 
 def _to_curve(x: np.ndarray | None, v: np.ndarray, most: np.ndarray, period: float) -> np.ndarray:

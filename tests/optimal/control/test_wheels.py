@@ -23,6 +23,7 @@ from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.scenario import scenarios
+from rans.tasks import GoToPose
 from tests.support.effector_crafts import BURNING, CUBESAT, UNEVEN, platform
 
 PERIOD = 0.1
@@ -214,3 +215,22 @@ def test_others_refuse_wheels() -> None:
         rans.optimal_trajectory("go-to-pose", CUBESAT)
     with pytest.raises(ConfigError, match="constant mass"):
         rans.optimal_trajectory("go-to-pose", BURNING)
+
+
+@pytest.mark.parametrize("kind", [rans.LQR, rans.Switching])
+def test_propellant_makes_the_craft_lighter(kind: Any) -> None:
+    """Half of 2 of 5.32 kg is left, so that forces are 4.32 / 5.32 of those of the full craft; flights settle."""
+    task = GoToPose().for_evaluation()
+    starts = scenarios(task, BURNING, 5, 2)
+    left = replace(starts.start, stores=(np.full(2, 1.0),))
+    full = replace(starts.start, stores=(np.full(2, 2.0),))
+    controller = kind(BURNING, task, task.timing)
+    if kind is rans.LQR:
+        now, before = (controller.wrench(state, starts.goal) for state in (left, full))
+        np.testing.assert_allclose(now, before * 4.32 / 5.32, rtol=1e-12)
+    else:
+        # From rest the least time is 2 sqrt(s / a).
+        now, before = (controller.time_left(state, starts.goal) for state in (left, full))
+        np.testing.assert_allclose(now, before * np.sqrt(4.32 / 5.32), rtol=1e-9)
+    flight = fly(BURNING, task, controller, starts, task.timing)
+    assert np.isfinite(settling_times(flight)).all()
