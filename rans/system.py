@@ -1,4 +1,4 @@
-"""What Linux and macOS offer and Windows does not, or does in another way.
+"""Differences of operating systems: calls of Linux and macOS that Windows lacks or does in another way.
 
 Nothing else in this package uses the module ``fcntl``, or flags of `os.open` and signals that Windows lacks; the
 command's start, ``rans_command``, comes before the package and guards its alarm itself.

@@ -1,4 +1,4 @@
-"""What is physically possible: optimal trajectories, and bounds that no on/off controller can beat."""
+"""Physical limits of a task: optimal trajectories, and bounds that no on/off controller can beat."""
 
 from __future__ import annotations
 

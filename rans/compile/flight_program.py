@@ -60,7 +60,7 @@ class RecalledRow(NamedTuple):
 
 
 class PolicyInFlight(NamedTuple):
-    """What a policy computes in every control period of a flight."""
+    """Traced computation of a policy in every control period of a flight."""
 
     carried: tuple[StateVariable, ...]
     """Memory of its filters, or state of its recurrent core."""

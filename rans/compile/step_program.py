@@ -52,7 +52,7 @@ class BufferWrite:
 
 @dataclass(frozen=True)
 class Shape:
-    """Of a step's results: rows of reals and rows of flags, each with a number for each spacecraft.
+    """Sizes of a step's results: rows of reals and rows of flags, each with a number for each spacecraft.
 
     Reals are the columns of an observation, then the terms of the reward, then their sum.
     """
@@ -71,7 +71,7 @@ class Shape:
 
     @property
     def final_width(self) -> int:
-        """Of a row of final observations, whose last numbers mean nothing."""
+        """Width of a row of final observations, whose last numbers are padding."""
         return -(-self.width // self.PIECE) * self.PIECE
 
 

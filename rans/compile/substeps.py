@@ -82,7 +82,7 @@ class Substeps:
         momentum: tuple[Vec3, Vec3] | None = None,
         growth: tuple[Field, Field] | None = None,
     ) -> AnyState:
-        """The same as `rans.model.dynamics.advance`, on symbols."""
+        """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period."""
         # Where loads change from substep to substep, one function makes all of them.
         constant = last is None and momentum is None and growth is None
         together = 1 if constant else substeps

@@ -1,1 +1,1 @@
-"""What a flight is worth: metrics, figures and reports."""
+"""Evaluation of flights: metrics, comparison, assurance and stress."""

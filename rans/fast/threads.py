@@ -1,4 +1,4 @@
-"""How many threads torch computes with."""
+"""Number of threads with which torch computes."""
 
 from __future__ import annotations
 

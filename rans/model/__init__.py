@@ -1,1 +1,1 @@
-"""What flies and how it moves: fields, spacecraft, equations of motion, random numbers, time."""
+"""Model of spacecraft: fields, craft, equations of motion, random numbers, time."""

@@ -69,7 +69,7 @@ class State:
     then the momentum of each reaction wheel, N m s. Goals have none."""
 
     def normalised(self) -> Self:
-        """The same state with its heading in [-pi, pi), or with a unit quaternion."""
+        """State with its heading wrapped to [-pi, pi), or with its quaternion scaled to unit length."""
         return replace(self, attitude=self.attitude.normalised())
 
     def spin(self) -> tuple[Field, ...]:

@@ -18,7 +18,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import cache, partial, reduce
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -35,7 +35,7 @@ _CASADI_NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "
 def _function(name: str, *fields: Field) -> Callable[..., Field]:
     """The function of this name in the library that the first non-float field belongs to."""
     for field in fields:
-        library = type(field).__module__.partition(".")[0]
+        library = _library(type(field))
         if library == "torch":
             return getattr(sys.modules["torch"], name)
         if library == "casadi":
@@ -43,6 +43,12 @@ def _function(name: str, *fields: Field) -> Callable[..., Field]:
         if library == "rans":
             return partial(type(field).apply, name)
     return getattr(np, name)
+
+
+@cache
+def _library(kind: type) -> str:
+    """Top-level package of a class; guidance asks for it thousands of times in a control period."""
+    return kind.__module__.partition(".")[0]
 
 
 def _unary(name: str) -> Callable[[Field], Field]:
@@ -104,7 +110,7 @@ def ascending(values: Sequence[Field]) -> list[Field]:
 
 
 def wrap(angle: Field) -> Field:
-    """The same angle within [-pi, pi), rad."""
+    """Angle wrapped to [-pi, pi), rad."""
     return angle - math.tau * floor(angle / math.tau + 0.5)
 
 
@@ -198,7 +204,7 @@ class Attitude(ABC):
 
     @abstractmethod
     def normalised(self) -> Self:
-        """The same rotation with its angle in [-pi, pi), or with a unit quaternion."""
+        """Equal rotation with its angle in [-pi, pi), or with a unit quaternion."""
 
     @abstractmethod
     def columns(self) -> tuple[Field, ...]:
@@ -253,7 +259,7 @@ class Heading(Attitude):
         return absolute(wrap(self.angle))
 
     def normalised(self) -> Heading:
-        """The same rotation with its angle in [-pi, pi)."""
+        """Equal rotation with its angle in [-pi, pi)."""
         return Heading(wrap(self.angle))
 
     def columns(self) -> tuple[Field, ...]:
@@ -305,7 +311,7 @@ class Quat(Attitude):
         return 2.0 * atan2(Vec3(self.x, self.y, self.z).norm(), absolute(self.w))
 
     def normalised(self) -> Quat:
-        """The same rotation scaled to unit length."""
+        """Quaternion scaled to unit length."""
         w = self.w
         x = self.x
         y = self.y

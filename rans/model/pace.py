@@ -1,4 +1,4 @@
-"""How quickly a spacecraft can move at all, and whether its sizes fit each other: to notice units mistaken."""
+"""Largest accelerations of a spacecraft, and checks of its sizes against each other, which find mistaken units."""
 
 from __future__ import annotations
 

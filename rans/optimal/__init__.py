@@ -1,1 +1,1 @@
-"""What is physically possible: optimal trajectories, and controllers that no agent may ignore."""
+"""Optimal control: optimal trajectories, certified bounds, and classical controllers."""

@@ -1,1 +1,1 @@
-"""What a policy is: specification, preprocessing, filters, symmetry, networks, heads and memory."""
+"""Policies: specification, preprocessing, filters, symmetry, networks, heads and memory."""

@@ -1,4 +1,4 @@
-"""What a network is made of, and the weights it begins with."""
+"""Architecture of a policy's network, and its initial weights."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EXTRACTOR = "features_extractor."
 
 @dataclass(frozen=True, eq=False)
 class Architecture:
-    """What gives the weights of a network their meaning."""
+    """Description of a network that gives its weights their meaning."""
 
     layout: Layout
     """Which columns of an observation are what."""
@@ -97,7 +97,7 @@ class Architecture:
 
     @property
     def last(self) -> Head:
-        """What the last layer's outputs mean."""
+        """Head that gives the last layer's outputs their meaning."""
         return HEADS[self.head]
 
     @property
@@ -117,7 +117,7 @@ class Architecture:
 
     @property
     def columns(self) -> Layout:
-        """What is what of them."""
+        """Layout of the columns of the preprocessor."""
         return PREPROCESSORS[self.preprocessor].layout(self.layout)
 
     def preprocessed(self, observation: Columns) -> list[Field]:
@@ -135,7 +135,7 @@ class Architecture:
 
     @property
     def rows(self) -> int:
-        """Those of them that are a history."""
+        """Number of memory rows that hold a history."""
         return self.recalled * self.row
 
     @property
@@ -185,7 +185,7 @@ class Architecture:
 
     @property
     def recalled(self) -> int:
-        """How many columns and commands, averages or of a moment, a network with a history is shown."""
+        """Number of past columns and commands, single or averaged, that a network with a history observes."""
         return self.history + len(self.averages)
 
     @property
@@ -263,7 +263,7 @@ class Architecture:
         return measurement_gate.GateMemory.unpacked(body, memory[-width:])
 
     def modules(self) -> dict[str, nn.Module]:
-        """What is learnt before the heads, in the order of SB3, with torch's initial weights."""
+        """Modules before the heads, in the order of SB3, with torch's initial weights."""
         modules: dict[str, nn.Module] = {"trunk": self._layers(self.inputs, self.layers)}
         if self.units:
             modules["core"] = nn.GRUCell(self.layers[-1], self.units)
@@ -283,7 +283,7 @@ class Architecture:
         )
 
     def statistics(self) -> dict[str, Tensor]:
-        """Those of observations before any was made."""
+        """Statistics of observations before any observation was made."""
         return {
             "mean": torch.zeros(self.column_count),
             "variance": torch.ones(self.column_count),
@@ -300,7 +300,7 @@ class Architecture:
         }
 
     def shapes(self) -> dict[str, torch.Size]:
-        """Of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""
+        """Shape of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""
         with torch.device("meta"):
             result = {"log_std": torch.Size((self.thrusters,))} if self.last.spread else {}
             for prefix, part in self.parts().items():

@@ -33,7 +33,7 @@ class Backbone(ABC):
         """Rows of the last layer, whose weights are ``action_net``."""
 
     def modules(self, architecture: ArchitectureView) -> dict[str, nn.Module]:
-        """What is learnt beside the trunk, the last layer and the critic, with torch's initial weights."""
+        """Modules beside the trunk, the last layer and the critic, with torch's initial weights."""
         return {}
 
     @abstractmethod
@@ -72,7 +72,7 @@ class Dense(Backbone):
 
 
 def effector_tokens(craft: Spacecraft) -> tuple[tuple[float, ...], ...]:
-    """What each effector of a craft is, in the order of its commands.
+    """Token of each effector of a craft, in the order of its commands.
 
     Place and direction in B about the centre of mass, three numbers each, places in units of the craft's
     radius; strength over the largest of its kind; 0 for a thruster and 1 for a reaction wheel.

@@ -1,4 +1,4 @@
-"""What an executor can do of a policy: it states it, and leaves the rest to the forward of torch."""
+"""Capabilities of an executor of policies; what it cannot compute is left to torch's forward pass."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Capabilities(NamedTuple):
     """Executors of commands alone need no critic."""
 
     def missing(self, architecture: Architecture) -> str:
-        """What a policy has that the executor has not, in words; "" where it can compute it."""
+        """Parts of a policy that the executor cannot compute, in words; "" if it can compute all."""
         return " and ".join(self._missing(architecture))
 
     def _missing(self, architecture: Architecture) -> Iterator[str]:

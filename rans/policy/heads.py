@@ -54,11 +54,11 @@ class Distribution(Protocol):
         ...
 
     def margin(self) -> Tensor:
-        """How far each output is from where rounding would turn its command by a jump, (N, n); 0: nowhere."""
+        """Distance of each output from where rounding would switch its command, (N, n); 0: nowhere."""
         ...
 
     def placed(self, site: Tensor) -> Distribution:
-        """The same with every command taken from its place (N, n) in a view of the spacecraft."""
+        """Distribution with its commands permuted by their sites (N, n) in a view of the spacecraft."""
         ...
 
 
@@ -85,7 +85,7 @@ class OnOff(NamedTuple):
         return (self.logit > 0).to(self.logit.dtype)
 
     def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are commanded, (N, n)."""
+        """Commands of the thrusters, (N, n)."""
         return action
 
     def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
@@ -97,7 +97,7 @@ class OnOff(NamedTuple):
         return self.logit.abs()
 
     def placed(self, site: Tensor) -> OnOff:
-        """The same with every thruster taken from its place (N, n) in a view of the spacecraft."""
+        """Distribution with its thrusters permuted by their sites (N, n) in a view of the spacecraft."""
         return OnOff(self.logit.gather(1, site))
 
 
@@ -136,7 +136,7 @@ class ClippedGaussian(NamedTuple):
         return self.command(self.mean)
 
     def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are commanded, (N, n): in [0, 1]."""
+        """Commands of the thrusters, (N, n), in [0, 1]."""
         return action.clamp(0.0, 1.0)
 
     def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
@@ -149,7 +149,7 @@ class ClippedGaussian(NamedTuple):
         return self.mean * 0
 
     def placed(self, site: Tensor) -> ClippedGaussian:
-        """As `OnOff.placed`; a scale belongs to each thruster where it is, and to no other side."""
+        """Distribution with its thrusters permuted, see `OnOff.placed`; scales stay with their thrusters."""
         if self.log_scale is not None:
             raise NotImplementedError
         return ClippedGaussian(
@@ -196,7 +196,7 @@ class GatedGaussian(NamedTuple):
         return torch.where(self.logit > 0, self.command(self.level), 0.0)
 
     def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are commanded, (N, n): in [0, 1]."""
+        """Commands of the thrusters, (N, n), in [0, 1]."""
         return action.clamp(0.0, 1.0)
 
     def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
@@ -219,7 +219,7 @@ class GatedGaussian(NamedTuple):
         return self.logit.abs()
 
     def placed(self, site: Tensor) -> GatedGaussian:
-        """As `OnOff.placed`."""
+        """Distribution with its thrusters permuted, see `OnOff.placed`."""
         spread = self.log_std.expand_as(self.level)
         return GatedGaussian(*(x.gather(1, site) for x in (self.logit, self.level, spread)))
 
@@ -269,7 +269,7 @@ def _log_density(action: Tensor, mean: Tensor, log_std: Tensor) -> Tensor:
 
 
 class Head(ABC):
-    """How a policy's last layer becomes commands from 0 to 1, one of each of a craft's n."""
+    """Map from a policy's last layer to commands from 0 to 1, one for each of a craft's n."""
 
     outputs: ClassVar[int]
     """Numbers a command; those of all commands of one meaning stand together."""
@@ -295,7 +295,7 @@ class Head(ABC):
     def distribution(
         self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
     ) -> Distribution:
-        """Of outputs (N, outputs n) of the last layer, and of recommended commands (N, n) if it `is_advised`."""
+        """Distribution for outputs (N, outputs n) of the last layer, and recommendations (N, n) if it `is_advised`."""
 
     @abstractmethod
     def command(self, *outputs: Field) -> Field:

@@ -1,4 +1,4 @@
-"""Which columns of an observation change with the motion, and how much: measured on a task's example state."""
+"""Dependence of an observation's columns on the motion, measured on a task's example state."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _sensitivity(term: ObservationTerm, nudged: Sequence[ObservationTerm]) -> Se
 
 
 def nonzero(sensitivity: Sequence[float]) -> list[int]:
-    """Which of `POSITION`, `VELOCITY` and `SPIN` change a block: none of them, or a single index."""
+    """Those of `POSITION`, `VELOCITY` and `SPIN` that change a block: none of them, or a single index."""
     return [k for k, factor in enumerate(sensitivity) if factor]
 
 

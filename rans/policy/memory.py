@@ -1,4 +1,4 @@
-"""What networks remember from step to step: a history, what filters expect, or a recurrent state.
+"""Memory of networks from step to step: a history, the state of filters, or a recurrent state.
 
 A history (N, m) has rows of columns in the body frame and the command they were answered with, or of commands
 alone: first exponential moving averages of all of them, then the last ones, the oldest first. What filters
@@ -28,7 +28,7 @@ the last argument."""
 
 
 class Remembering:
-    """What a network remembers of N spacecraft, as it saw them.
+    """Memory of a network about N spacecraft, in the columns of its view.
 
     Args:
         architecture: of the network.
@@ -112,7 +112,7 @@ def viewed(history: Tensor, rows: int, layout: Layout, views: Symmetries, which:
 
 
 def by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tensor:
-    """What a function makes of each of so many rows that stand side by side, (..., n, count k)."""
+    """A function applied to each of ``count`` rows that stand side by side, (..., n, count k)."""
     rows = function(x.unflatten(-1, (count, -1)).flatten(-3, -2))
     return rows.unflatten(-2, (-1, count)).flatten(-2)
 

@@ -28,7 +28,7 @@ def _of_this_process(variance: Tensor, mean: Tensor) -> tuple[Tensor, Tensor]:
 
 
 class Output(NamedTuple):
-    """What a network says about N observations."""
+    """Outputs of a network for N observations."""
 
     policy: Distribution
     value: Tensor
@@ -120,7 +120,7 @@ class Network(Remembering):
     def evaluate(
         self, observation: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None
     ) -> Output:
-        """What every member says about its own rows of observations (N, width), as `forward`."""
+        """Outputs of every member for its own rows of observations (N, width), as by `forward`."""
         return self.forward(observation, memory, privileged)[0]
 
     def forward(
@@ -187,7 +187,7 @@ class Network(Remembering):
         privileged: Tensor | None = None,
         going_on: Tensor | None = None,
     ) -> Output:
-        """The same of columns (N, k) that `look` returned; thrusters are in the order of that view.
+        """Outputs for columns (N, k) that `look` returned; thrusters are in the order of that view.
 
         A recurrent network that is given ``going_on`` (T, N / T), zero where an episode began with that step,
         sees T steps one after the other; of its memories those of the first step count.
@@ -203,7 +203,7 @@ class Network(Remembering):
         privileged: Tensor | None = None,
         going_on: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
+        """Features of actor and critic by member; one tensor unless the critic is privileged."""
         architecture = self.architecture
         x = self.inputs(preprocessed, memory)
         features = self._through(self._trunk, x)
@@ -227,7 +227,7 @@ class Network(Remembering):
         return preprocessed[:, first:last] @ self._levers
 
     def inputs(self, preprocessed: Tensor, memory: Tensor | None = None) -> Tensor:
-        """What the trunk is given of columns (N, k) and a history (N, m), by member."""
+        """Inputs of the trunk from columns (N, k) and a history (N, m), by member."""
         architecture = self.architecture
         rows = self._rows(preprocessed)
         views_of_rows = (
@@ -277,7 +277,7 @@ class Network(Remembering):
         return normalised(x, self._statistic(self._mean), self._scale(), clip)
 
     def _looks(self, preprocessed: Tensor) -> Tensor:
-        """What the trunk is given of columns (..., k): normalised, (..., k), or zoomed, (..., 2 k).
+        """Inputs of the trunk from columns (..., k): normalised, (..., k), or zoomed, (..., 2 k).
 
         The second look is steepest at zero: there is the goal of every column that is no cosine.
         """
@@ -294,7 +294,7 @@ class Network(Remembering):
         return x.to(dtype)
 
     def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
-        """What the recurrent core makes of features (..., T n, i): (..., T n, units)."""
+        """Outputs (..., T n, units) of the recurrent core for features (..., T n, i)."""
         of_inputs, of_memory = (
             [self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
             for of in ("ih", "hh")

@@ -1,4 +1,4 @@
-"""What a part of a policy, such as a backbone, may ask of the policy: views of its architecture and its network."""
+"""Views of a policy's architecture and network, which its parts, such as backbones, depend on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a network sees of observations: columns of a preprocessor, from one side, as filters have them, normalised.
+"""Preprocessing of observations: columns, symmetric views, filters and normalisation.
 
 A preprocessor is one class here and its name in `PREPROCESSORS`. Its columns are a formula on fields, which torch,
 machine code, CUDA kernels and exported files all compute; so are `normalised` and `magnified`.
@@ -26,7 +26,7 @@ class Preprocessor(ABC):
 
     @abstractmethod
     def layout(self, observed: Layout) -> Layout:
-        """What its columns are, of observations of this layout."""
+        """Layout of the preprocessor's columns for observations of a layout."""
 
     @abstractmethod
     def columns(self, observed: Layout, row: Columns) -> list[Field]:
@@ -92,7 +92,7 @@ class ColumnExecutor(ABC):
 
     @abstractmethod
     def next_filter_memory(self, rows: Tensor) -> Tensor:
-        """What filters remember after such rows, each with the command that was given."""
+        """Memory of filters after these rows, each with the command that was given."""
 
     def whole(
         self, observation: Tensor, tensors: Mapping[str, Tensor]

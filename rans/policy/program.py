@@ -118,7 +118,7 @@ class Program:
         return self.apply("Concat", *filter(None, values), name=name, axis=-1)
 
     def shaped(self, value: str, *shape: int) -> str:
-        """The same numbers as (N, *shape)."""
+        """Value reshaped to (N, *shape)."""
         return self.apply("Reshape", value, self.constant((-1, *shape), dtype=np.int64))
 
     def dense(
@@ -139,7 +139,7 @@ class Program:
         return self.shaped(result, rows, units) if rows else result
 
     def each(self, formula: Callable[..., Field], *rows: str) -> str:
-        """What a formula on fields makes of every number of rows, which are broadcast against each other."""
+        """A formula on fields applied to every number of rows, which are broadcast against each other."""
         symbols = inputs("number", len(rows))
         result = Symbol.constant(formula(*symbols))
         return self.lowered([result], dict(zip(symbols, rows, strict=True)))[0]
@@ -172,7 +172,7 @@ class Program:
         return [values[root] for root in roots]
 
     def pruned(self, outputs: Iterable[str]) -> Program:
-        """The same with the steps alone that these values need, and the tables that they read."""
+        """Program reduced to the steps that these outputs need, and the tables that they read."""
         result = Program()
         result.steps = self.needed(outputs)
         used = {name for step in result.steps for name in step.inputs}

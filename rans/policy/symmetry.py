@@ -31,7 +31,7 @@ class Symmetries(NamedTuple):
     """(S, n): index of the thruster that thruster i looks like in the view."""
 
     def tensors_like(self, like: Tensor) -> Symmetries:
-        """The same on the device and in the floating dtype of one."""
+        """Symmetries on the device and in the floating dtype of a tensor."""
         turn, hand, permutation = (torch.as_tensor(table, device=like.device) for table in self)
         return Symmetries(turn.to(like.dtype), hand.to(like.dtype), permutation.to(torch.int64))
 
@@ -99,7 +99,7 @@ def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarra
 
 
 def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
-    """Where the view puts every thruster; None if one has no counterpart, or inertia or supplies differ."""
+    """Permutation of thrusters by a view; None if one has no counterpart, or inertia or supplies differ."""
     tensor = np.array(craft.inertia)
     slack = _ROUNDING * tensor.trace()
     if craft.dimension == 3 and not np.allclose(

@@ -50,7 +50,7 @@ _FASTEST_KICK = 5.0
 
 
 def implausible(conditions: Conditions, craft: Spacecraft) -> list[str]:
-    """What is hardly meant in conditions for a spacecraft, each as a sentence.
+    """Implausible values of conditions for a spacecraft, each as a sentence.
 
     >>> rans.randomization.plausible.implausible(rans.Conditions(), rans.load_spacecraft("free-flyer"))
     []

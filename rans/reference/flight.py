@@ -180,7 +180,7 @@ def _columns(fields: Sequence[Any], count: int) -> np.ndarray:
 def replay(
     craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing, drift: Drift = FREE
 ) -> Any:
-    """Where commands (T, thrusters), each held for one control period, take one spacecraft in Drake.
+    """States of one spacecraft in Drake under commands (T, thrusters), each held for one control period.
 
     The start is of floats, the result of fields (T + 1,), the start first. Headings are not wrapped.
     """

@@ -1,4 +1,4 @@
-"""What each nozzle of the judge's plant gives over time, of what its valve was told.
+"""Thrust of each nozzle of the reference plant over time, from the commands to its valve.
 
 Followed nozzle by nozzle, with faults, the supply and slow valves. Like the plant it takes nothing of RANS
 but descriptions.
@@ -112,7 +112,7 @@ class Nozzles:
             yield Segment(end, thrust, rate)
 
     def _flow(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float) -> _Flow:
-        """What comes of the commands over the control period; arguments as `segments`."""
+        """Flow through the valves over the control period; arguments as for `segments`."""
         patterns = [
             (begin - age * duration, self.force_shares(opened))
             for age, command in reversed(list(enumerate(commands)))
@@ -123,7 +123,7 @@ class Nozzles:
         return _Flow(first, *map(np.concatenate, zip(_nothing(), *changes, strict=True)))
 
     def _change(self, time: float, old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Of each nozzle whose thrust changes: row, column, by how much, from when on, for how long (s)."""
+        """Changes of thrust of the nozzles: row, column, amount, begin and duration (s)."""
         row, column = np.nonzero(new - old)
         size = (new - old)[row, column]
         ramp = np.where(size > 0.0, self.rise[row, 0], self.fall[row, 0])

@@ -1,4 +1,4 @@
-"""What the judge's plant is assembled from: inertias, nozzles, and the pull of an orbit.
+"""Parts of the reference plant: inertias, nozzles, and the pull of an orbit.
 
 Like the plant it takes nothing of RANS but descriptions: values that say what there is, not how it moves.
 """

@@ -177,7 +177,7 @@ class Plant:
         )
 
     def mass_matrix(self) -> np.ndarray:
-        """What resists acceleration at rest, about the centre of mass, axes of B: (3, 3) or (6, 6).
+        """Mass matrix at rest about the centre of mass, axes of B: (3, 3) or (6, 6).
 
         Rows and columns are ordered as in `wrenches`; kg, kg m (zero) and kg m^2.
         """

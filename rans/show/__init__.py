@@ -1,1 +1,1 @@
-"""What people look at: reports, tables, figures and scenes."""
+"""Presentation of results: reports, tables, figures and scenes."""

@@ -153,7 +153,7 @@ def watched() -> Iterator[Stages]:
 def watched_training(
     total: int, visible: bool | None
 ) -> Iterator[Callable[[dict[str, Any]], object]]:
-    """What shows rows of a training's metrics as `TrainingProgress` does.
+    """Function that displays rows of a training's metrics as `TrainingProgress` does.
 
     Args:
         total: budget of environment steps.

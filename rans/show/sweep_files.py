@@ -1,4 +1,4 @@
-"""What a sweep leaves beside its checkpoints: results, a figure, and the run folder of its best agent."""
+"""Files of a sweep beside its checkpoints: results, a figure, and the run folder of its best agent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a network in training says about observations on a CPU, as machine code: all in one call."""
+"""Forward pass of an actor and a critic in training as machine code for a CPU, in one call."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class CpuFlights:
 
     @torch.no_grad()
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
-        """What becomes of scenarios ``first`` to ``first + count - 1``."""
+        """Fly scenarios ``first`` to ``first + count - 1`` and return their outcomes."""
         numbers = np.arange(first, first + count, dtype=np.int32)
         begin, step, verdict, *memories = self._memory(count)
         stages = list(zip(self._program.policy.stages, self._layers, memories, strict=True))

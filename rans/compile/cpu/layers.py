@@ -14,7 +14,7 @@ from rans.policy.scalars import Stage
 
 
 class LayersMemory(NamedTuple):
-    """What layers read and write."""
+    """Arrays that the code of dense layers reads and writes."""
 
     rows: np.ndarray
     """(inputs, N), each row of a multiple of `WIDTH` numbers in memory."""

@@ -70,7 +70,7 @@ class Code(ir.IRBuilder):
     """Writes a function on vectors."""
 
     def at(self, pointer: Value, index: Value, kind: ir.Type) -> Value:
-        """Where the number of this 32-bit kind, or the vector that begins with it, lies in an array."""
+        """Address in an array of a number of this 32-bit kind, or of the vector that begins with it."""
         number = kind.element if isinstance(kind, ir.VectorType) else kind
         index = LONG(index) if isinstance(index, int) else index
         address = self.gep(self.bitcast(pointer, number.as_pointer()), [index])
@@ -134,7 +134,7 @@ class Code(ir.IRBuilder):
         return self.bitcast(self.add(self.bitcast(value, INTS), power), FLOATS)
 
     def log_one_plus(self, x: Value) -> Value:
-        """Of numbers from 0 to 1: log(1 + x) = 2 artanh(x / (2 + x)), by its series."""
+        """log(1 + x) of numbers from 0 to 1, as 2 artanh(x / (2 + x)) by its series."""
         z = self.fdiv(x, self.fadd(x, self.everywhere(2.0)))
         return self.fmul(z, self._polynomial(self.fmul(z, z), [2 / k for k in range(15, 0, -2)]))
 

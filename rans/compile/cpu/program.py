@@ -135,12 +135,12 @@ class CompiledProgram:
         return functions
 
     def memory(self, count: int) -> Memory:
-        """Of runs over N values of everything."""
+        """Buffers for runs over N values of each input."""
         return Memory(self, count)
 
 
 class Memory:
-    """Where a program runs for N values: not for two threads at once."""
+    """Buffers in which a program runs for N values; two threads must not share them."""
 
     def __init__(self, program: CompiledProgram, count: int) -> None:
         self._program = program
@@ -167,7 +167,7 @@ class Memory:
         self._inputs[symbol][...] = value
 
     def value(self, symbol: Symbol) -> np.ndarray:
-        """Of an input."""
+        """Value of an input."""
         return self._inputs[symbol]
 
     def run(self, part: int) -> list[Any]:
@@ -225,7 +225,7 @@ def _is_truth(value: _Value) -> bool:
 
 
 def _args(symbol: Symbol) -> tuple[_Value, ...]:
-    """What an operation reads: a choice reads the mask of its condition."""
+    """Symbols that an operation reads; a choice reads the mask of its condition."""
     if symbol.operation == "where" and symbol.kind != "bool":
         return ("mask", symbol.args[0]), *symbol.args[1:]
     return symbol.args

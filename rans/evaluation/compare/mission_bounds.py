@@ -62,7 +62,7 @@ class MissionBounds:
         return amounts(entry.flight)[: len(self.lower)]
 
     def over(self, entry: Entry) -> np.ndarray:
-        """What was spent over the lower bound of the same start, (n,); NaN without a success, or a bound of 0."""
+        """Ratio of cost to the lower bound of the same start, (n,); NaN without a success, or for a bound of 0."""
         flight = entry.flight
         assert flight.done is not None
         succeeded = (flight.done & ~flight.violated())[: len(self.lower)]
@@ -70,7 +70,7 @@ class MissionBounds:
         return np.where(succeeded, self.spent(entry) / lower, np.nan)
 
     def ratios(self, entry: Entry) -> np.ndarray:
-        """What was spent over the bound of the same start (> 0), of those of the first n flights that succeeded."""
+        """Ratio of cost to the bound (> 0) of the same start, for those of the first n flights that succeeded."""
         over = self.over(entry)
         return over[~np.isnan(over)]
 
@@ -90,7 +90,7 @@ class MissionBounds:
         return (*headings, f"least {self.spending}, {self.unit}", *(e.name for e in entries)), rows
 
     def _cell(self, entry: Entry, k: int, ratio: float) -> str:
-        """What a contestant spent from a start, and the ratio to the bound, if there is one."""
+        """Text of the cost of a contestant from a start, and its ratio to the bound, if there is one."""
         if not entry.won[k]:
             return "did not succeed"
         spent = f"{self.spent(entry)[k]:.3g}"

@@ -412,7 +412,7 @@ _LARGEST_STATISTICS = 2**24
 
 
 def _normalization(file: Path, craft: Spacecraft, task: Task) -> Policy | None:
-    """What the VecNormalize beside a trusted SB3 file makes of observations; None: there is none."""
+    """Normalisation of observations by the VecNormalize beside a trusted SB3 file; None: there is none."""
     statistics = _statistics_file(file)
     if statistics is None:
         return None

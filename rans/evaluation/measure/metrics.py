@@ -151,7 +151,7 @@ def solved(flight: Flight) -> np.ndarray:
 
 
 def meanings(task: Task) -> tuple[str, str, str]:
-    """What "solved", "settled" and "settling time" mean for a task: it holds a goal, or is a mission to be won."""
+    """Definitions of "solved", "settled" and "settling time" for a task that holds a goal, or for a mission."""
     if type(task).done is Task.done:
         return (
             "within all tolerances at every step of the last fifth",

@@ -1,4 +1,4 @@
-"""What no on/off controller can beat: certified least fuel and time, and controls that reach them.
+"""Certified bounds of the fuel and time of any on/off controller, and controls that reach them.
 
 A `Bounder` does the work for one kind of craft: `rans.optimal.certificate.plane` by branch and bound,
 `rans.optimal.certificate.space` by a dual bound and a search. docs/certificate.md has the proofs.

@@ -160,7 +160,7 @@ def settling_set(
 def staying_time(
     craft: Spacecraft, within: GoalSet, period: float, health: Health | None = None
 ) -> float:
-    """How long all must be watched who are outside that set, until they are seen to leave, s.
+    """Time after which every flight that starts outside the set has been seen to leave it, s.
 
     Infinite where no thruster is left: who is as slow as you like leaves as late.
     The farthest point of the proof of `settling_set` is v / a ahead, and the next look half a period later.

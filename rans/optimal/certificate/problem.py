@@ -17,7 +17,7 @@ _DEFAULT_SET = GoalSet()
 
 
 class Unreachable(ConfigError):
-    """It is proved that no on/off controller is in the goal set at that time."""
+    """Proof that no on/off controller is in the goal set at a time."""
 
     @classmethod
     def after(cls, steps: int, period: float) -> Unreachable:

@@ -64,7 +64,7 @@ class ConeProgram:
         )
 
     def _answer(self, regularization: float) -> Any:
-        """What Clarabel ends with, with this constant added to the diagonal of its linear systems."""
+        """Result of Clarabel with this constant added to the diagonal of its linear systems."""
         # Clarabel has no stubs for what its compiled module holds.
         clarabel: Any = require("clarabel")
         settings = clarabel.DefaultSettings()

@@ -19,7 +19,7 @@ from rans.optimal.convex.rendezvous import Meeting
 
 @dataclass(frozen=True)
 class Firings:
-    """What each of N states needs: at most as many firings as positions have components d."""
+    """Firings that each of N states needs: at most as many as positions have components d."""
 
     impulse: np.ndarray
     """(N,) of all together, N s."""
@@ -94,7 +94,7 @@ class Impulses:
 
 @dataclass(frozen=True)
 class _Hull:
-    """What a unit of impulse can do to the position of an arrival."""
+    """Convex hull of the changes of an arrival's position by a unit of impulse."""
 
     points: np.ndarray
     """(periods m, d) by each thruster in each period, m per N s."""

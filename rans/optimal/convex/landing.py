@@ -59,7 +59,7 @@ Side = Literal["flyable", "bound"]
 
 @dataclass(frozen=True)
 class Lander:
-    """What the problem knows of a craft: a thrust along one axis, and the propellant that it takes.
+    """Craft of a landing problem: a thrust along one axis, and the propellant that it takes.
 
     >>> from rans.optimal.convex.landing import Lander
     >>> lander = Lander.of(rans.load_spacecraft("mars-lander-steered"))
@@ -85,7 +85,7 @@ class Lander:
 
     @classmethod
     def of(cls, craft: Spacecraft, dead: Sequence[int] = (), apart: bool = False) -> Lander:
-        """Of a craft in space whose engines push along z of B when all are throttled alike.
+        """Lander of a craft in space whose engines push along z of B when all are throttled alike.
 
         Args:
             craft: with all of its engines.
@@ -161,7 +161,7 @@ def thrust_offset(craft: Spacecraft, dead: Sequence[int]) -> float:
 
 @dataclass(frozen=True)
 class Descent:
-    """What a landing asks for: gravity, limits and where it ends.
+    """Conditions of a landing: gravity, limits and its end.
 
     The landing site is the origin, z points up.
     """
@@ -253,7 +253,7 @@ class Landing:
 
     @property
     def looseness(self) -> float:
-        """How far sigma exceeds the acceleration at most, as a share of it: 0 where the relaxation is lossless."""
+        """Largest excess of sigma over the acceleration, relative to it: 0 where the relaxation is lossless."""
         size = np.linalg.norm(self.acceleration, axis=1)
         return float(np.max(self.slack / size - 1.0))
 
@@ -477,7 +477,7 @@ class _Problem:
         return None if answer is None else self._read(answer)
 
     def answer(self, log_mass: np.ndarray, side: Side) -> Any:
-        """The same as the solver has it."""
+        """Answer in the variables of the solver."""
         linear = self._linear(log_mass, side)
         blocks = [self.equations, linear, *self.fixed]
         cost = np.zeros(self.size)

@@ -43,7 +43,7 @@ _FARTHER = 0.02
 
 @dataclass(frozen=True)
 class Meeting:
-    """What a spacecraft without torque must do: be near a place, slowly, and what it can do for it."""
+    """Rendezvous of a spacecraft without torque: its target position, tolerances and thrusters."""
 
     drift: Drift
     timing: Timing

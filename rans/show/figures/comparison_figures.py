@@ -46,7 +46,7 @@ def _bars(estimate: Estimate) -> np.ndarray:
 
 @styled
 def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[str]) -> Figure:
-    """How far above the certified bounds flights are: a panel for each of these questions of `gaps`."""
+    """Histograms of the gaps of flights to certified bounds: a panel for each of these questions of `gaps`."""
     names = list(dict.fromkeys(name for question in questions for name in gaps[question]))
     figure = Figure(figsize=(4.6 * len(questions), 1.3 + 0.5 * len(names)), layout="constrained")
     grid = figure.subplots(1, len(questions), squeeze=False)[0]
@@ -57,7 +57,7 @@ def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[s
 
 
 def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str]) -> None:
-    """Who stands where: everybody's bars are at their own values; the highest of a panel fills its row."""
+    """Histograms of all contestants, each at its own values; the highest bar of a panel fills its row."""
     finite = np.concatenate([r[np.isfinite(r)] for r in ratios.values()])
     top = max(1.2, 1.02 * float(finite.max(initial=1.0)))
     edges = np.linspace(1.0, top, 21)

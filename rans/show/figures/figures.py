@@ -77,7 +77,7 @@ def episode_figure(flight: Flight, episode: int = 0) -> Figure:
 
 @styled
 def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """What lines of ``metrics.jsonl`` hold of ``success`` (0 to 1) and ``return/<term>``, over ``steps``."""
+    """Curves of ``success`` (0 to 1) and ``return/<term>`` over ``steps``, from lines of ``metrics.jsonl``."""
     figure = Figure(figsize=(9.4, 3.4), layout="constrained")
     success, returns = figure.subplots(1, 2)
     _series(success, rows, "success", 100.0, BLUE, "")

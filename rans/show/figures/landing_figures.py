@@ -90,7 +90,7 @@ def _ground(axes: Axes, task: Any, left: float, right: float, top: float) -> Non
 
 @styled
 def propellant_beside_bounds(entries: Sequence[Entry], bounds: MissionBounds) -> Figure:
-    """What contestants used from every bounded start, in the order of the bounds, and what no craft can do."""
+    """Propellant of contestants from every bounded start beside the bounds, in ascending order of these."""
     figure = Figure(figsize=(7.4, 3.8), layout="constrained")
     axes = figure.subplots()
     order = [k for k in np.argsort(bounds.lower) if np.isfinite(bounds.lower[k])]

@@ -195,7 +195,7 @@ def trajectories(axes: Axes, flight: Flight) -> None:
 
 
 def _places(flight: Flight) -> tuple[str, str]:
-    """What the axes of a path are called; only some tasks have a place to go to."""
+    """Labels of the axes of a path, relative to the goal if the task has a goal position."""
     origin = " from the goal" if "position" in flight.errors() else ""
     return f"x{origin}, m", f"y{origin}, m"
 

@@ -50,7 +50,7 @@ def _ways(figure: SubFigure, following: Following, number: int) -> None:
 
 
 def _line_style(chosen: bool) -> dict[str, Any]:
-    """Of one flight's line: that which is drawn in full stands out."""
+    """Style of a flight's line; that of the flight with all its panels stands out."""
     return (
         {"color": BLUE, "linewidth": 1.3, "zorder": 3}
         if chosen

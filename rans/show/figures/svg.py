@@ -185,7 +185,7 @@ def _drawn(axes: Axes) -> bool:
 
 
 def _extent(axes: Axes) -> Bbox:
-    """Of everything, or of a legend that stands by itself, in pixels."""
+    """Extent of all artists, or of a legend without axes, in pixels."""
     artist = axes if axes.axison else axes.get_legend()
     return (artist and artist.get_tightbbox()) or axes.bbox
 

@@ -1,4 +1,4 @@
-"""What an assurance counted, in a sentence and a table: for its own page, and for the report of a run.
+"""Counts of an assurance as a sentence and a table, for its own page and for the report of a run.
 
 Both are of what its JSON file holds, `rans.evaluation.assure.assurance.Assurance.to_json`.
 """

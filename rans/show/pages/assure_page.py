@@ -60,7 +60,7 @@ def page(assurance: Assurance, worst_case: str = "") -> Page:
 
 
 def findings(assurance: Assurance) -> Iterator[Finding]:
-    """What else belongs to the verdict."""
+    """Findings beside the verdict of an assurance."""
     campaign = assurance.campaign
     replays = assurance.replays
     if campaign.plan.below is not None and campaign.over:

@@ -133,7 +133,7 @@ class Chart:
 
 
 class _Axis(NamedTuple):
-    """Where values of an axis lie in the picture, and which have a tick."""
+    """Scale of an axis: positions of values in the picture, and ticks."""
 
     at: Callable[[float], float]
     ticks: Sequence[float]

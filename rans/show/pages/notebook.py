@@ -1,4 +1,4 @@
-"""What notebooks show of the package's values: tables, and drawings of spacecraft."""
+"""HTML of the package's values for notebooks: tables, and drawings of spacecraft."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def show(value: Any) -> str:
 
 
 def header(about: Mapping[str, Any]) -> dict[str, str]:
-    """How something was made, by name; a group of values in one line, without what is not known ("")."""
+    """Description of how a result was made, by name; a group of values in one line, without unknown ones ("")."""
     return {
         name: ", ".join(f"{key} {show(value)}".strip() for key, value in named(group))
         for name, group in about.items()

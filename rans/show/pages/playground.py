@@ -251,7 +251,7 @@ class _Traced:
 
 
 def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str, Any]:
-    """What the page must know; lengths in m, angles in rad, times in s."""
+    """Data of the page; lengths in m, angles in rad, times in s."""
     world = traced.world
     craft = world.craft
     centre = np.array(craft.centre_of_mass)

@@ -32,7 +32,7 @@ class Track(NamedTuple):
 
 @dataclass(frozen=True)
 class Race:
-    """What the page's script replays: see `race`."""
+    """Flights that the page's script replays, see `race`."""
 
     data: Mapping[str, Any]
     caption: str

@@ -109,7 +109,7 @@ def _measured(result: Any) -> list[Metrics]:
 
 
 def _read(file: Path, build: Callable[[Any], Any]) -> Any:
-    """What becomes of a file's content; None where there is no file or nothing in it."""
+    """A file's content by a reader; None if there is no file, or nothing in it."""
     inside(file.parent, file.name)
     if not file.is_file():
         return None
@@ -172,7 +172,7 @@ def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
 
 
 def learning_charts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
-    """What lines of ``metrics.jsonl`` hold of ``success`` (0 to 1) and ``return/<term>``, over ``steps``."""
+    """Charts of ``success`` (0 to 1) and ``return/<term>`` over ``steps``, from lines of ``metrics.jsonl``."""
 
     def series(key: str, factor: float, colour: str, name: str, unit: str) -> Series:
         points = [
@@ -202,7 +202,7 @@ def learning_charts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
 
 
 def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
-    """What became of every member, and the figure beside it."""
+    """Section of a sweep: results of every member, and its figure."""
     members = sweep["members"]
     keys = list(sweep["members"][0])
     varied = keys[keys.index("seed") + 1 : keys.index("solved")]
@@ -289,7 +289,7 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
 
 
 def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
-    """What an assurance counted (`rans.show.pages.assure_counts`); the page beside its file has the rest."""
+    """Section of an assurance's counts (`rans.show.pages.assure_counts`); the page beside its file has the rest."""
     has_limit = result["about"]["below"] is not None
     page = file.with_suffix(".html")
     table = counts(result)
@@ -360,7 +360,7 @@ def _find_metrics(result: Any) -> Iterator[Metrics]:
 
 
 def _header(content: Mapping[str, Any]) -> dict[str, str]:
-    """How it was made, from ``config.json`` or ``validation.json``."""
+    """Description of how a run was made, from ``config.json`` or ``validation.json``."""
     training = {key: content[key] for key in ("seed", "device", "environment") if key in content}
     return header(content.get("about", {}) | training)
 

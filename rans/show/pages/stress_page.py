@@ -31,7 +31,7 @@ TEXT = (
 
 @dataclass(frozen=True)
 class StressReport(NotebookRepr):
-    """What was flown, in the folder that it is written to."""
+    """Report of a stress test, in the folder that it is written to."""
 
     stress: Stress
     folder: Path
@@ -56,7 +56,7 @@ class StressReport(NotebookRepr):
         self.page().write(self.folder / "stress.html")
 
     def title(self) -> str:
-        """What was flown, in one line."""
+        """Title of the report: tasks, spacecraft and contestants."""
         contest = self.stress.contest
         episodes = counted(contest.episodes, "episode")
         return (
@@ -77,7 +77,7 @@ class StressReport(NotebookRepr):
         return len(self.stress.levels) * len(self.stress.contestants)
 
     def notes(self) -> Iterator[str]:
-        """What a reader should know of the contestants."""
+        """Notes on the contestants: tuned settings, fewer episodes, stopped solvers."""
         if self.is_partial:
             yield (
                 f"Interrupted after {self.flown()} of {self._planned()} scenarios: the others are left out."
@@ -98,7 +98,7 @@ class StressReport(NotebookRepr):
                 )
 
     def named_rows(self) -> list[list[str | None]]:
-        """What is held in named scenarios: name, then a text a contestant."""
+        """Rows of named scenarios: name, then the rate of success of each contestant."""
         return [[level.effect, *rates] for level, rates in self._known(self.stress.named)]
 
     def _known(self, levels: Iterable[Level]) -> Iterator[tuple[Level, list[str | None]]]:
@@ -144,7 +144,7 @@ class StressReport(NotebookRepr):
         ]
 
     def command(self, level: Level, spec: str, episode: int) -> str:
-        """What shows one episode of a contestant again, beside the first who knows the task."""
+        """Command that replays an episode of a contestant beside the first that knows the task."""
         who = dict.fromkeys((next(iter(self.stress.contestants)), spec))
         world = (
             str(self.folder / "stress" / f"{level.name}.toml")

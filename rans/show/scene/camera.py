@@ -1,4 +1,4 @@
-"""Where to stand so that everything is in the picture."""
+"""Poses of a camera from which all points are in the picture."""
 
 from __future__ import annotations
 

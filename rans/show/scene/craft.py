@@ -147,7 +147,7 @@ def _flyer(r: float, shape: str, body: Rgba) -> Iterator[Part]:
 
 
 def _solid(craft: Spacecraft, solid: Solid, body: Rgba, scale: float, name: str) -> Part:
-    """As the spacecraft's file says, whose frame is G."""
+    """Shape of a solid of the spacecraft's file, whose frame is G."""
     size = [scale * x for x in solid.size]
     if solid.shape == "mesh":
         corners, faces = triangles(solid.mesh)

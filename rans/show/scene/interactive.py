@@ -121,7 +121,7 @@ class InteractiveFlight:
 
     @property
     def controller(self) -> Any:
-        """Who commands now."""
+        """Controller that commands now."""
         return self.controllers[self._active]
 
     @property
@@ -243,7 +243,7 @@ class InteractiveFlight:
         return replace(body, gain=tuple(gain), leak=tuple(leak))
 
     def _memory(self) -> Any:
-        """What the controller remembers, None where it cannot say."""
+        """Memory of the controller; None if it cannot be copied."""
         if not (hasattr(self.controller, "memory") and hasattr(self.controller, "recall")):
             return None
         return copy.deepcopy(self.controller.memory())

@@ -1,4 +1,4 @@
-"""What stands over a page in three dimensions: title, time, names, errors and what the colours mean."""
+"""Overlay of a page in three dimensions: title, time, names, errors and the legend of colours."""
 
 from __future__ import annotations
 

@@ -206,7 +206,7 @@ class Playground:
         return results
 
     def _move_goal(self) -> None:
-        """Where sliders were moved to, or a gamepad's stick pushes."""
+        """Move the goal to the values of the sliders, or by a gamepad's stick."""
         flight = self.flight
         if not flight.moves:
             return

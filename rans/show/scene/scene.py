@@ -1,4 +1,4 @@
-"""What there is to see of a flight: poses, instant by instant, and everything as Drake's shapes.
+"""Scene of a flight: poses, instant by instant, and Drake's shapes.
 
 One description serves the browser (`rans.show.scene.view`) and rendered pictures (`rans.show.scene.frames`).
 """
@@ -82,7 +82,7 @@ class Motion:
 
     @classmethod
     def of(cls, flight: Flight, episode: int) -> Motion:
-        """Of one episode of a flight, by its index in the batch."""
+        """Motion of one episode of a flight, by its index in the batch."""
         states = map_leaves(lambda x: x[:, episode], flight.states)
         instants = np.zeros(len(flight.times))
         goal = map_leaves(lambda x: x[..., episode] + instants, flight.goals)
@@ -131,7 +131,7 @@ class Motion:
         ]
 
     def goal_at(self, instant: int) -> RigidTransform:
-        """Where to draw the goal: at its place, or else where the spacecraft is."""
+        """Position at which the goal is drawn: its own, or else that of the spacecraft."""
         if "position" in self.wanted:
             return self.goals[instant]
         return RigidTransform(self.goals[instant].rotation(), self.poses[instant].translation())
@@ -169,7 +169,7 @@ class Motion:
 
 
 def goal_parts(craft: Spacecraft, bounded: Collection[str]) -> list[Part]:
-    """What there is to reach, in the goal's frame: a ghost with axes, axes alone, or a pin.
+    """Shapes of a goal, in its frame: a ghost with axes, axes alone, or a pin.
 
     Wanted are the errors that the task bounds, the keys of `Task.tolerances`.
     """
@@ -249,7 +249,7 @@ def velocity_parts(goal: bool, length: float = 1.0) -> list[Part]:
 
 
 def velocity_arrow(velocity: np.ndarray) -> tuple[RotationMatrix, float]:
-    """How to turn and scale the arrow of `velocity_parts` for a velocity in W, (3,) m/s."""
+    """Rotation and scale of the arrow of `velocity_parts` for a velocity in W, (3,) m/s."""
     length = float(np.linalg.norm(velocity))
     if length < 1e-6:
         return RotationMatrix(), 1e-3
@@ -266,7 +266,7 @@ def trail_parts(path: np.ndarray) -> Iterator[tuple[int, Part]]:
 
 
 def ground_parts(low: np.ndarray, high: np.ndarray, space: bool) -> list[Part]:
-    """What is around a box of W with these corners, (3,) m: a floor with lines 1 m apart; in space stars."""
+    """Surroundings of a box of W with these corners, (3,) m: a floor with lines 1 m apart; in space stars."""
     if space:
         return [_stars((low + high) / 2.0, STARS * float(np.linalg.norm(high - low)))]
     (x0, y0) = np.floor(low[:2]) - 1.0

@@ -30,7 +30,7 @@ RETURN = "return, % of relaxed optimum"
 
 
 def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
-    """What is compared start by start, by heading; arrival is named by what the task's goal set asks for.
+    """Measures that are compared start by start, by heading; arrival is named by the task's goal set.
 
     Missions that end have other measures: when they succeed without breaking a limit, and what they spend.
     """
@@ -80,7 +80,7 @@ def scores(
 
 
 def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds | None) -> Scores:
-    """Of a mission that ends: errors at an end say nothing, because its flights end at different times."""
+    """Scores of a mission, without errors at the end, because its flights end at different times."""
     result = {"mission won, %": share(entry.won).scaled(100.0)}
     if entry.flight.margins:
         result["limit broken, %"] = share(entry.flight.violated()).scaled(100.0)
@@ -103,7 +103,7 @@ def _mean(values: np.ndarray) -> Estimate:
 
 
 def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
-    """Of a task that lasts to the end of the episode."""
+    """Scores of a task that lasts to the end of the episode."""
     result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
     if asks_rest(entry.flight.task):
         result["at rest for good, %"] = share(entry.stays).scaled(100.0)
@@ -251,7 +251,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
 
 
 def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
-    """What `rans.show.pages.report.comparison_section` reads: who got there, and what went wrong."""
+    """Arrivals and failures of a comparison, as `rans.show.pages.report.comparison_section` reads them."""
     rows = [*_summary(comparison, board), *_bound_summary(comparison)]
     return {
         "title": comparison.contest.title(),

@@ -46,7 +46,7 @@ def table(front: Front) -> tuple[list[str], list[list[str]]]:
 
 
 def sentences(front: Front) -> Iterator[str]:
-    """Who dominates whom, and how far from the bounds each line is."""
+    """Sentences about dominance, and about the ratio of each line to the bounds."""
     for agent, line in front.lines().items():
         for rival in front.others():
             verdict = front.verdict(line, rival)
@@ -136,6 +136,6 @@ def _ordered(front: Front) -> list[Entry]:
 
 
 def _error(front: Front) -> tuple[str, float, str]:
-    """Which error is judged, and how it is shown."""
+    """Error that is judged, its display unit and factor."""
     quantity = next(iter(front.entries[0].errors))
     return quantity, *QUANTITIES[quantity].display

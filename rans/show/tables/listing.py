@@ -1,4 +1,4 @@
-"""What spacecraft, tasks and conditions are made of, as tables for terminals, notebooks and programs."""
+"""Parts of spacecraft, tasks and conditions as tables for terminals, notebooks and programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the search for on/off controls in space begins: what thrusters would do that can be throttled.
+"""Optimal throttles, at which the search for on/off controls in space begins.
 
 Their impulse is least where nearly all shares are 0 or 1, and little above what the bound says. On/off
 commands near it turn as it does, which searches that change one command at a time would have to find.
