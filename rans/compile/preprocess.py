@@ -75,10 +75,12 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
     policy = policy_program(architecture)
     views = ["view"] if policy.has("view") else []
 
+    # From the observation into the axes of the body.
     def in_body(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         outputs, _ = symbols(policy, {"observation": columns}, ["body"])
         return outputs["body"], Symbol.constant(0)
 
+    # Filters, and the symmetric view of the spacecraft.
     def viewed(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         inputs = {
             "body": columns[: architecture.column_count],
@@ -87,6 +89,7 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
         outputs, _ = symbols(policy, inputs, ["seen", *views])
         return outputs["seen"], outputs["view"][0] if views else Symbol.constant(0)
 
+    # Memory of the filters, after the command is known.
     def next_filter_memory(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         widths = {
             "body": architecture.column_count,

@@ -65,6 +65,7 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
             negative, a number is not finite, an array has not N entries, or the craft has another dimension or
             number of thrusters.
     """
+    # Check the dimension before any value is copied.
     if len(checked("body", body, Body).inertia) != len(nominal.inertia):
         raise ConfigError(
             f"the body has {len(body.inertia)} moments of inertia; in "
@@ -84,6 +85,7 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
             for bound, value in zip(bounds.items(), written or usual, strict=True)
         )
 
+    # Missing values are those of the nominal body.
     thrusters = range(len(nominal.gain))
     result = Body(
         _placed("mass", "> 0", body.mass, count, field),

@@ -295,7 +295,7 @@ class Head(ABC):
     def distribution(
         self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
     ) -> Distribution:
-        """Distribution for outputs (N, outputs n) of the last layer, and recommendations (N, n) if it `is_advised`."""
+        """Distribution of outputs (N, outputs n) and recommendations (N, n) if it `is_advised`."""
 
     @abstractmethod
     def command(self, *outputs: Field) -> Field:

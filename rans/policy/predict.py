@@ -39,16 +39,19 @@ def predict(
     rows = torch.as_tensor(np.asarray(observation), device=device).reshape(
         -1, architecture.layout.width
     )
+    # Memory: continued, and cleared where an episode starts.
     memory = network.initial_state(len(rows))
     if memory is not None and state is not None:
         memory = torch.as_tensor(state[0]).to(memory)
         if episode_start is not None:
             memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
+    # Command, and the memory that it leaves.
     output, columns = network.forward(rows, memory)
     command = output.policy.mode()
     if not deterministic:
         command = output.policy.command(output.policy.sample(torch.rand_like(command)))
     memory = network.next_state(columns, memory, command, output.core)
+    # Back to arrays in the shape of the observation.
     action = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
     action = action.reshape(*np.shape(observation)[:-1], action.shape[1])
     return action, None if memory is None else (memory.cpu().numpy(),)

@@ -225,6 +225,7 @@ def _result(step: Step, arguments: Sequence[Any], dense: Dense, gather: Gather |
     if operation in _EACH:
         return _each(_EACH[operation], [np.asarray(x, object) for x in arguments])
     axis = int(step.attributes.get("axis", -1))
+    # Operations on whole rows; `_Index` is a table with an index that is traced.
     match operation:
         case "Dense" if arguments[0].ndim == 1:
             return _row(dense(step, [*arguments[0].flat]))

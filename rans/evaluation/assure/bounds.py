@@ -143,11 +143,13 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
         )
     if below is not None and not 0.0 < below < 1.0:
         raise ConfigError(f"--failure-below must be a probability, > 0 and < 1, got {below}.")
+    # A fixed number of flights: one stage, which has all of the error.
     error = 1.0 - confidence
     if below is None:
         if episodes is None:
             raise ConfigError("give a number of episodes, or a wanted bound (--below).")
         return Plan((Look(episodes, error, error),), confidence)
+    # Numbers of flights that show the bound without a failure: at the last stage, and at the first late one.
     least, first = (
         flights_needed(below, error * (1.0 - _EARLY) * fraction) for fraction in (1.0, 0.5)
     )
@@ -157,8 +159,10 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
             f"{largest:,} flights cannot show a probability below {below:g} at a confidence of "
             f"{confidence:.6g}: that takes at least {least:,} without a failure."
         )
+    # Stages double. Early ones, before the bound can be shown, may stop campaigns that fail often.
     late = [first * 2**k for k in range(_LOOKS) if first * 2**k < largest] + [largest]
     early = [n for k in range(40, 0, -1) if (n := first // 2**k) >= _FIRST and n < late[0]]
+    # Each late stage has half the error of the one before, so that all together have that of the plan.
     fractions = [2.0 ** -min(k, len(late) - 1) for k in range(1, len(late) + 1)]
     high = [error * _EARLY / len(early) for _ in early]
     high += [(error - sum(high)) * fraction for fraction in fractions]

@@ -152,6 +152,7 @@ class Chances:
             size: (N,) factors on the conditions; see `Chosen`.
             backend: library of flights in float32; None: NumPy in float64.
         """
+        # float32 would round the largest numbers up to 1, which draws never are.
         units = np.minimum(units, 1.0 - 2.0**-24)
         if backend is None:
             return Chosen(

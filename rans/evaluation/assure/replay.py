@@ -101,17 +101,20 @@ def replays(
         worst: number of the worst flights of each kind that Drake replays.
         sample: number of the first flights of each kind that Drake replays.
     """
+    # All candidates fly once more in the fast engine.
     kinds = [(number, kind) for kind, some in numbers.items() for number in some[:CANDIDATES]]
     if not kinds or not worst + sample:
         return Replays([], None)
     flight = fly_draws(controller, setup, drawing(seed, [number for number, _ in kinds]))
     again = failures(flight)
     (excess, largest) = worst_errors(flight)
+    # Of each kind the worst flights and the first ones, a sample that does not depend on their size.
     chosen: list[int] = []
     for kind in numbers:
         own = [k for k, (_, of) in enumerate(kinds) if of == kind]
         ranked = sorted(own, key=lambda k: -excess[k])
         chosen += dict.fromkeys(ranked[:worst] + own[:sample])
+    # Verdicts of the engines about the chosen flights.
     verdicts: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
     if has_drake():
         own = drawing(seed, [kinds[k][0] for k in chosen])

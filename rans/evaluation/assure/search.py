@@ -266,11 +266,13 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
     """Draws of one flight in words."""
     conditions = chances.setup.conditions
     craft = chances.setup.craft
+    # The parameters that an engine derives from these draws.
     world = World(chances.setup)
     start, goal = world.scenario(draws.first * 0, draws)
     parameters: Any = world.begin(start, goal, draws.first * 0, draws).parameters
     nominal = Conditions() if conditions is None else conditions
     parts = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
+    # Only what the conditions randomize is described.
     if nominal.body != BodyConditions():
         ratios = (
             _one(parameters.body.mass) / craft.mass,

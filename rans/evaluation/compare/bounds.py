@@ -288,6 +288,7 @@ def bound(start: int, question: Question) -> Bound:
     begin: Any = scenario.start
     end: Any = scenario.goal
     check_period(period)
+    # The bound of the hull: of time without a horizon, else of fuel.
     if horizon is None:
         steps = max(1, round(_LONGEST / period))
         unit = period
@@ -297,6 +298,7 @@ def bound(start: int, question: Question) -> Bound:
         unit = pulse(craft, period) or 0.0
         least = hull.least_fuel(craft, quantities, begin, end, horizon, goals)
     loose = Bound(start, horizon, least, unit=unit, kind=kind)
+    # A certificate improves it where one exists; a bound that is not improved stays valid.
     if no_certificate(craft, quantities, period):
         return loose
     if math.isinf(least):
@@ -311,6 +313,7 @@ def bound(start: int, question: Question) -> Bound:
         return loose
     if kind == "settling":
         return replace(loose, lower=result.lower, seconds=result.seconds)
+    # Commands that reach the upper bound, as plain numbers for files.
     commands = None if result.commands is None else result.commands.astype(int).tolist()
     return replace(
         loose, lower=result.lower, upper=result.upper, commands=commands, seconds=result.seconds

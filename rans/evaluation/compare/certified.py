@@ -62,6 +62,7 @@ def certify_each(
     cached = _read(cache) if cache and cache.exists() else {}
     common = (contest.craft, contest.task, contest.timing.control_period)
     scenarios = list(each(contest.starts))
+    # Bounds of the cache first, by a hash of the question and the craft.
     pending: list[tuple[str, int, Question]] = []
     for start, event in pairs:
         item = question(*common, event, effort, scenarios[start])
@@ -73,6 +74,7 @@ def certify_each(
             progress(1)
         else:
             pending.append((key, start, item))
+    # The others are computed by all workers, and stored one by one.
     keys, starts, questions = zip(*pending, strict=True) if pending else ((), (), ())
     for k, answer in bounds(questions, starts, workers, progress):
         if cache:

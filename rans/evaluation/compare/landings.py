@@ -101,6 +101,7 @@ def landings(
         start = _columns(scenario.start.p), _columns(scenario.start.v)
         result = best_landing(lander, descent, start, period, "flyable", times)
         answer = LandingAnswer(number, result)
+        # The same start with lossless limits gives the bound; both engines fly the plan.
         if result is not None:
             bound = best_landing(lander, descent, start, period, "bound", times)
             answer = replace(

@@ -209,6 +209,7 @@ def episode(
 
 def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table:
     """Table with a row for each start, and a sentence for those without a trajectory."""
+    # Notes: starts without a trajectory, by reason.
     lost: dict[str, list[str]] = {}
     for answer in answers:
         if not answer.good or answer.trajectory.status == START_IS_GOAL:
@@ -218,6 +219,7 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
         notes.append(
             "guesses: those that led to this cost, of all; optima: different costs that they led to."
         )
+    # Columns: cost, errors at the end, and how the solver got there.
     names = list(next((answer.errors for answer in answers if answer.errors), {}))
     errors = [f"{name} {QUANTITIES[name].display[1]}" for name in names]
     columns = (
@@ -275,6 +277,7 @@ def write(
         ConfigError: a file cannot be written.
     """
     paths = [answer.trajectory for answer in answers]
+    # NaN for starts without a solution.
     solved = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
     save_arrays(
         folder / "optimal.npz",
@@ -313,6 +316,7 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
     commands, periods, starts, goals = read_arrays(
         inside(folder, "optimal.npz"), "commands", "control_period", "starts", "goals"
     )
+    # Files of another version or of strangers: task, craft and shapes are checked.
     try:
         task = TASKS[about["task"]]().for_evaluation()
     except ConfigError as error:
@@ -321,6 +325,7 @@ def flights(folder: Path) -> list[tuple[int, Flight]]:
     like = example(task, craft.dimension, seed=0, episode=0)
     _check_trajectories(folder, craft, like, commands, periods, starts, goals)
     results = []
+    # Starts without a solution have NaN in place of commands.
     for k in range(len(commands)):
         if not np.isfinite(commands[k]).all():
             continue

@@ -66,11 +66,13 @@ def contestant(
         trust: whether a policy of another library may be a pickle, which runs code when it is opened.
     """
     kind, _, bare = spec.partition(":")
+    # Controllers in the setup of the contestants before.
     if default_setup is not None and kind == PREFIX and _is_controller(bare):
         run = contestant(bare, default_setup=default_setup)
         return run._replace(controller=looking_ahead(run))
     if default_setup is not None and _is_controller(spec):
         return LoadedRun(controller(typed(spec), default_setup), *default_setup[:4])
+    # Policies of a user's module or of other libraries, which may need a task.
     if is_user_policy(spec):
         policy, tail = split_policy(spec)
         if tail:
@@ -83,6 +85,7 @@ def contestant(
                 f"agent that has one, as in rans compare RUN {spec}."
             )
         return LoadedRun(user_policy(policy, setup.craft, setup.task, trust), *setup[:4])
+    # Names of RANS: lookahead, controllers with a task, and trained agents.
     kind, name, part = _parse(spec)
     if kind == PREFIX:
         run = contestant(f"{name}#{part}" if part else name, protocol)
@@ -90,6 +93,7 @@ def contestant(
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
         return LoadedRun(controller(typed(kind), setup), *setup[:4])
+    # A trained agent flies in its own setup, or in that of the protocol.
     folder = agent_folder(spec)
     run = load_exported(folder) if is_exported(folder) else load_agent(folder)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)

@@ -154,6 +154,7 @@ class Following:
         speed = np.linalg.norm(reached, axis=2)
         missed = np.linalg.norm(reached - self.commands, axis=2)
         lap = "the approach and one lap" if self.planner.path.closed else "the path"
+        # Root mean squares and means are over the measured part of each flight alone.
         return tuple(
             Sample("path", *row)
             for row in (

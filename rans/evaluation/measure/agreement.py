@@ -99,6 +99,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     """
     episodes = fast.commands.shape[1]
     median = Bootstrap(episodes).median
+    # Success: the engines agree if the difference is within the interval of the fast engine's own rate.
     fast_share, drake_share = (share(solved(flight)).scaled(100.0) for flight in (fast, drake))
     pairs = [
         Pair(
@@ -113,6 +114,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
             ),
         )
     ]
+    # Errors at the end, whose difference may be that of the integrators.
     drake_errors = final_errors(drake)
     for name, error in final_errors(fast).items():
         factor, unit = QUANTITIES[name].display
@@ -137,6 +139,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
             None,
         )
     )
+    # Commands differ where a state is on a threshold of the policy.
     same = (fast.commands == drake.commands).all(axis=2).mean()
     title = (
         f"{fast.controller}: the same {episodes} episodes of {fast.times[-1]:g} s with "

@@ -99,6 +99,7 @@ def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
         sizes=(0.05, 0.1, 0.2, 0.4),
         make=_only("thrusters", "rise"),
     )
+    # A throttle has no on-time.
     if not craft.actuators.is_continuous:
         periods = tuple(round(k * timing.control_period, 6) for k in (2, 3, 4, 5))
         yield Effect(
@@ -195,6 +196,7 @@ def _readings() -> Iterator[Effect]:
         sizes=(1.0, 2.0, 3.0),
         make=_only("sensors", "delay"),
     )
+    # Noise of each quantity, in units that a datasheet has.
     sizes = (1.0, 2.0, 3.0, 5.0)
     for quantity, unit, factor in (
         ("position", "cm", 0.01),

@@ -120,6 +120,7 @@ class Stress:
         total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
         progress = stages(f"{len(self.levels)} scenarios", total)
         contestants = list(self.contestants.values())
+        # One controller for each contestant and scenario, in every process.
         jobs = list(_jobs(self))
         arguments = (
             self.contest,
@@ -129,6 +130,7 @@ class Stress:
         pool = Workers(_Flyer, arguments, workers, "flew episodes")
         parts: dict[tuple[int, int], dict[int, _Part]] = {}
         lost: set[int] = set()
+        # Parts arrive in any order; a scenario is complete when all its episodes are there.
         for number, answer in pool.finished(_Flyer.tried, jobs):
             job = jobs[number]
             progress(job.episodes)
@@ -173,6 +175,7 @@ def prepared(
         ConfigError: there is no such contestant, effect or conditions, or they are not for this craft.
     """
     contest = replace(contest, conditions=None)
+    # Names of effects are checked before anything flies.
     available = effects(contest.craft, contest.timing)
     for name in only:
         if name not in [effect.name for effect in available]:
@@ -180,6 +183,7 @@ def prepared(
                 f"there is no effect named {name!r}{meant(name, [e.name for e in available])}; "
                 f"for {contest.craft.name} there are {', '.join(e.name for e in available)}."
             )
+    # Named scenarios: perfect conditions first, those of the user, and failures unless effects were selected.
     named = [
         _PERFECT,
         *(

@@ -36,6 +36,7 @@ def descent(
     figure = Figure(figsize=(9.4, 4.2), layout="constrained")
     panels = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     paths = [_path(entry.flight, start) for entry in entries]
+    # Downrange is the horizontal direction from the site to the start.
     along = paths[0][0, :2] / max(float(np.linalg.norm(paths[0][0, :2])), 1e-9)
     curves: list[tuple[str, Any, str, np.ndarray]] = [
         (entry.name, series_style(k)[0], "-", path)
@@ -45,6 +46,7 @@ def descent(
         curves.append(("least propellant", INK, "--", bounds.path))
     points = np.concatenate([_seen(path, along) for *_, path in curves])
     task: Any = entries[0].flight.task
+    # The whole descent, and its end near the site.
     for axes, zoom in zip(panels, (1.0, _NEAR), strict=True):
         top = zoom * float(points[:, 1].max())
         visible = points[points[:, 1] <= top]

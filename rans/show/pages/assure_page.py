@@ -90,6 +90,7 @@ def findings(assurance: Assurance) -> Iterator[Finding]:
 def _plan(assurance: Assurance) -> Section:
     plan = assurance.campaign.plan
     flown = assurance.campaign.flights
+    # A stage shows the bound if no more than the allowed number of flights failed.
     rows = [
         [
             f"{stage.flights:,}",
@@ -163,6 +164,7 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
     counted = assurance.campaign.bound()
     if result is None:
         return
+    # Without an interval, subset simulation gives no probability.
     figures = (
         (None, None, None)
         if result.interval is None

@@ -140,6 +140,7 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
     pictures = []
     result = []
     problem = comparison.contest.task.optimal_problem
+    # Paths, in the axes that the kind of mission needs.
     if problem == "landing":
         pictures += [
             Picture.of(
@@ -160,6 +161,7 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
                 "Paths in the Hill frame of the target. Markers are the ends.",
             )
         )
+    # Cost beside the certified bounds.
     if bounds is not None:
         result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))
         if problem == "landing" and np.isfinite(bounds.lower).any():
@@ -175,6 +177,7 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
                     mission_figures.spent_over_time(entries, bounds), _BOUNDED[bounds.spending]
                 )
             )
+    # Margins to the constraints.
     if entries[0].flight.margins:
         pictures.append(
             Picture.of(
@@ -191,6 +194,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     board = tables.scoreboard(comparison)
     first, *others = comparison.entries
     own = board[first.name]
+    # Columns of the scoreboard: a mission succeeds, any other task settles.
     verb, often, time = "settles", "settled, %", "settling time, s"
     if first.ends:
         verb, often, time = "succeeds", "mission won, %", "time of success, s"
@@ -202,6 +206,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
         key=lambda name: board[name][time].value,
         default=None,
     )
+    # The sentence about the first contestant, and the quickest rival if it arrives.
     parts = [
         f"{first.name} {verb} from {settled.value:.4g} % of {counted(comparison.contest.episodes, 'start')} "
         f"({settled.low:.3g} to {settled.high:.3g} %)"
@@ -217,6 +222,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
                 f"{_amount(theirs[time], 's')} with "
                 f"{theirs['impulse of the episode, N s'].value:.3g} N s"
             )
+    # Tiles: scores beside the rival's, then ratios to certified bounds.
     tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in own if key in _TILES]
     if comparison.mission is not None and len(over := comparison.mission.ratios(first)):
         tiles.append(
@@ -282,6 +288,7 @@ def _race(comparison: Comparison) -> Race | None:
     first = comparison.entries[0]
     if "position" not in first.flight.errors():
         return None
+    # The median start among those with a bound, and the slowest of all.
     certified = comparison.certified_starts()
     middle = sorted(certified or range(contest.episodes), key=lambda k: first.arrival[k])
     slowest = sorted(range(contest.episodes), key=lambda k: -first.arrival[k])
@@ -294,6 +301,7 @@ def _race(comparison: Comparison) -> Race | None:
     def tracks(k: int) -> Iterator[Track]:
         for entry in comparison.entries[:_RACERS]:
             yield Track(entry.name, entry.flight, k, float(entry.arrival[k]))
+        # The optimal trajectory is called certified only if its bounds have met.
         proven = any(
             bound.start == k
             and (bound.kind, bound.horizon) == ("arrival", None)
@@ -375,6 +383,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     if not gaps:
         return
     starts = comparison.certified_starts()
+    # Median bounds of every event, and how many arrivals are proven optimal.
     bounds = []
     for event in comparison.events():
         lower, upper = (bound.values for bound in comparison.bounds(event))
@@ -391,6 +400,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         "a time is all that is spent until then by flights that have been in the goal set by then, in brackets "
         "how many; it is infinite for the others."
     )
+    # Figures of the first and last event, and of those that are no arrivals.
     first, *_, last = events = comparison.events()
     middle = [event for event in events if event.kind != "arrival"]
     headings = [event.text for event in (first, *middle, last)]

@@ -131,10 +131,12 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     title = study.get("title", "Validation")
     failed = [check for check in checks if not check["passed"]]
     within = f"{len(checks) - len(failed)} of {len(checks)}"
+    # A row for every check, and for those that did not run.
     columns = ("check", "value", "tolerance", "unit", "verdict", "why this tolerance")
     keys = ("name", "value", "tolerance", "unit", "passed", "reason")
     rows = [[check[key] for key in keys] for check in checks]
     rows += [[check["name"], None, None, None, "not run", check["reason"]] for check in skipped]
+    # Failures first, then the count, then what did not run.
     findings = [
         *(
             Finding(

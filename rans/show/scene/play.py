@@ -129,11 +129,13 @@ class Playground:
     def read_controls(self) -> bool:
         """Do what sliders, buttons and the gamepad ask for; whether a single step is asked for."""
         flight = self.flight
+        # Sliders: goal, delay, noise, and the thruster that buttons act on.
         self._move_goal()
         flight.delay = round(self._meshcat.GetSliderValue(_DELAY))
         flight.noise = 0.01 * self._meshcat.GetSliderValue(_NOISE)
         chosen = round(self._meshcat.GetSliderValue(_THRUSTER))
         once = False
+        # Buttons, in the order in which they were clicked.
         for name in self._clicked():
             if name == PAUSE:
                 self.running = not self.running

@@ -96,7 +96,7 @@ def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
 
 def test_known_noise_costs_little_impulse() -> None:
     """Whoever believes every reading burns its noise."""
-    task = HURRY
+    task = Dock(deadline=(1000.0, 1000.0))
     starts = scenarios(task, DEPUTY, 7, 16)
     noisy = Conditions(
         thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),

@@ -119,6 +119,7 @@ class PlanarBounder:
         open_levels = 0
         outcome = _Outcome()
         lower = dual = None
+        # Fewer steps than the bound of the hull are excluded without a search.
         loose = hull.least_time(
             lattice.craft, problem.aims, problem.start, problem.goal, problem.goal_set
         )
@@ -133,10 +134,12 @@ class PlanarBounder:
             except TooManyPoints:
                 lower = lower or steps
                 break
+            # A positive dual value proves that no commands arrive in so many steps.
             root = _root_ascent(relaxation, 0.0, effort)
             if root.best.value > 0:
                 continue
             dual = dual or steps
+            # Else branching decides: excluded, solved, or open within the effort.
             outcome = _decide(relaxation, root, 0.0, effort)
             nodes += outcome.nodes
             if outcome.excluded:

@@ -141,6 +141,7 @@ class Relaxation:
         lattice = self.lattice
         steps = self.steps
         h = self.lattice.period
+        # Size of the tables: spin steps, angle steps and control periods that can be reached.
         self._reach = int(max(limits.max(), max(abs(n) for n in self.net)))
         widest = np.concatenate([[0], np.cumsum(limits[:-1])])
         self._origin = int(widest[-1])
@@ -152,6 +153,7 @@ class Relaxation:
                 f"{_MOST_POINTS:,} are searched; the usual cause is a goal that is too far away, or a long "
                 "horizon."
             )
+        # The root of the search: every level of spin and angle within the limits, every pattern.
         n = np.arange(-self._reach, self._reach + 1)
         inside = np.abs(n) <= limits[:, None]
         self.everything = Branch(
@@ -159,10 +161,12 @@ class Relaxation:
             np.where(inside, self._origin + widest[:, None] + 1, 0),
             np.ones((steps, len(lattice.patterns.torque)), dtype=bool),
         )
+        # Rotations of the thrust at every node, as complex numbers.
         angle = self.start.attitude.angle + self.start.w * h * np.arange(steps)[:, None]
         self._base = np.exp(1j * (angle + 0.5 * lattice.spin * h * n))
         self._turned = lattice.spin * h * (np.arange(self._shape[2]) - self._origin)
         self._responses = lattice.responses(self.start.w + lattice.spin * n)
+        # Constants of the kernel; patterns are in ascending order of torque.
         patterns = lattice.patterns
         torques = lattice.torque_range
         firsts = np.searchsorted(patterns.torque, np.append(torques, torques[-1] + 1))

@@ -118,6 +118,7 @@ def trace(
     chosen = np.zeros(steps, dtype=np.int64)
     i = reach
     a = origin
+    # In each period the pattern with the least cost now and afterwards, among those within the limits.
     for k in range(steps):
         best = np.inf
         n = i - reach

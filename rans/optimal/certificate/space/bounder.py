@@ -177,6 +177,7 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
     best = -math.inf
     count = 0
 
+    # Costates along the displacement: their size (only for fuel), and the slope over time.
     def value(x: np.ndarray) -> float:
         nonlocal best, count
         size, slope = (1.0, x[0]) if relaxation.fuel == 0.0 else x
@@ -187,6 +188,7 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
         count = count + 1
         return -result
 
+    # Every value is a valid bound, so that the search needs no accuracy.
     simplex = np.array(first) + np.vstack([np.zeros(len(first)), 0.08 * np.eye(len(first))])
     minimize(
         value,

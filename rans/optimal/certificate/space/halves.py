@@ -88,6 +88,7 @@ class HalfTrajectories:
         self._time = steps * lattice.period
         self._speed = lattice.craft.thrusters[0].force * lattice.period / lattice.craft.mass
         """Change of velocity by one pulse, m/s."""
+        # Goal set, enlarged by the error of integration over the longest flight.
         fastest = _MOST_PULSES * self._speed
         self._radii = np.array(
             [goal_set.position, goal_set.velocity, goal_set.heading]
@@ -95,11 +96,13 @@ class HalfTrajectories:
         self._displacement = np.array((goal.p - start.p - start.v.scale(self._time)).columns())
         self._velocity_change = np.array((goal.v - start.v).columns())
         direction = self._displacement / max(float(np.linalg.norm(self._displacement)), 1e-300)
+        # Both ends of the flight, seen along the displacement.
         attitudes = [np.array(leaves(x.attitude.normalised())) for x in (start, goal)]
         self._ends = (
             _End(attitudes[0], direction, 1.0, 0.0),
             _End(attitudes[1], -direction, -1.0, float(self._radii[2])),
         )
+        # The halves meet in the middle: an even number of steps, at rest at both ends.
         self._is_applicable = (
             lattice.pulse is not None
             and steps % 2 == 0

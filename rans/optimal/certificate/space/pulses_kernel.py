@@ -180,6 +180,7 @@ def _change_flight(
     b = int(count * random.random())
     i = int(thruster_count * random.random())
     j = int(thruster_count * random.random())
+    # Another thruster for a pulse, whose torque is the same.
     if kind < 0.3:
         if (
             thrusters[a] == i
@@ -189,6 +190,7 @@ def _change_flight(
             return False
         thrusters[a] = i
     elif kind < 0.5:
+        # Two pulses exchange their thrusters.
         if thrusters[a] == thrusters[b]:
             return False
         thrusters[a], thrusters[b] = thrusters[b], thrusters[a]
@@ -204,6 +206,7 @@ def _change_flight(
         if random.random() < 0.3:
             instants[a] = instants[b] = flight * random.random()
     elif kind < 0.98:
+        # Another instant for a pulse.
         instants[a] = flight * random.random()
     else:
         thrusters[a] = i
