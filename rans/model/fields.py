@@ -18,7 +18,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, partial, reduce
+from functools import partial, reduce
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -35,7 +35,7 @@ _CASADI_NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "
 def _function(name: str, *fields: Field) -> Callable[..., Field]:
     """The function of this name in the library that the first non-float field belongs to."""
     for field in fields:
-        library = _library(type(field))
+        library = type(field).__module__.partition(".")[0]
         if library == "torch":
             return getattr(sys.modules["torch"], name)
         if library == "casadi":
@@ -43,12 +43,6 @@ def _function(name: str, *fields: Field) -> Callable[..., Field]:
         if library == "rans":
             return partial(type(field).apply, name)
     return getattr(np, name)
-
-
-@cache
-def _library(kind: type) -> str:
-    """Top-level package of a class; guidance asks for it thousands of times in a control period."""
-    return kind.__module__.partition(".")[0]
 
 
 def _unary(name: str) -> Callable[[Field], Field]:
