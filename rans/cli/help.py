@@ -69,6 +69,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans assure runs/first --conditions lab --search lab",
     ),
     "prove": (
+        "rans prove pretrained:track-velocity-2d --property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15",
         "rans prove --onnx network.onnx --problem docking.toml",
         "rans prove --onnx network.onnx --check docking.certificate.json",
     ),

@@ -1,17 +1,19 @@
-"""``rans prove``: proofs about the closed loop of a network, and the check of their certificates."""
+"""``rans prove``: proofs about closed loops of networks and agents, and the check of their certificates."""
 
 from __future__ import annotations
 
+import json
 import shlex
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
-from rans.errors import ConfigError, require
+from rans.errors import ConfigError, brief, require
 from rans.files import read_bytes
 from rans.terminal import Terminal, progress
 
@@ -21,14 +23,22 @@ _CHUNK = 4
 
 @dataclass(frozen=True)
 class Prove:
-    """Prove that a network keeps a property from every start, at all times, or find a flight that breaks it.
+    """Prove that an agent or a network keeps a property from every start, or find a flight that breaks it.
 
     The set of starts is split into cells, each of which is proved as a whole. The exit code is 0 if the property
     is proved everywhere. The certificate is a file of the cells; --check judges one in ball arithmetic, by a
     program that shares no code with the prover.
     """
 
-    onnx: Annotated[Path, arg(metavar="FILE")]
+    agent: Annotated[str | None, Positional, arg(metavar="AGENT")] = None
+    """An on/off agent that tracks velocities in the plane: a run folder or pretrained:NAME. Its goal is at rest."""
+    property: Annotated[str | None, arg(metavar="speed=M/S,spin=RAD/S")] = None
+    """Limits that every flight of the agent keeps for ever."""
+    start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S")] = None
+    """Starts of the agent: every state up to this speed and this spin."""
+    off: Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S")] = ""
+    """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off; by default 0."""
+    onnx: Annotated[Path | None, arg(metavar="FILE")] = None
     """Network that takes the state and gives the commands."""
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
     """Plant, starts and property, a TOML file; see docs/proofs.md."""
@@ -47,9 +57,95 @@ class Prove:
 
     def run(self) -> int:
         """Prove or check, and print the result."""
+        if (self.agent is None) == (self.onnx is None):
+            raise ConfigError("name an AGENT, or a network with --onnx.")
+        if self.agent is not None and self.check is not None:
+            return self._check_trap(self.agent, self.check)
+        if self.agent is not None:
+            return self._trap(self.agent)
         if (self.problem is None) == (self.check is None):
             raise ConfigError("name a --problem to prove, or a certificate to --check.")
         return self._check(self.check) if self.check is not None else self._prove()
+
+    def _trap(self, agent: str) -> int:
+        """Prove a trapping set."""
+        from rans.evaluation.fly.agent import load_agent
+        from rans.evaluation.fly.contestants import agent_folder
+        from rans.proof import trap as traps
+
+        if self.property is None or self.start is None:
+            raise ConfigError("name the --property to keep and the starts, --from, of an agent.")
+        keep = _numbers(self.property, {"speed": None, "spin": None}, "--property")
+        start = _numbers(self.start, {"speed": None, "spin": None}, "--from")
+        off = _numbers(
+            self.off, dict.fromkeys(("mass", "thrust", "velocity", "spin"), 0.0), "--off"
+        )
+        if not all(0.0 < keep[key] <= 10.0 and 0.0 <= start[key] <= keep[key] for key in keep):
+            raise ConfigError(
+                "limits must be above 0 and at most 10, and --from within --property."
+            )
+        folder = agent_folder(agent)
+        run = load_agent(folder)
+        files = _files(folder)
+        if json.loads(files["config.json"]).get("task") != "track-velocity":
+            raise ConfigError(f"{agent} flies {type(run.task).__name__}; known is track-velocity.")
+        loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+        begun = time.monotonic()
+        with progress() as bars:
+            task = bars.add_task("proving", total=None)
+            trap = traps.trapping_set(
+                loop,
+                keep["speed"],
+                keep["spin"],
+                traps.Uncertainty(**off),
+                report=lambda done, left: bars.update(task, completed=done, total=done + left),
+            )
+        terminal = Terminal()
+        begin = start["speed"], start["spin"]
+        seconds = time.monotonic() - begun
+        if not trap.contains(loop, *begin):
+            broken = traps.broken_flight(loop, trap, keep["spin"], begin)
+            if broken is not None:
+                state, speed, spin = broken
+                terminal.say(
+                    f"False: the flight from {np.round(state[:2], 5).tolist()} m/s in the body frame and the spin "
+                    f" {state[2]:.5f} rad/s reaches {speed:.4g} m/s and {spin:.4g} rad/s."
+                )
+                return 1
+            largest = traps.largest_start(trap, loop, start["spin"])
+            terminal.say(
+                f"Open: neither proved nor refuted, after {seconds:.1f} s. With this spin starts up to "
+                f"{largest:.4g} m/s are proved."
+            )
+            return 1
+        output = self.output or Path(f"{folder.name}.certificate.json")
+        digest = traps.write_trap(trap, keep["spin"], begin, files, output)
+        terminal.say(
+            f"Proved: from every velocity up to {begin[0]:g} m/s and every spin up to {begin[1]:g} rad/s "
+            f"{folder.name} never exceeds {keep['speed']:g} m/s and {keep['spin']:g} rad/s while its goal is at "
+            f"rest; {len(trap.cells):,} cells, {seconds:.1f} s. The certificate is {output} (SHA-256 "
+            f"{digest[:16]})."
+        )
+        terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
+        return 0
+
+    def _check_trap(self, agent: str, certificate: Path) -> int:
+        """Check the certificate of a trapping set."""
+        require("flint")
+        from rans.evaluation.fly.contestants import agent_folder
+        from rans.files import parse_json
+        from rans.proof.certificate import LARGEST
+
+        content = read_bytes(certificate, LARGEST)
+        table = parse_json(content, certificate)
+        if not (
+            isinstance(table, dict) and isinstance(table.get("cells"), list) and "grid" in table
+        ):
+            raise ConfigError(f"{certificate} is no certificate of an agent's trapping set.")
+        count = len(table["cells"])
+        files = _files(agent_folder(agent))
+        chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
+        return self._judged(_trapped, [(content, files, list(one)) for one in chunks], count, 64)
 
     def _prove(self) -> int:
         from rans.proof.certificate import write_certificate
@@ -58,6 +154,7 @@ class Prove:
         from rans.proof.prove import lowest_margins, prove
 
         assert self.problem is not None
+        assert self.onnx is not None
         if not (1 <= self.cells <= 1000 and 0.0 < self.smallest <= 1.0):
             raise ConfigError(
                 "--cells must be from 1 to 1000 and --smallest above 0 and at most 1, got "
@@ -109,39 +206,85 @@ class Prove:
         require("onnx")
         require("flint")
         from rans.files import parse_json
-        from rans.processes import Workers, nothing
         from rans.proof.certificate import LARGEST
         from rans.proof.problem import problem_of
 
+        assert self.onnx is not None
         contents = read_bytes(certificate, LARGEST), read_bytes(self.onnx, LARGEST)
         table = parse_json(contents[0], certificate)
         if not (isinstance(table, dict) and table.keys() >= {"network", "problem", "cells"}):
             raise ConfigError(f"{certificate} is no certificate of rans prove.")
         problem_of(str(table["problem"]), certificate)  # the checker itself reads without bounds
         count = len(table["cells"])
-        begun = time.monotonic()
         chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
-        jobs = [(*contents, list(one)) for one in chunks]
+        return self._judged(_checked, [(*contents, list(one)) for one in chunks], count, _CHUNK)
+
+    def _judged(self, judge: Callable[..., Any], jobs: list[Any], count: int, chunk: int) -> int:
+        """Judge cells in several processes, and print the result."""
+        from rans.processes import Workers, nothing
+
+        begun = time.monotonic()
         least = float("inf")
         with progress() as bars:
             task = bars.add_task("checking", total=count)
             answers = Workers(nothing, (), self.workers, "checked a certificate")
-            for _, (margin, refusal) in answers.finished(_checked, jobs):
+            for _, (margin, refusal) in answers.finished(judge, jobs):
                 if refusal:
                     Terminal().say(f"Refused: {refusal}")
                     return 1
                 least = min(least, margin)
-                bars.advance(task, _CHUNK)
+                bars.advance(task, chunk)
+        margins = f", and the least margin is {least:.3g}" if np.isfinite(least) else ""
         Terminal().say(
-            f"Accepted: {count:,} cells cover the starts, and the least margin is {least:.3g}, in ball arithmetic; "
+            f"Accepted: {count:,} cells cover the starts{margins}, in ball arithmetic; "
             f"{time.monotonic() - begun:.1f} s."
         )
         return 0
 
 
+def _numbers(text: str, usual: dict[str, float | None], option: str) -> dict[str, float]:
+    """Numbers of a text such as "speed=0.1,spin=0.2"; those without a usual value must be named."""
+    values = dict(usual)
+    for part in filter(None, text.split(",")):
+        name, _, number = part.partition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            value = float("nan")
+        if name.strip() not in usual or not np.isfinite(value):
+            raise ConfigError(f"{option} takes {'=..., '.join(usual)}=..., got {brief(part)}.")
+        values[name.strip()] = value
+    if any(value is None for value in values.values()):
+        raise ConfigError(f"{option} takes {'=..., '.join(usual)}=..., got {brief(text)}.")
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    """Files of an agent that a certificate is about."""
+    names = ("agent.safetensors", "config.json", "spacecraft.toml")
+    return {name: read_bytes(folder / name, 2**28) for name in names}
+
+
+def _trapped(
+    _: None, certificate: bytes, files: dict[str, bytes], cells: list[int]
+) -> tuple[float, str]:
+    """Why the certificate of a trapping set is refused, or ""."""
+    from rans.proof.balls import Refused
+    from rans.proof.check_trap import check_trap
+
+    try:
+        check_trap(certificate, files, only=cells)
+        return float("inf"), ""
+    except Refused as refusal:
+        return 0.0, str(refusal)
+    except (ValueError, KeyError, TypeError, IndexError) as error:  # a damaged file
+        return 0.0, f"it is damaged: {type(error).__name__} {error}"
+
+
 def _checked(_: None, certificate: bytes, network: bytes, cells: list[int]) -> tuple[float, str]:
     """Least margin of some cells, and why the certificate is refused, or ""."""
-    from rans.proof.check import Refused, check
+    from rans.proof.balls import Refused
+    from rans.proof.check import check
 
     try:
         return check(certificate, network, only=cells), ""

@@ -20,16 +20,24 @@ import onnx
 from flint import arb, arb_mat, ctx
 from onnx import numpy_helper
 
+from rans.proof.balls import (
+    Refused,
+    beside,
+    column,
+    diagonal,
+    enclose,
+    matrix,
+    row_sums,
+    sizes,
+    with_sizes,
+)
+
 _BITS = 80
 """Bits of a ball's middle."""
 _SIDES = 48
 """Sides of the polygon around a circle of speeds."""
 _SUBSTEPS = 12
 """Taylor steps of a control period of a plant that is not linear."""
-
-
-class Refused(Exception):
-    """The certificate is refused; the message says why."""
 
 
 def check(
@@ -109,17 +117,17 @@ def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
         given = [tables[name] for name in node.input if name in tables]
         kind = node.op_type
         if kind == "MatMul":
-            layers.append((_matrix(given[0].T), _matrix(np.zeros((given[0].shape[1], 1))), ""))
+            layers.append((matrix(given[0].T), matrix(np.zeros((given[0].shape[1], 1))), ""))
         elif kind in ("Conv", "Gemm"):
             weight = given[0].reshape(len(given[0]), -1)
             if kind == "Gemm" and not any(a.name == "transB" and a.i for a in node.attribute):
                 weight = given[0].T
             shift = given[1] if len(given) > 1 else np.zeros(len(weight))
-            layers.append((_matrix(weight), _matrix(shift.reshape(-1, 1)), ""))
+            layers.append((matrix(weight), matrix(shift.reshape(-1, 1)), ""))
         elif kind in ("Add", "Sub"):
-            shift = _matrix(given[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
+            shift = matrix(given[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
             if not layers or layers[-1][2]:
-                layers.append((_matrix(np.eye(given[0].size)), shift, ""))
+                layers.append((matrix(np.eye(given[0].size)), shift, ""))
             else:
                 layers[-1] = (layers[-1][0], layers[-1][1] + shift, "")
         elif kind in ("Tanh", "Sigmoid"):
@@ -133,110 +141,16 @@ def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
             joined.append((weight, shift, kind))
         else:
             joined[-1] = (weight * before[0], weight * before[1] + shift, kind)
-    return joined
-
-
-def _matrix(values: np.ndarray) -> Any:
-    rows, columns = values.shape
-    return arb_mat(rows, columns, [arb(float(x)) for x in values.ravel()])
-
-
-def _sizes(matrix: Any) -> Any:
-    return arb_mat(matrix.nrows(), matrix.ncols(), [abs(x) for x in matrix.entries()])
-
-
-def _row_sums(matrix: Any) -> list[Any]:
-    return [sum((abs(x) for x in row), arb(0)) for row in matrix.tolist()]
-
-
-def _scaled(factors: Sequence[Any], matrix: Any) -> Any:
-    return arb_mat([[f * x for x in row] for f, row in zip(factors, matrix.tolist(), strict=True)])
-
-
-def _column(values: Sequence[Any]) -> Any:
-    return arb_mat(len(values), 1, list(values))
-
-
-def _lines(low: Any, high: Any, kind: str) -> tuple[Any, Any, Any]:
-    """Slope, middle and half distance of parallel lines around an activation from low to high."""
-    scale = arb(1) if kind == "Tanh" else arb("0.5")
-    low = (scale * low).lower()
-    high = (scale * high).upper()
-    slope = arb(0)
-    if (high - low).lower() > 1e-9:
-        slope = ((high.tanh() - low.tanh()) / (high - low)).mid()
-    points = [low, high]
-    if 0 < slope < 1:
-        turn = (1 - slope).sqrt().atanh()
-        points += [z for z in (turn, -turn) if z.upper() >= low and z.lower() <= high]
-    else:
-        points.append(low.union(high))
-    values = [z.tanh() - slope * z for z in points]
-    least = min((x.lower() for x in values), key=float)
-    most = max((x.upper() for x in values), key=float)
-    least = (least - abs(least) * arb(1e-14) - arb(1e-300)).lower()  # as floats order them
-    most = (most + abs(most) * arb(1e-14) + arb(1e-300)).upper()
-    middle = ((least + most) / 2).mid()
-    half = ((most - least) / 2).upper()
-    if kind == "Tanh":
-        return slope, middle, half
-    return slope / 4, arb("0.5") + middle / 2, half / 2
-
-
-def _network(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any, list[Any]]:
-    """Gain, offset and errors: answers to c + G s lie in gain x + offset +- errors."""
-    gain: Any = None
-    offset: Any = None
-    slopes: list[Any] = []
-    errors: list[Any] = []
-    last: list[Any] = []
-    for k, (weight, shift, kind) in enumerate(layers):
-        gain = weight if gain is None else weight * gain
-        offset = shift if offset is None else weight * offset + shift
-        passed = [arb(0)] * weight.nrows()
-        back = weight
-        for j in reversed(range(k)):
-            passed = [
-                a + b
-                for a, b in zip(passed, (_sizes(back) * _column(errors[j])).entries(), strict=True)
-            ]
-            if j:
-                back = _scaled(slopes[j], back.transpose()).transpose() * layers[j][0]
-        if not kind:
-            return gain, offset, passed
-        middle = (gain * centre + offset).entries()
-        reach = [a + b for a, b in zip(_row_sums(gain * spread), passed, strict=True)]
-        lines = [_lines(m - r, m + r, kind) for m, r in zip(middle, reach, strict=True)]
-        slopes.append([one[0] for one in lines])
-        errors.append([one[2] for one in lines])
-        gain = _scaled(slopes[-1], gain)
-        offset = _scaled(slopes[-1], offset) + _column([one[1] for one in lines])
-        last = [s * p + e for s, p, e in zip(slopes[-1], passed, errors[-1], strict=True)]
-    return gain, offset, last
-
-
-def _beside(*matrices: Any) -> Any:
-    return arb_mat(
-        [
-            [x for row in rows for x in row]
-            for rows in zip(*(m.tolist() for m in matrices), strict=True)
-        ]
-    )
-
-
-def _diagonal(values: Sequence[Any]) -> Any:
-    return arb_mat(
-        [[x if i == k else arb(0) for k in range(len(values))] for i, x in enumerate(values)]
-    )
+    return with_sizes(joined)
 
 
 def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
     """Margin over all times of the flights from a cell."""
-    centre = _column([(arb(a) + arb(b)) / 2 for a, b in cell])
-    spread = _diagonal([(arb(b) - arb(a)) / 2 for a, b in cell])
+    centre = column([(arb(a) + arb(b)) / 2 for a, b in cell])
+    spread = diagonal([(arb(b) - arb(a)) / 2 for a, b in cell])
     least = float("inf")
     for _ in range(problem["steps"]):
-        for begin, end, sag in move(centre, spread, *_network(layers, centre, spread)):
+        for begin, end, sag in move(centre, spread, *enclose(layers, centre, spread)):
             least = min(least, _margin(problem["keep"], begin, end, sag))
             centre, spread = end
         if not least > 0.0:
@@ -245,7 +159,7 @@ def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
 
 
 def _highest(row: Any, state: tuple[Any, Any]) -> Any:
-    return (row * state[0])[0, 0] + _row_sums(row * state[1])[0]
+    return (row * state[0])[0, 0] + row_sums(row * state[1])[0]
 
 
 def _margin(keep: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]) -> float:
@@ -342,18 +256,18 @@ def _linear(problem: dict[str, Any]) -> Any:
     both = arb_mat(rows + [[arb(0)] * width] * problem["commands"])
     h = arb(problem["period"])
     whole = (both * h).exp()
-    widest = (_sizes(both) * h).exp()
-    second = _sizes(both) * _sizes(both) * widest * (h * h / 8)
+    widest = (sizes(both) * h).exp()
+    second = sizes(both) * sizes(both) * widest * (h * h / 8)
 
     def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
         state = arb_mat([row[:count] for row in whole.tolist()[:count]])
         push = arb_mat([row[count:] for row in whole.tolist()[:count]])
         total = state + push * gain
-        end = total * centre + push * offset, _beside(total * spread, push * _diagonal(errors))
-        sizes = [abs(c) + r for c, r in zip(centre.entries(), _row_sums(spread), strict=True)]
-        forces = (_sizes(gain) * _column(sizes) + _sizes(offset)).entries()
-        sizes += [f + e for f, e in zip(forces, errors, strict=True)]
-        sag = (second * _column(sizes)).entries()[:count]
+        end = total * centre + push * offset, beside(total * spread, push * diagonal(errors))
+        largest = [abs(c) + r for c, r in zip(centre.entries(), row_sums(spread), strict=True)]
+        forces = (sizes(gain) * column(largest) + sizes(offset)).entries()
+        largest += [f + e for f, e in zip(forces, errors, strict=True)]
+        sag = (second * column(largest)).entries()[:count]
         return [((centre, spread), end, sag)]
 
     return move
@@ -385,14 +299,14 @@ def _taylor(problem: dict[str, Any]) -> Any:
 
     def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
         middle = [*centre.entries(), *(gain * centre + offset).entries()]
-        below = _beside(gain * spread, _diagonal(errors))
-        above = _beside(spread, arb_mat(count, len(errors)))
+        below = beside(gain * spread, diagonal(errors))
+        above = beside(spread, arb_mat(count, len(errors)))
         wide = arb_mat(above.tolist() + below.tolist())
         pieces = []
         for _ in range(_SUBSTEPS):
             balls = [
                 arb(c.mid(), (r + c.rad()).upper())
-                for c, r in zip(middle, _row_sums(wide), strict=True)
+                for c, r in zip(middle, row_sums(wide), strict=True)
             ]
             grown = [
                 x + arb(0, (3 * h * abs(_at(f, balls))).upper())
@@ -409,17 +323,17 @@ def _taylor(problem: dict[str, Any]) -> Any:
             jacobian = arb_mat([[_at(one, balls) for one in row] for row in slopes])
             fixed = arb_mat([[x.mid() for x in row] for row in jacobian.tolist()])
             loose = arb_mat([[arb(x.rad()) for x in row] for row in jacobian.tolist()])
-            reach = [r + arb(c.rad()) for r, c in zip(_row_sums(wide), middle, strict=True)]
-            off = [a + b for a, b in zip((loose * _column(reach)).entries(), rest, strict=True)]
+            reach = [r + arb(c.rad()) for r, c in zip(row_sums(wide), middle, strict=True)]
+            off = [a + b for a, b in zip((loose * column(reach)).entries(), rest, strict=True)]
             new = [_at(one, exact) for one in step]
-            drift = (_sizes(fixed) * _column([arb(c.rad()) for c in middle])).entries()
+            drift = (sizes(fixed) * column([arb(c.rad()) for c in middle])).entries()
             off = [a + b + arb(n.rad()) for a, b, n in zip(off, drift, new, strict=True)]
             moved = arb_mat((fixed * wide).tolist() + wide.tolist()[count:])
-            extra = arb_mat(_diagonal(off).tolist() + [[arb(0)] * count] * (width - count))
-            begin = (_column(middle[:count]), arb_mat(wide.tolist()[:count]))
+            extra = arb_mat(diagonal(off).tolist() + [[arb(0)] * count] * (width - count))
+            begin = (column(middle[:count]), arb_mat(wide.tolist()[:count]))
             middle = [n.mid() for n in new] + middle[count:]
-            wide = _beside(moved, extra)
-            end = (_column(middle[:count]), arb_mat(wide.tolist()[:count]))
+            wide = beside(moved, extra)
+            end = (column(middle[:count]), arb_mat(wide.tolist()[:count]))
             pieces.append((begin, end, sag))
         return pieces
 

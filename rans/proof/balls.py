@@ -1,0 +1,123 @@
+"""Ball arithmetic that checkers of certificates share: matrices, and enclosures of dense networks.
+
+Every number is an interval of FLINT (Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval
+arithmetic", 2017). Nothing here is used by the provers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat
+
+
+class Refused(Exception):
+    """The certificate is refused; the message says why."""
+
+
+def matrix(values: np.ndarray) -> Any:
+    """Matrix of balls without a radius."""
+    rows, columns = values.shape
+    return arb_mat(rows, columns, [arb(float(x)) for x in values.ravel()])
+
+
+def sizes(matrix: Any) -> Any:
+    """Absolute values."""
+    return arb_mat(matrix.nrows(), matrix.ncols(), [abs(x) for x in matrix.entries()])
+
+
+def row_sums(matrix: Any) -> list[Any]:
+    """Sums of absolute values along rows."""
+    return [sum((abs(x) for x in row), arb(0)) for row in matrix.tolist()]
+
+
+def scaled(factors: Sequence[Any], matrix: Any) -> Any:
+    """Rows times factors."""
+    return arb_mat([[f * x for x in row] for f, row in zip(factors, matrix.tolist(), strict=True)])
+
+
+def column(values: Sequence[Any]) -> Any:
+    """Matrix of a column."""
+    return arb_mat(len(values), 1, list(values))
+
+
+def parallel(low: Any, high: Any, kind: str) -> tuple[Any, Any, Any]:
+    """Slope, middle and half distance of parallel lines around an activation from low to high."""
+    scale = arb(1) if kind == "Tanh" else arb("0.5")
+    low = (scale * low).lower()
+    high = (scale * high).upper()
+    slope = arb(0)
+    if (high - low).lower() > 1e-9:
+        slope = ((high.tanh() - low.tanh()) / (high - low)).mid()
+    points = [low, high]
+    if 0 < slope < 1:
+        turn = (1 - slope).sqrt().atanh()
+        points += [z for z in (turn, -turn) if z.upper() >= low and z.lower() <= high]
+    else:
+        points.append(low.union(high))
+    values = [z.tanh() - slope * z for z in points]
+    least = min((x.lower() for x in values), key=float)
+    most = max((x.upper() for x in values), key=float)
+    least = (least - abs(least) * arb(1e-14) - arb(1e-300)).lower()  # as floats order them
+    most = (most + abs(most) * arb(1e-14) + arb(1e-300)).upper()
+    middle = ((least + most) / 2).mid()
+    half = ((most - least) / 2).upper()
+    if kind == "Tanh":
+        return slope, middle, half
+    return slope / 4, arb("0.5") + middle / 2, half / 2
+
+
+def with_sizes(layers: Sequence[Any]) -> list[Any]:
+    """Layers of weight, bias and activation, and the absolute weights that `enclose` needs."""
+    return [(*layer, sizes(layer[0])) for layer in layers]
+
+
+def enclose(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any, list[Any]]:
+    """Gain, offset and errors: answers to c + G s lie in gain x + offset +- errors."""
+    gain: Any = None
+    offset: Any = None
+    slopes: list[Any] = []
+    errors: list[Any] = []
+    last: list[Any] = []
+    for k, (weight, shift, kind, absolute) in enumerate(layers):
+        gain = weight if gain is None else weight * gain
+        offset = shift if offset is None else weight * offset + shift
+        passed = [arb(0)] * weight.nrows()
+        back = weight
+        for j in reversed(range(k)):
+            passed = [
+                a + b for a, b in zip(passed, (absolute * column(errors[j])).entries(), strict=True)
+            ]
+            if j:
+                back = scaled(slopes[j], back.transpose()).transpose() * layers[j][0]
+                absolute = sizes(back)
+        if not kind:
+            return gain, offset, passed
+        middle = (gain * centre + offset).entries()
+        reach = [a + b for a, b in zip(row_sums(gain * spread), passed, strict=True)]
+        lines = [parallel(m - r, m + r, kind) for m, r in zip(middle, reach, strict=True)]
+        slopes.append([one[0] for one in lines])
+        errors.append([one[2] for one in lines])
+        gain = scaled(slopes[-1], gain)
+        offset = scaled(slopes[-1], offset) + column([one[1] for one in lines])
+        last = [s * p + e for s, p, e in zip(slopes[-1], passed, errors[-1], strict=True)]
+    return gain, offset, last
+
+
+def beside(*matrices: Any) -> Any:
+    """Matrices beside one another."""
+    return arb_mat(
+        [
+            [x for row in rows for x in row]
+            for rows in zip(*(m.tolist() for m in matrices), strict=True)
+        ]
+    )
+
+
+def diagonal(values: Sequence[Any]) -> Any:
+    """Diagonal matrix."""
+    return arb_mat(
+        [[x if i == k else arb(0) for k in range(len(values))] for i, x in enumerate(values)]
+    )

@@ -1,0 +1,305 @@
+"""Trapping sets against simulated flights, the engine's agent, and planted errors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.cli import main
+from rans.proof.relaxation import TorchLayer
+from rans.proof.trap import (
+    Loop,
+    Trap,
+    Uncertainty,
+    broken_flight,
+    largest_start,
+    trapping_set,
+    velocity_loop,
+    write_trap,
+)
+from tests.support.processes import ROOT
+
+PRETRAINED = ROOT / "rans/data/pretrained/track-velocity-2d"
+ARM = 0.2192031021678297
+ALONG = np.array([[1, -1], [-1, 1], [1, 1], [-1, -1], [-1, 1], [1, -1], [-1, -1], [1, 1]])
+POINTS = ARM * np.array([[1, 1], [1, 1], [-1, 1], [-1, 1], [-1, -1], [-1, -1], [1, -1], [1, -1]])
+MASS, INERTIA, PERIOD = 5.32, 0.2045008, 0.2
+STEP = 0.31 * PERIOD / INERTIA
+LIMIT, SPIN = 0.12, 0.16
+
+
+def braking() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Weights of an agent whose thrusters open against a velocity of more than 6 cm/s along them."""
+    hidden = np.zeros((8, 8))
+    hidden[:, :2] = -0.5 * ALONG
+    hidden[:, 4:6] = 0.5 * ALONG
+    head = np.zeros((16, 8))
+    head[1::2] = 16.0 * np.eye(8)
+    bias = np.zeros(16)
+    bias[1::2] = -16.0 * np.tanh(0.06 * np.sqrt(2.0))
+    return hidden, np.zeros(8), head, bias
+
+
+@pytest.fixture(scope="module")
+def files() -> dict[str, bytes]:
+    """Files of that agent, with safetensors as its format says: length, JSON, and numbers."""
+    hidden, shift, head, bias = braking()
+    tensors = {
+        "features_extractor.mean": np.array([0, 0, 0, 2, 0, 0, 0, 0]),
+        "features_extractor.variance": np.full(8, 1.0 - 1e-6),
+        "features_extractor.trunk.0.weight": hidden,
+        "features_extractor.trunk.0.bias": shift,
+        "action_net.weight": head,
+        "action_net.bias": bias,
+    }
+    header: dict[str, Any] = {}
+    data = b""
+    for name, table in tensors.items():
+        content = table.astype("<f4").tobytes()
+        ends = [len(data), len(data) + len(content)]
+        header[f"weights/{name}"] = {"dtype": "F32", "shape": table.shape, "data_offsets": ends}
+        data += content
+    text = json.dumps(header).encode()
+    config = {
+        "task": "track-velocity",
+        "ppo": {"activation": "tanh"},
+        "timing": {"control_period": PERIOD},
+    }
+    return {
+        "agent.safetensors": len(text).to_bytes(8, "little") + text + data,
+        "config.json": json.dumps(config).encode(),
+        "spacecraft.toml": (ROOT / "rans/data/spacecraft/floating-platform.toml").read_bytes(),
+    }
+
+
+@pytest.fixture(scope="module")
+def loop() -> Loop:
+    """The closed loop of that agent."""
+    hidden, shift, head, bias = (x.astype(np.float32).astype(float) for x in braking())
+    to_rest = np.zeros((8, 3))
+    to_rest[[0, 1, 2, 4, 5], [0, 1, 2, 0, 1]] = [1, 1, 1, -1, -1]
+    layers = [
+        TorchLayer(torch.tensor(hidden @ to_rest), torch.tensor(shift), "tanh"),
+        TorchLayer(torch.tensor(head[1::2]), torch.tensor(bias[1::2]), ""),
+    ]
+    along = ALONG / np.sqrt(2.0)
+    lever = np.sign(POINTS[:, 0] * along[:, 1] - POINTS[:, 1] * along[:, 0])
+    return Loop(layers, along / MASS, lever, STEP, PERIOD)
+
+
+@pytest.fixture(scope="module")
+def trap(loop: Loop) -> Trap:
+    return trapping_set(loop, LIMIT, SPIN, rings=12, sectors=32, fine=4)
+
+
+START = (0.049, 0.05)
+
+
+@pytest.fixture
+def table(trap: Trap, files: dict[str, bytes], tmp_path: Path) -> dict[str, Any]:
+    write_trap(trap, SPIN, START, files, tmp_path / "trap.json")
+    return json.loads((tmp_path / "trap.json").read_text())
+
+
+def check(table: dict[str, Any], files: dict[str, bytes]) -> None:
+    pytest.importorskip("flint")
+    from rans.proof.check_trap import check_trap
+
+    check_trap(json.dumps(table).encode(), files)
+
+
+def flown(loop: Loop, trap: Trap, count: int, periods: int, seed: int) -> int:
+    """Flights from random states of random cells that leave the cells, of so many."""
+    random = np.random.default_rng(seed)
+    inside = trap.inside()
+    cells = np.argwhere(inside)[random.integers(0, inside.sum(), count)]
+    r, phi, w = (cells + random.random((count, 3))).T
+    speed = r / trap.rings * trap.speed
+    angle = phi / trap.sectors * 2.0 * np.pi
+    velocity = speed[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
+    off = trap.uncertainty
+    factor = random.uniform(*off.push(), count)
+    spin = (w - trap.layers) / trap.fine * loop.step * factor
+    left = np.zeros(count, dtype=bool)
+    for _ in range(periods):
+        read = velocity + random.uniform(-off.velocity, off.velocity, velocity.shape)
+        commands = loop.log_odds(read, spin + random.uniform(-off.spin, off.spin, count)) > 0
+        velocity, spin = loop.fly(velocity, spin, commands * factor[:, None])
+        place = (
+            np.linalg.norm(velocity, axis=1) / trap.speed * trap.rings,
+            np.arctan2(velocity[:, 1], velocity[:, 0]) / (2.0 * np.pi) * trap.sectors,
+            spin / factor / loop.step * trap.fine + trap.layers,
+        )
+        # A state on an edge is in the cells of both sides.
+        near = np.zeros(count, dtype=bool)
+        for shift in (-1e-7, 1e-7):
+            i, j, k = (np.floor(x + shift).astype(int) for x in place)
+            legal = (i < trap.rings) & (k >= 0) & (k < 2 * trap.layers)
+            i, k = np.where(legal, np.maximum(i, 0), 0), np.where(legal, k, 0)
+            near |= legal & inside[i, j % trap.sectors, k]
+        left |= ~near
+    return int(left.sum())
+
+
+def test_no_flight_leaves_its_cells(loop: Loop, trap: Trap) -> None:
+    assert largest_start(trap, loop, 0.05) >= START[0]
+    assert flown(loop, trap, 10_000, 10, 0) == 0
+
+
+def test_no_flight_leaves_with_uncertainty(loop: Loop) -> None:
+    trap = trapping_set(
+        loop, LIMIT, SPIN, Uncertainty(0.02, 0.03, 0.002, 0.01), rings=12, sectors=32, fine=4
+    )
+    assert largest_start(trap, loop, 0.03) > 0.0
+    assert flown(loop, trap, 10_000, 10, 1) == 0
+
+
+def test_the_checker_accepts(table: dict[str, Any], files: dict[str, bytes]) -> None:
+    check(table, files)
+
+
+def _with_file(name: str, old: bytes, new: bytes) -> Callable[..., None]:
+    def change(table: dict[str, Any], files: dict[str, bytes]) -> None:
+        assert old in files[name]
+        files[name] = files[name].replace(old, new, 1)
+        table["agent"][name] = hashlib.sha256(files[name]).hexdigest()
+
+    return change
+
+
+def _with(path: str, value: Any) -> Callable[..., None]:
+    def change(table: dict[str, Any], files: dict[str, bytes]) -> None:
+        *groups, last = path.split(".")
+        for group in groups:
+            table = table[group]
+        table[last] = value(table[last]) if callable(value) else value
+
+    return change
+
+
+def _bias(table: dict[str, Any], files: dict[str, bytes]) -> None:
+    """The last bias a little larger, so that a thruster opens later."""
+    content = files["agent.safetensors"]
+    value = np.frombuffer(content[-4:], "<f4") - np.float32(1.0)
+    files["agent.safetensors"] = content[:-4] + value.tobytes()
+    table["agent"]["agent.safetensors"] = hashlib.sha256(files["agent.safetensors"]).hexdigest()
+
+
+def _all(_: object) -> list[list[int]]:
+    """Every cell of the grid, in blocks."""
+    return [
+        [ring, ring + 1, sector, sector + 8, layer, layer + 1]
+        for ring in range(12)
+        for sector in range(0, 32, 8)
+        for layer in (-2, -1, 0, 1)
+    ]
+
+
+ERRORS: dict[str, Callable[..., None]] = {
+    "another network": lambda table, files: files.update({"agent.safetensors": b"x"}),
+    "another craft": lambda table, files: files.update({"spacecraft.toml": b"mass = 1.0"}),
+    "another bias": _bias,
+    "heavier": _with_file("spacecraft.toml", b"mass = 5.32", b"mass = 2.66"),
+    "less inertia": _with_file("spacecraft.toml", b"inertia = 0.2045008", b"inertia = 0.10"),
+    "stronger": _with_file("spacecraft.toml", b"force = 1.0", b"force = 1.000001"),
+    "turned": _with_file(
+        "spacecraft.toml", b"direction = [1.0, -1.0]", b"direction = [1.0, -1.01]"
+    ),
+    "shared": _with_file("spacecraft.toml", b'sharing = "none"', b'sharing = "split"'),
+    "longer period": _with_file("config.json", b"0.2", b"0.9"),
+    "another task": _with_file("config.json", b"track-velocity", b"go-to-pose"),
+    "a missing first cell": _with("cells", lambda cells: cells[1:]),
+    "missing cells": _with("cells", lambda cells: cells[::2]),
+    "no cells": _with("cells", []),
+    "a cell beyond": _with("cells", lambda cells: [*cells, [0, 13, 0, 1, 0, 1]]),
+    "an empty cell": _with("cells", lambda cells: [*cells, [0, 0, 0, 1, 0, 1]]),
+    "broken numbers": _with("cells", lambda cells: [*cells, [0.5, 1, 0, 1, 0, 1]]),
+    "every cell": _with("cells", _all),
+    "larger start": _with("start.speed", 0.119),
+    "start beyond": _with("start.spin", 0.3),
+    "lower speed": _with("keep.speed", 0.06),
+    "lower spin": _with("keep.spin", 0.05),
+    "finer steps": _with("grid.fine", 3),
+    "wrong readings": _with("uncertainty.velocity", 0.05),
+    "uncertain mass": _with("uncertainty.mass", 0.5),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_planted_errors_are_refused(
+    error: str, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    pytest.importorskip("flint")
+    from rans.proof.balls import Refused
+
+    changed = dict(files)
+    ERRORS[error](table, changed)
+    with pytest.raises(Refused):
+        check(table, changed)
+
+
+def test_what_is_false_ends_with_a_flight(loop: Loop) -> None:
+    """A limit below what a pulse leaves: 2 N for 0.2 s on 5.32 kg are 7.5 cm/s."""
+    trap = trapping_set(loop, 0.07, SPIN, rings=8, sectors=32, fine=4)
+    assert not trap.contains(loop, 0.069, 0.05)
+    weak = trapping_set(loop, 0.03, SPIN, rings=4, sectors=32, fine=4)
+    found = broken_flight(loop, weak, 0.01, (0.03, 0.05))
+    assert found is not None
+    assert found[2] > 0.01
+
+
+def test_the_shipped_agents_loop_is_its_controller() -> None:
+    """Commands of the loop are those of the agent for observations that the task makes."""
+    from rans.evaluation.fly.agent import load_agent
+
+    run = load_agent(PRETRAINED)
+    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    random = np.random.default_rng(3)
+    count = 400
+    heading = random.uniform(-np.pi, np.pi, count)
+    velocity = random.uniform(-0.1, 0.1, (count, 2))
+    spin = random.uniform(-0.5, 0.5, count)
+    c, s = np.cos(heading), np.sin(heading)
+    in_w = np.column_stack(
+        (c * velocity[:, 0] - s * velocity[:, 1], s * velocity[:, 0] + c * velocity[:, 1])
+    )
+    nothing = np.zeros((count, 2))
+    observation = np.column_stack((c, s, in_w, spin, np.full(count, 2.0), -in_w, nothing))
+    network = run.controller.network  # type: ignore[attr-defined]
+    commands = network.deterministic_action(
+        torch.tensor(observation, dtype=torch.float32), network.initial_state(count)
+    )[0]
+    odds = loop.log_odds(velocity, spin)
+    clear = np.abs(odds) > 1e-3
+    assert clear.mean() > 0.95
+    np.testing.assert_array_equal(commands.numpy()[clear] > 0.5, odds[clear] > 0)
+
+
+@pytest.mark.slow
+def test_the_shipped_agent_stays_slow(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The page's command, a part of its certificate, and a million flights, of which none leaves."""
+    pytest.importorskip("flint")
+    from rans.evaluation.fly.agent import load_agent
+    from rans.proof.check_trap import FILES, check_trap
+
+    file = tmp_path / "trap.json"
+    arguments = ["prove", "pretrained:track-velocity-2d", "--property", "speed=0.16,spin=1.52"]
+    assert main([*arguments, "--from", "speed=0.14,spin=0.15", "--output", str(file)]) == 0
+    assert "Proved" in capsys.readouterr().out
+    content = file.read_bytes()
+    table = json.loads(content)
+    some = np.random.default_rng(0).choice(len(table["cells"]), 200, replace=False).tolist()
+    check_trap(content, {name: (PRETRAINED / name).read_bytes() for name in FILES}, some)
+    run = load_agent(PRETRAINED)
+    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    trap = Trap(
+        table["keep"]["speed"], **table["grid"], cells=np.array(table["cells"]), uncertainty=Uncertainty()
+    )  # fmt: skip
+    assert sum(flown(loop, trap, 100_000, 1, seed) for seed in range(10)) == 0
