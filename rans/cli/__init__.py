@@ -45,6 +45,7 @@ COMMANDS = (
     "fly",
     "twin",
     "replay",
+    "identify",
     "validate",
     "benchmark",
     "faults",

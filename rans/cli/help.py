@@ -24,7 +24,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Judge": ("evaluate", "compare", "stress", "assure", "prove", "follow"),
     "Show": ("view", "report"),
     "Limits": ("optimal", "faults"),
-    "Deploy": ("export", "fly", "twin", "replay"),
+    "Deploy": ("export", "fly", "twin", "replay", "identify"),
     "Check": ("init", "validate", "benchmark", "list"),
 }
 """Commands by purpose; all others are listed under "More"."""
@@ -92,6 +92,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "fly": ("rans fly pretrained:go-to-pose-2d --goal 0 0 0",),
     "twin": ("rans twin floating-platform",),
     "replay": ("rans replay runs/flights/first/flight.mcap --trust",),
+    "identify": ("rans identify flight.csv --spacecraft floating-platform",),
     "init": (
         "rans init mine.toml",
         "rans init mine.toml --from atmos --mass 16 --batch",
@@ -125,6 +126,7 @@ GUIDES = {
     "fly": "robots",
     "twin": "robots",
     "replay": "robots",
+    "identify": "identify",
     "init": "spacecraft",
     "validate": "verification",
     "benchmark": "speed",

@@ -1,0 +1,233 @@
+"""How well flights identify a hidden spacecraft: ``python -m campaigns.identification``.
+
+Each hidden craft has thrusters, inertia, centre of mass, delays and disturbances drawn from the ranges of the
+conditions ``lab``. It is flown in our engine for 60 s by random commands that keep it in a room, and read with
+lab's noise. `rans.identify` begins from the data sheet. The mass is weighed: motion does not determine it. With
+``--docs docs`` the command writes docs/validation/identification.json and its table in docs/identify.md.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from campaigns.command import ended
+from campaigns.markdown import Table
+from rans.episode import Setup, World, step
+from rans.evaluation.identify.fit import fit, parameters_of
+from rans.evaluation.identify.log import FlightLog
+from rans.evaluation.identify.result import SPREAD, Identification
+from rans.files import environment, read_json, write_json
+from rans.model.fields import Vec2, Vec3, leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions_file import load_conditions
+from rans.scenario import draws
+from rans.tasks.go_to_pose import GoToPose
+from rans.terminal import Terminal, progress, stages
+
+_OPEN = 0.25
+"""Probability that a thruster is open."""
+_CHOICES = 8
+"""Random commands of which the calmest is given."""
+_HELD = 2
+"""Control periods for which a random command is held, so that speeds and angles are told apart from noise."""
+_HEADINGS = (
+    "quantity",
+    "median error",
+    "95 % of errors below",
+    "intervals of 95 % that hold the truth",
+)
+
+
+def hidden_flights(
+    craft: Spacecraft, count: int, seconds: float, period: float, seed: int
+) -> tuple[list[FlightLog], np.ndarray]:
+    """Logs of hidden craft, and their true parameters (count, P) in the order of `parameters_of`."""
+    lab = load_conditions("lab")
+    conditions = replace(lab, body=replace(lab.body, mass=1.0))
+    steps = round(seconds / period)
+    timing = Timing(control_period=period, episode_steps=steps)
+    task = GoToPose().for_evaluation()
+    world = World(Setup(craft, task, timing, conditions))
+    random = np.random.default_rng(seed)
+    drawn = draws(seed, count, 0)
+    start, goal = task.sample(drawn.random(craft.dimension, drawn.first))
+    episode = world.begin(start, goal, np.zeros(count, np.int32), drawn)
+    width = 6 if craft.dimension == 2 else 13
+    readings = []
+    commands = []
+    command = np.zeros((count, craft.command_count))
+    for k in range(steps):
+        columns = leaves(world.read(episode, drawn))[:width]
+        readings.append(np.stack([np.broadcast_to(x, count) for x in columns], axis=-1))
+        if k % _HELD == 0:
+            command = _calming(craft, episode.state, random, _HELD * period)
+        commands.append(command)
+        episode = step(world, episode, tuple(command.T), drawn).episode
+    times = np.arange(steps) * period
+    d = craft.dimension
+    logs = [
+        FlightLog(
+            f"hidden craft {i}",
+            times,
+            np.array([u[i] for u in commands]),
+            times,
+            rows[:, :d],
+            rows[:, 2] if d == 2 else rows[:, 3:7],
+            rows[:, 3:5] if d == 2 else rows[:, 7:10],
+            rows[:, 5] if d == 2 else rows[:, 10:],
+        )
+        for i in range(count)
+        for rows in [np.array([row[i] for row in readings])]
+    ]
+    parameters: Any = episode.parameters
+    body = parameters.body
+    forces = [thruster.force * g for thruster, g in zip(craft.thrusters, body.gain, strict=True)]
+    lag = parameters.lag
+    fields = [*forces, *body.inertia, *body.centre, *leaves(parameters.push), lag.latency, lag.rise]
+    return logs, np.stack([np.broadcast_to(x, count) for x in fields], axis=-1)
+
+
+def _calming(
+    craft: Spacecraft, state: Any, random: np.random.Generator, lasting: float
+) -> np.ndarray:
+    """Of several random commands the one that leaves least speed and spin, so that the flight stays in a room."""
+    columns = np.array(craft.wrench_map)
+    count = len(state.p.x)
+    choices = (random.random((_CHOICES, count, len(columns))) < _OPEN).astype(float)
+    wrench = choices @ columns
+    d = craft.dimension
+    force = Vec2(*np.moveaxis(wrench[..., :2], -1, 0))
+    if d == 3:
+        force = Vec3(*np.moveaxis(wrench[..., :3], -1, 0))
+    pushed = state.attitude.rotate(force).columns()
+    inertia = np.diag(craft.inertia)[3 - len(state.spin()) :]
+    radius = 0.5  # m: a rad/s counts as so many m/s
+    speed = sum(
+        (v + 0.2 * p + lasting * f / craft.mass) ** 2
+        for v, p, f in zip(state.v.columns(), state.p.columns(), pushed, strict=True)
+    )
+    spin = sum(
+        (radius * (w + lasting * wrench[..., d + j] / inertia[j])) ** 2
+        for j, w in enumerate(state.spin())
+    )
+    best = np.argmin(speed + spin, axis=0)
+    return choices[best, np.arange(count)]
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Identify hidden craft, write the evidence, and print the table."""
+
+    spacecraft: str = "floating-platform"
+    """Data sheet."""
+    count: int = 256
+    """Number of hidden craft."""
+    seconds: float = 60.0
+    """Length of each flight, s."""
+    period: float = 0.2
+    """Control period, s."""
+    seed: int = 2026
+    """Seed of the hidden craft and of their commands."""
+    docs: Path | None = None
+    """Documentation of a checkout to write into."""
+
+    def run(self) -> int:
+        """Fly, identify and compare."""
+        craft = load_spacecraft(self.spacecraft)
+        logs, truth = hidden_flights(craft, self.count, self.seconds, self.period, self.seed)
+        values = []
+        deviations = []
+        delays = []
+        spent = []
+        with progress() as bars:
+            stage = stages(bars)(f"{self.count} hidden craft", self.count)
+            for log in logs:
+                began = time.process_time()
+                found = Identification(fit(craft, [log]))
+                spent.append(time.process_time() - began)
+                values.append(found.fit.values)
+                deviations.append(found.fit.deviations)
+                delays.append((found.delay, found.delay_deviation))
+                stage(1)
+        rows = [*self._rows(craft, np.array(values), np.array(deviations), np.array(delays), truth)]
+        Terminal().show("Identified from one flight", _HEADINGS, rows)
+        Terminal().say(f"A fit takes {np.median(spent):.1f} s of a processor in the median.")
+        if self.docs is not None:
+            evidence = {
+                "spacecraft": self.spacecraft,
+                "count": self.count,
+                "seconds": self.seconds,
+                "seed": self.seed,
+                "environment": environment(),
+                "rows": rows,
+                "median seconds of a fit": float(np.median(spent)),
+            }
+            write_json(self.docs / "validation" / "identification.json", evidence)
+            in_document(self.docs).write(self.docs)
+        return 0
+
+    def _rows(
+        self,
+        craft: Spacecraft,
+        values: np.ndarray,
+        deviations: np.ndarray,
+        delays: np.ndarray,
+        truth: np.ndarray,
+    ) -> Iterator[list[str]]:
+        """Rows of the table."""
+        names = [one.name for one in parameters_of(craft)]
+        groups = {
+            "force of a thruster": ("force", "%"),
+            "moment of inertia": ("inertia", "%"),
+            "centre of mass": ("centre", "mm"),
+            "disturbance force": ("disturbance", "N"),
+            "disturbance torque": ("torque", "N m"),
+        }
+        errors = values - truth
+        held = np.abs(errors) <= SPREAD * deviations
+        for title, (word, unit) in groups.items():
+            columns = [k for k, name in enumerate(names) if name.startswith(word)]
+            # Products of inertia of a symmetric craft are zero, and so is what they are compared with.
+            columns = [k for k in columns if unit != "%" or np.all(truth[:, k] != 0.0)]
+            error = np.abs(errors[:, columns])
+            if unit == "%":
+                error = 100.0 * error / np.abs(truth[:, columns])
+            if unit == "mm":
+                error = 1e3 * error
+            yield self._row(title, error, unit, held[:, columns])
+        mean = truth[:, names.index("latency")] + 0.5 * truth[:, names.index("rise")]
+        late = np.abs(delays[:, 0] - mean)
+        yield self._row("mean delay", 1e3 * late, "ms", late <= SPREAD * delays[:, 1])
+
+    def _row(self, title: str, errors: np.ndarray, unit: str, held: np.ndarray) -> list[str]:
+        return [
+            title,
+            f"{np.median(errors):.2g} {unit}",
+            f"{np.quantile(errors, 0.95):.2g} {unit}",
+            f"{100.0 * held.mean():.1f} %",
+        ]
+
+
+def in_document(docs: Path) -> Table:
+    """The table of the page, of the evidence in docs/validation."""
+    evidence = read_json(docs / "validation" / "identification.json")
+    return Table(
+        "identify.md",
+        "python -m campaigns.identification --docs docs",
+        _HEADINGS,
+        evidence["rows"],
+        "The values are in [identification.json](validation/identification.json).",
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("identification", lambda: tyro.cli(Hidden).run()))

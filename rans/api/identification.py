@@ -1,0 +1,70 @@
+"""Identification of a spacecraft from logs of its flights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rans.api.judging import SpacecraftLike
+from rans.api.names import load_spacecraft
+from rans.errors import ConfigError, brief, positive
+from rans.model.spacecraft import Spacecraft
+
+if TYPE_CHECKING:
+    from rans.deploy.robot.interfaces import RobotName
+    from rans.evaluation.identify.log import FlightLog
+    from rans.evaluation.identify.result import Identification
+
+
+def identify(
+    logs: str | Path | FlightLog | Sequence[str | Path | FlightLog],
+    spacecraft: SpacecraftLike,
+    robot: RobotName | None = None,
+    window: float = 5.0,
+) -> Identification:
+    """Identify forces, inertia, centre of mass, delays and disturbances of a spacecraft from logs of its flights.
+
+    Motion determines forces and inertia only in proportion to the mass: the mass of ``spacecraft`` must be right.
+
+    >>> found = rans.identify("flight.mcap", "floating-platform")
+    >>> found.write("identified")
+    PosixPath('identified')
+
+    Args:
+        logs: bags (.mcap) of `rans fly` or ROS 2, CSV files (`rans.evaluation.identify.log.read_csv`), or logs.
+        spacecraft: name, TOML file or `Spacecraft`: the data sheet, from which the fit begins.
+        robot: kind of robot whose topics a bag has; None: the bag says it, or "ros".
+        window: the log is predicted over windows of this length, s.
+
+    Raises:
+        ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has wheels, propellant or
+            effectors of other kinds.
+    """
+    from rans.evaluation.identify.fit import fit
+    from rans.evaluation.identify.log import FlightLog
+    from rans.evaluation.identify.result import Identification
+
+    positive("window", window)
+    craft = load_spacecraft(spacecraft)
+    sources = [logs] if isinstance(logs, str | Path | FlightLog) else list(logs)
+    return Identification(
+        fit(
+            craft,
+            [one if isinstance(one, FlightLog) else _read(one, craft, robot) for one in sources],
+            window,
+        )
+    )
+
+
+def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None) -> FlightLog:
+    from rans.evaluation.identify.log import read_csv
+
+    file = Path(log)
+    if file.suffix == ".csv":
+        return read_csv(file, craft)
+    if file.suffix == ".mcap":
+        from rans.deploy.robot.logs import read_bag
+
+        return read_bag(file, craft, robot)
+    raise ConfigError(f"a log is a bag (.mcap) or a CSV file (.csv), got {brief(str(file))}.")

@@ -1,0 +1,88 @@
+"""``rans identify``: a spacecraft and its conditions from logs of its flights."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from rans.errors import ConfigError
+from rans.terminal import Terminal
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Identify forces, inertia, centre of mass, delays and disturbances from logs of flights.
+
+    Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Writes
+    spacecraft.toml, conditions.toml with the intervals, and identified.json.
+    """
+
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
+    """Bags (.mcap) of `rans fly` or of ROS 2, or CSV files with the columns time, x, y, heading (in space x, y, z,
+    qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
+    spacecraft: str = ""
+    """Data sheet from which to begin: a name, or a TOML file."""
+    output: Path = Path("identified")
+    """Folder of the results."""
+    robot: Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"] | None = None
+    """Kind of robot whose topics a bag has; by default the bag says it."""
+    window: float = 5.0
+    """The log is predicted over windows of this length, s: long ones determine more, if the model lacks nothing."""
+
+    def run(self) -> int:
+        """Print what was identified and what the logs do not determine."""
+        from rans.api.identification import identify
+        from rans.evaluation.identify.result import UNITS
+
+        if not self.logs:
+            raise ConfigError("name at least one log, a bag (.mcap) or a CSV file.")
+        if not self.spacecraft:
+            raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
+        console = Terminal()
+        result = identify(self.logs, self.spacecraft, self.robot, self.window)
+        folder = result.write(self.output)
+        rows = [
+            [
+                row.name + ("" if row.is_identifiable else " (not identifiable)"),
+                f"{row.nominal:.4g}",
+                f"{row.value:.4g}",
+                f"{row.low:.4g} to {row.high:.4g}",
+                row.unit,
+            ]
+            for row in result.rows()
+        ]
+        console.show("Identified", ("quantity", "data sheet", "value", "95 %", "unit"), rows)
+        predictions = [
+            [one.name, f"{one.before:.4g}", f"{one.after:.4g}", UNITS[one.name]]
+            for one in result.channels()
+        ]
+        console.show(
+            f"Error of predictions over {self.window:g} s, rms",
+            ("reading", "data sheet", "identified", "unit"),
+            predictions,
+        )
+        console.say(
+            f"The force follows a command {1e3 * result.delay:.1f} ms later in the mean (95 %: "
+            f"+-{1.96e3 * result.delay_deviation:.1f} ms)."
+        )
+        for sentence in result.notes():
+            console.say(sentence)
+        console.say(f"Written to {folder}. Train for it:")
+        console.command(
+            shlex.join(
+                [
+                    "rans",
+                    "train",
+                    "go-to-pose",
+                    "--spacecraft",
+                    str(folder / "spacecraft.toml"),
+                    "--conditions",
+                    str(folder / "conditions.toml"),
+                ]
+            )
+        )
+        return 0

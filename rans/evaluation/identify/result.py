@@ -1,0 +1,263 @@
+"""What was identified: a spacecraft, the conditions to train for, and how well they predict the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.identify.fit import CHANNELS, Fit, channel_columns
+from rans.files import ready_folder, write_json, write_text
+from rans.model.body import Body
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import to_toml
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.randomization.conditions_file import conditions_text
+
+SPREAD = 1.96
+"""Standard deviations of a two-sided interval of 95 %."""
+UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How well one measured quantity was predicted over the windows of the logs."""
+
+    name: str
+    before: float
+    """Root mean square of reading minus prediction with the data sheet, in the unit of `UNITS`."""
+    after: float
+    """The same with what was identified."""
+    correlation: float
+    """Correlation of successive residuals; 0 for white ones."""
+    bound: float
+    """Absolute correlation that white residuals exceed in one of a thousand logs."""
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the model explains all but independent errors of the readings."""
+        return abs(self.correlation) <= self.bound
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Row of a table: a quantity with its data sheet's value and its interval of 95 %."""
+
+    name: str
+    unit: str
+    nominal: float
+    value: float
+    low: float
+    high: float
+    is_identifiable: bool
+    """Whether the logs determine it: they halve the standard deviation that was assumed before, at least."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Spacecraft and conditions that logs of flights determine (`rans.identify`)."""
+
+    fit: Fit
+
+    @property
+    def spacecraft(self) -> Spacecraft:
+        """The spacecraft with the identified forces, inertia and centre of mass."""
+        craft = self.fit.craft
+        count = craft.thruster_count
+        values = [float(x) for x in self.fit.values]
+        thrusters = tuple(
+            replace(thruster, force=force)
+            for thruster, force in zip(craft.thrusters, values[:count], strict=True)
+        )
+        moments = values[count : count + len(Body.of(craft).inertia)]
+        if craft.dimension == 2:
+            tensor = [list(row) for row in craft.inertia]
+            tensor[2][2] = moments[0]
+        else:
+            xx, xy, xz, yy, yz, zz = moments
+            tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        offset = [self.fit.value(f"centre {axis}") for axis in "xyz"[: craft.dimension]]
+        centre = np.array(craft.centre_of_mass)
+        centre[: craft.dimension] += offset
+        return replace(
+            craft,
+            name=f"{craft.name}-identified",
+            thrusters=thrusters,
+            inertia=tuple(map(tuple, tensor)),
+            centre_of_mass=tuple(map(float, centre)),
+        )
+
+    @property
+    def conditions(self) -> Conditions:
+        """Conditions whose ranges are the intervals of what was identified, for the identified spacecraft.
+
+        Where the rise of the force could not be separated from the latency, the latency has half of it.
+        """
+        rows = {row.name: row for row in self.rows()}
+        craft = self.fit.craft
+        count = craft.thruster_count
+        deviations = self.fit.deviations
+
+        def factor(relative: float) -> tuple[float, float]:
+            return round(max(1.0 - SPREAD * relative, 0.05), 4), round(1.0 + SPREAD * relative, 4)
+
+        forces = np.maximum(self.fit.values[:count], 1e-9)
+        moments = len(Body.of(craft).inertia)
+        diagonal = [0] if moments == 1 else [0, 3, 5]
+        inertia = np.array([deviations[count + k] / self.fit.values[count + k] for k in diagonal])
+        axes = "xyz"[: craft.dimension]
+        centre = float(
+            np.linalg.norm([rows[f"centre {a}"].high - rows[f"centre {a}"].value for a in axes])
+        )
+        names = [one.name for one in self.fit.parameters]
+        latency, rise = (names.index(name) for name in ("latency", "rise"))
+        thrusters = ThrusterConditions(thrust=factor(float(np.max(deviations[:count] / forces))))
+        if rows["rise"].is_identifiable:
+            thrusters = replace(
+                thrusters,
+                latency=_positive(rows["latency"].low, rows["latency"].high),
+                rise=_positive(rows["rise"].low, rows["rise"].high),
+            )
+        else:
+            mean = self.fit.values[latency] + 0.5 * self.fit.values[rise]
+            spread = SPREAD * self.delay_deviation
+            thrusters = replace(thrusters, latency=_positive(mean - spread, mean + spread))
+        turns = ("z",) if craft.dimension == 2 else axes
+        noise = self.fit.noise
+        sensors = {name: SensorConditions(noise=round(noise[name], 6)) for name in noise}
+        return Conditions(
+            body=BodyConditions(
+                inertia=factor(float(np.max(inertia))), centre=(0.0, round(centre, 5))
+            ),
+            thrusters=thrusters,
+            disturbances=DisturbanceConditions(
+                force=self._magnitude([f"disturbance {axis}" for axis in axes]),
+                torque=self._magnitude([f"torque {axis}" for axis in turns]),
+            ),
+            sensors=SensorsConditions(**sensors),
+            description=f"identified from {len(self.fit.logs)} log(s) of {craft.name}",
+        )
+
+    @property
+    def delay(self) -> float:
+        """Mean delay of the force after a command, s: latency plus half of the rise."""
+        return self.fit.value("latency") + 0.5 * self.fit.value("rise")
+
+    @property
+    def delay_deviation(self) -> float:
+        """Standard deviation of `delay`, s."""
+        names = [one.name for one in self.fit.parameters]
+        weights = np.zeros(len(names))
+        weights[names.index("latency")] = 1.0
+        weights[names.index("rise")] = 0.5
+        return float(np.sqrt(weights @ self.fit.covariance @ weights))
+
+    def _magnitude(self, names: list[str]) -> tuple[float, float]:
+        rows = [row for row in self.rows() if row.name in names]
+        size = float(np.linalg.norm([row.value for row in rows]))
+        spread = max(row.high - row.value for row in rows)
+        return _positive(size - spread, size + spread)
+
+    def rows(self) -> list[Identified]:
+        """Every quantity with its interval, in the order of the spacecraft file."""
+        identifiable = self.fit.is_identifiable()
+        return [
+            Identified(
+                one.name,
+                one.unit,
+                one.nominal,
+                float(value),
+                max(float(value - SPREAD * deviation), one.least),
+                float(value + SPREAD * deviation),
+                bool(is_identifiable),
+            )
+            for one, value, deviation, is_identifiable in zip(
+                self.fit.parameters, self.fit.values, self.fit.deviations, identifiable, strict=True
+            )
+        ]
+
+    def channels(self) -> list[Channel]:
+        """How well each measured quantity is predicted, before and after."""
+        columns = channel_columns(self.fit.craft.dimension == 2)
+        result = []
+        for name in CHANNELS:
+            if name not in self.fit.noise:
+                continue
+            before, after = (
+                [one[:, columns[name]] for one in parts]
+                for parts in (self.fit.nominal_residuals, self.fit.residuals)
+            )
+            pairs = [(one[:-1], one[1:]) for one in after]
+            first = np.concatenate([a.ravel() for a, _ in pairs])
+            second = np.concatenate([b.ravel() for _, b in pairs])
+            both = np.isfinite(first) & np.isfinite(second)
+            power = float(np.mean(first[both] ** 2)) if both.any() else 0.0
+            correlation = float(np.mean(first[both] * second[both]) / power) if power > 0.0 else 0.0
+            # 3.29 standard deviations: two-sided, one of a thousand.
+            bound = 3.29 / np.sqrt(max(int(both.sum()), 1))
+            result.append(Channel(name, _rms(before), _rms(after), correlation, float(bound)))
+        return result
+
+    def notes(self) -> list[str]:
+        """Sentences on what the logs do not determine, and whether the intervals can be believed."""
+        craft = self.fit.craft
+        result = [
+            f"Motion determines forces and inertia only in proportion to the mass: the mass is {craft.mass:g} kg, "
+            "as in the file. Weigh the spacecraft."
+        ]
+        silent = [row.name for row in self.rows() if not row.is_identifiable]
+        if "latency" in silent and self.delay_deviation < 0.05:
+            silent.remove("latency")
+        if silent:
+            result.append(
+                f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; fire "
+                "thrusters that the flight did not fire, one at a time and in both directions."
+            )
+        coloured = [one for one in self.channels() if not one.is_white]
+        if coloured:
+            names = ", ".join(f"{one.name} ({one.correlation:+.2f})" for one in coloured)
+            result.append(
+                f"Successive residuals are correlated in {names}: something acts that the model lacks, or a filter "
+                "smooths the readings, and intervals are too narrow."
+            )
+        return result
+
+    def write(self, folder: str | Path) -> Path:
+        """Write spacecraft.toml, conditions.toml and identified.json, and return the folder.
+
+        Raises:
+            ConfigError: the folder cannot be made or written.
+        """
+        folder = ready_folder(Path(folder))
+        write_text(folder / "spacecraft.toml", to_toml(self.spacecraft))
+        write_text(folder / "conditions.toml", conditions_text(self.conditions))
+        write_json(folder / "identified.json", self.table())
+        return folder
+
+    def table(self) -> dict[str, Any]:
+        """Quantities, prediction, notes and sources as plain values."""
+        return {
+            "logs": [log.source for log in self.fit.logs],
+            "seconds": sum(log.duration for log in self.fit.logs),
+            "quantities": [vars(row) for row in self.rows()],
+            "mean delay, s": [self.delay, SPREAD * self.delay_deviation],
+            "prediction": [vars(one) for one in self.channels()],
+            "notes": self.notes(),
+        }
+
+
+def _positive(low: float, high: float) -> tuple[float, float]:
+    return round(max(float(low), 0.0), 6), round(max(float(high), 0.0), 6)
+
+
+def _rms(parts: list[np.ndarray]) -> float:
+    return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))

@@ -1,0 +1,59 @@
+"""Bags as logs of flights, of several kinds of robots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rans.deploy.robot.bag import BagWriter, Entry
+from rans.deploy.robot.frames import Motion
+from rans.deploy.robot.interfaces import RobotName, interface
+from rans.deploy.robot.logs import read_bag
+from rans.errors import ConfigError
+from rans.model.spacecraft_file import load_spacecraft
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+@pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "px4", "roboran", "pingu"])
+def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
+    ends = interface(robot, 8, 8)
+    bag = BagWriter(tmp_path / "flight.mcap")
+    rows = []
+    for k in range(5):
+        angle = 0.3 * k
+        half = 0.5 * angle
+        motion = Motion(
+            np.array([0.1 * k, -0.2 * k, 0.0]),
+            np.array([np.cos(half), 0.0, 0.0, np.sin(half)]),
+            np.array([0.5, 0.25, 0.0]),
+            np.array([0.0, 0.0, 0.125]),
+        )
+        command = (np.arange(8) == k).astype(float)
+        now = (k + 1) * 200_000_000
+        for message in (*ends.state(motion, now), *ends.command(command, now)):
+            bag.write(Entry(now, message.topic, message.kind, message.data))
+        rows.append((0.2 * k, 0.1 * k, -0.2 * k, angle, command))
+    bag.close()
+    log = read_bag(tmp_path / "flight.mcap", PLATFORM, robot)
+    assert log.times == pytest.approx([row[0] for row in rows])
+    assert log.position == pytest.approx(np.array([row[1:3] for row in rows]), abs=1e-6)
+    assert log.attitude == pytest.approx([row[3] for row in rows], abs=1e-6)
+    assert log.commands == pytest.approx(np.array([row[4] for row in rows]))
+    if ends.has_velocity:
+        assert log.velocity == pytest.approx(np.tile([0.5, 0.25], (5, 1)), abs=1e-6)
+        assert log.spin == pytest.approx(np.full(5, 0.125), abs=1e-6)
+    else:
+        assert np.isnan(log.velocity).all()
+
+
+def test_a_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
+    ends = interface("odometry", 8, 8)
+    bag = BagWriter(tmp_path / "flight.mcap")
+    for message in ends.command(np.zeros(8), 0):
+        bag.write(Entry(0, message.topic, message.kind, message.data))
+    bag.close()
+    with pytest.raises(ConfigError, match="0 readings and 1 commands"):
+        read_bag(tmp_path / "flight.mcap", PLATFORM, "ros")

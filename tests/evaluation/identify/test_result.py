@@ -1,0 +1,116 @@
+"""Files and sentences of an identification."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rans
+from campaigns.identification import hidden_flights
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.evaluation.identify.log import FlightLog, read_csv
+from rans.model.spacecraft_file import load_spacecraft
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+@pytest.fixture(scope="module")
+def flight() -> FlightLog:
+    return hidden_flights(PLATFORM, 1, 20.0, 0.2, seed=5)[0][0]
+
+
+def written(log: FlightLog, file: Path, rates: bool = True) -> Path:
+    columns = [log.times, *log.position.T, log.attitude]
+    names = ["time", "x", "y", "heading"]
+    if rates:
+        columns += [*log.velocity.T, log.spin]
+        names += ["vx", "vy", "spin"]
+    names += [f"u{k}" for k in range(log.commands.shape[1])]
+    rows = np.column_stack([*columns, *log.commands.T])
+    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
+    return file
+
+
+def test_a_csv_file_gives_the_same_log(flight: FlightLog, tmp_path: Path) -> None:
+    again = read_csv(written(flight, tmp_path / "flight.csv"), PLATFORM)
+    for name in ("times", "commands", "position", "attitude", "velocity", "spin"):
+        assert getattr(again, name) == pytest.approx(getattr(flight, name))
+
+
+def test_the_command_writes_what_training_reads(flight: FlightLog, tmp_path: Path) -> None:
+    file = written(flight, tmp_path / "flight.csv")
+    folder = tmp_path / "identified"
+    code = main(
+        ["identify", str(file), "--spacecraft", "floating-platform", "--output", str(folder)]
+    )
+    assert code == 0
+    craft = rans.load_spacecraft(folder / "spacecraft.toml")
+    conditions = rans.load_conditions(folder / "conditions.toml")
+    assert craft.mass == PLATFORM.mass
+    assert [t.force for t in craft.thrusters] != [t.force for t in PLATFORM.thrusters]
+    assert conditions.sensors.position.noise == pytest.approx(0.005, rel=0.3)
+
+
+def test_poses_alone_are_enough(flight: FlightLog, tmp_path: Path) -> None:
+    found = rans.identify(written(flight, tmp_path / "poses.csv", rates=False), PLATFORM)
+    assert {one.name for one in found.channels()} == {"position", "attitude"}
+    with_rates = rans.identify(flight, PLATFORM)
+    assert found.fit.deviations[0] > with_rates.fit.deviations[0]
+
+
+def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable() -> None:
+    (log,), _ = hidden_flights(PLATFORM, 1, 20.0, 0.2, seed=5)
+    random = np.random.default_rng(0)
+    still = replace(log, commands=np.zeros_like(log.commands))
+    still = replace(
+        still,
+        position=random.normal(0.0, 0.005, log.position.shape),
+        attitude=random.normal(0.0, 0.008, log.attitude.shape),
+        velocity=random.normal(0.0, 0.01, log.velocity.shape),
+        spin=random.normal(0.0, 0.008, log.spin.shape),
+    )
+    found = rans.identify(still, PLATFORM)
+    assert not any(row.is_identifiable for row in found.rows()[:8])
+    assert "force of thruster 7" in " ".join(found.notes())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("time,x,y\n0,0,0\n", "must have the columns"),
+        (
+            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n" + "0,0,zero,0" + ",0" * 8,
+            "is no number",
+        ),
+        (f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n0,0\n", "cells instead of"),
+        (
+            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n"
+            + "".join(f"{k},0,0,0{',2' * 8}\n" for k in range(30)),
+            "between 0 and 1",
+        ),
+        (
+            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n"
+            + "".join(f"{k},0,0,0{',1' * 8}\n" for k in range(5)),
+            "at least 20",
+        ),
+    ],
+)
+def test_damaged_logs_are_refused_in_a_sentence(text: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        rans.identify(file, PLATFORM)
+
+
+def test_other_craft_and_other_files_are_refused(flight: FlightLog, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="another spacecraft"):
+        rans.identify(flight, "free-flyer")
+    with pytest.raises(ConfigError, match="reaction wheel"):
+        rans.identify(flight, "pingu")
+    with pytest.raises(ConfigError, match="a bag"):
+        rans.identify(tmp_path / "flight.txt", PLATFORM)
