@@ -90,7 +90,7 @@ if TYPE_CHECKING:
     from rans.fast.envs.sb3 import SB3VecEnv
     from rans.fast.envs.single import SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv
-    from rans.fast.learn.config import PPOSettings
+    from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight
     from rans.optimal.control.circumnavigation import Circumnavigation
@@ -112,6 +112,8 @@ _LAZY = {
     "Engine": "rans.fast.engine",
     "PPO": "rans.fast.learn.front",
     "PPOSettings": "rans.fast.learn.config",
+    "MemorySettings": "rans.fast.learn.config",
+    "FilterSettings": "rans.fast.learn.config",
     "SB3VecEnv": "rans.fast.envs.sb3",
     "SpacecraftEnv": "rans.fast.envs.single",
     "SpacecraftVectorEnv": "rans.fast.envs.vector",
@@ -219,6 +221,8 @@ __all__ = [
     "Engine",
     "PPO",
     "PPOSettings",
+    "MemorySettings",
+    "FilterSettings",
     "SB3VecEnv",
     "SpacecraftEnv",
     "SpacecraftVectorEnv",

@@ -6,7 +6,7 @@ import functools
 import warnings
 from abc import ABCMeta
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,16 +19,17 @@ def renamed(**former: str) -> Callable[[type[T]], type[T]]:
     """Decorator of a dataclass whose fields had other names in the previous version.
 
     Each keyword is a former name and its value the present one, which may lie within a field that is a dataclass
-    ("arrived.weight"). A former name is still accepted as a keyword argument, as a key of a table
-    (`rans.structure.structure`) and as an attribute to read; each use gives a `DeprecationWarning` with the present
-    name.
+    ("arrived.weight"); a field whose value has become a dataclass may keep its name (memory="memory.kind"). A
+    former name is still accepted as a keyword argument, as a key of a table (`rans.structure.structure`) and as an
+    attribute to read; each use gives a `DeprecationWarning` with the present name.
     """
 
     def decorate(cls: type[T]) -> type[T]:
         inherited: Mapping[str, str] = getattr(cls, "former_names", {})
         cls.former_names = {**inherited, **former}  # type: ignore[attr-defined]
         for old, new in former.items():
-            setattr(cls, old, property(functools.partial(_read, old, new)))
+            if new != f"{old}.{new.rpartition('.')[2]}":
+                setattr(cls, old, property(functools.partial(_read, old, new)))
         return _accepting(cls)
 
     return decorate
@@ -98,14 +99,13 @@ def with_present_names(
             have different values.
     """
     result = dict(table)
-    own = getattr(
-        cls, "__dataclass_fields__", {}
-    ).keys()  # a derived class may have such a setting again
+    # a derived class may have such a setting again
+    own = {field.name for field in fields(cls)} if is_dataclass(cls) else set[str]()
     for name in (getattr(cls, "former_constants", {}).keys() & result.keys()) - own:
         drop_constant(cls, name, result.pop(name))
     moved = dict[str, Any]()
     for old, new in getattr(cls, "former_names", {}).items():
-        if old not in result or old in own:
+        if old not in result or (old in own and not is_former_value(result[old], old, new)):
             continue
         value = result.pop(old)
         if moved.setdefault(new, value) != value:
@@ -120,6 +120,11 @@ def with_present_names(
             value = _with(result.get(owner, getattr(cls, owner) if in_call else {}), inner, value)
         result[owner] = value
     return result
+
+
+def is_former_value(value: Any, old: str, new: str) -> bool:
+    """Whether a field that has become a dataclass under its own name is given its former value."""
+    return new.startswith(f"{old}.") and not (isinstance(value, Mapping) or is_dataclass(value))
 
 
 def drop_constant(cls: type, name: str, value: Any) -> None:

@@ -74,6 +74,8 @@ def test_every_name_at_the_top_has_an_example() -> None:
         "SensorConditions",
         "SensorsConditions",
         "PPOSettings",
+        "MemorySettings",
+        "FilterSettings",
         "TASKS",
         "CONTROLLERS",
         "__version__",

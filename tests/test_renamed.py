@@ -101,7 +101,7 @@ def test_a_config_written_by_the_version_before_is_read() -> None:
 
 def test_a_former_entry_is_changed() -> None:
     table = to_table(training("go-to-pose", device="cpu"))
-    with pytest.warns(DeprecationWarning, match=r"name it timing\.checks"):
+    with pytest.warns(DeprecationWarning, match="name it checks"):
         change_entry(table, "timing.looks", 2)
     assert table["timing"]["checks"] == 2
     with pytest.warns(DeprecationWarning, match=r"name it arrived\.weight"):

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from campaigns.breaking.damage import damaged_bytes, damaged_text
 from campaigns.breaking.trial import Command, apart
-from rans.fast.learn.config import PPOSettings, TrainConfig, to_table
+from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.timing import Timing
@@ -34,7 +34,7 @@ TINY = TrainConfig(
     solved_share=None,
 )
 """A training of a second."""
-_HISTORY = dataclasses.replace(TINY.ppo, memory="history", history=2, averages=(0.5,))
+_HISTORY = dataclasses.replace(TINY.ppo, memory=MemorySettings("history", 2, (0.5,)))
 Prepare = Callable[[int, Path], Sequence[Command]]
 """Puts the files of a case of this number into a folder and says which commands to run there."""
 

@@ -26,8 +26,10 @@ from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.config import (
     Failures,
+    FilterSettings,
     GradientSettings,
     ImitationSettings,
+    MemorySettings,
     PPOSettings,
     TrainConfig,
 )
@@ -69,7 +71,9 @@ API = {
         "LandingGuidance Visiting Circumnavigation Lookahead ArrivalCost Pilot pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly trust_files",
-    "Engine and learner": "Engine PPO PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",
+    "Engine and learner": (
+        "Engine PPO PPOSettings MemorySettings FilterSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv"
+    ),
     "Errors": "RansError ConfigError NonFiniteState SolverFailed WorkerLost",
 }
 """Public names by what they are for; `check_api` compares them with `rans.__all__`."""
@@ -292,6 +296,8 @@ def settings_page() -> str:
     parts = [
         ("Training", "", TrainConfig),
         ("PPO", "ppo.", PPOSettings),
+        ("Memory", "ppo.memory.", MemorySettings),
+        ("Kalman filters", "ppo.filters.", FilterSettings),
         ("Gradient learner", "gradient.", GradientSettings),
         ("Imitation learner", "imitation.", ImitationSettings),
         ("Resampling of failures", "failures.", Failures),

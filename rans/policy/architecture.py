@@ -20,7 +20,6 @@ from rans.policy.backbones import Backbone, Dense
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
-from rans.policy.preprocess import PREPROCESSORS
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
@@ -45,8 +44,6 @@ class Architecture:
     zoom: float = 0.0
     """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
     see as a metre (docs/decisions/policies.md). 0: no second look."""
-    preprocessor: str = "body"
-    """Key of `rans.policy.preprocess.PREPROCESSORS`: which columns the network is given."""
     symmetries: Symmetries | None = None
     """Of the spacecraft: every state is seen from the one of its equivalent sides that has the goal ahead
     (docs/decisions/policies.md)."""
@@ -117,12 +114,12 @@ class Architecture:
 
     @property
     def columns(self) -> Layout:
-        """Layout of the columns of the preprocessor."""
-        return PREPROCESSORS[self.preprocessor].layout(self.layout)
+        """Layout of the columns: vectors are in the frame of the spacecraft (docs/decisions/policies.md)."""
+        return self.layout.body
 
     def preprocessed(self, observation: Columns) -> list[Field]:
-        """They, of the columns of an observation."""
-        return PREPROCESSORS[self.preprocessor].columns(self.layout, observation)
+        """Columns of a network, of those of an observation."""
+        return self.layout.in_body(observation)
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The way to go, of them, that chooses a side of the spacecraft; None where all sides are one."""

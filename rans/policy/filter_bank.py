@@ -74,7 +74,7 @@ class Filters(NamedTuple):
         if not is_identity(craft):
             raise ConfigError(
                 f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "
-                f'{allowed(craft)}: train without filters, with memory="history".'
+                f'{allowed(craft)}: train without filters, with memory.kind="history".'
             )
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone

@@ -1,7 +1,7 @@
 """Preprocessing of observations: columns, symmetric views, filters and normalisation.
 
-A preprocessor is one class here and its name in `PREPROCESSORS`. Its columns are a formula on fields, which torch,
-machine code, CUDA kernels and exported files all compute; so are `normalised` and `magnified`.
+They are formulas on fields, which torch, machine code, CUDA kernels and exported files all compute
+(docs/decisions/policies.md has why vectors are in the frame of the spacecraft).
 """
 
 from __future__ import annotations
@@ -15,52 +15,6 @@ from torch import Tensor
 from rans.model.fields import Field, tanh, within
 from rans.policy.parts import PreprocessingView
 from rans.policy.symmetry import Symmetries
-from rans.tasks.observation_terms import Columns, Layout
-
-
-class Preprocessor(ABC):
-    """Makes columns of observations."""
-
-    views_and_filters: bool = False
-    """Whether its columns are those of the body frame, which symmetries and filters are for."""
-
-    @abstractmethod
-    def layout(self, observed: Layout) -> Layout:
-        """Layout of the preprocessor's columns for observations of a layout."""
-
-    @abstractmethod
-    def columns(self, observed: Layout, row: Columns) -> list[Field]:
-        """Its columns, of those of an observation."""
-
-
-class BodyFrame(Preprocessor):
-    """Vectors in the frame of the spacecraft, where its own attitude is constant (docs/decisions/policies.md)."""
-
-    views_and_filters = True
-
-    def layout(self, observed: Layout) -> Layout:
-        """See `Preprocessor`."""
-        return observed.body
-
-    def columns(self, observed: Layout, row: Columns) -> list[Field]:
-        """See `Preprocessor`."""
-        return observed.in_body(row)
-
-
-class WorldFrame(Preprocessor):
-    """Columns as they are observed: vectors in the world frame, beside the attitude."""
-
-    def layout(self, observed: Layout) -> Layout:
-        """See `Preprocessor`."""
-        return observed
-
-    def columns(self, observed: Layout, row: Columns) -> list[Field]:
-        """See `Preprocessor`."""
-        return list(row)
-
-
-PREPROCESSORS: dict[str, Preprocessor] = {"body": BodyFrame(), "world": WorldFrame()}
-"""By their names in settings and agents' files."""
 
 
 def normalised(x: Field, mean: Field, scale: Field, clip: float) -> Field:

@@ -13,7 +13,7 @@ import torch
 
 from rans.compile.preprocess import CpuPreprocessor, CudaPreprocessor
 from rans.fast.engine import Engine
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import FilterSettings, PPOSettings
 from rans.fast.learn.member import architecture_of
 from rans.model.spacecraft import Spacecraft
 from rans.policy.architecture import Architecture
@@ -106,9 +106,7 @@ def test_programs_filter_as_torch_does(
         PPOSettings(
             n_envs=64,
             symmetric=symmetric,
-            filters=(0.001, 1.0),
-            filtered_steady=(0.0, 25.0) * symmetric,
-            filtered_response=(0.1, 0.0) * symmetric,
+            filters=FilterSettings((0.001, 1.0), (0.0, 25.0) * symmetric, (0.1, 0.0) * symmetric),
         ),
     )
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}

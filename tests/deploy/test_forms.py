@@ -23,7 +23,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.controllers import user_policy
 from rans.fast.agent_files.agent import SavedPolicy
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.flight import fly
 from rans.model.fields import atan2
@@ -68,34 +68,28 @@ def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np
         {"activation": "elu"},
         {"activation": "relu", "zoom": 8.0, "symmetric": True},
         {"continuous": True},
-        {"continuous": True, "symmetric": True, "memory": "history", "history": 1},
-        {"memory": "history", "history": 3, "averages": (0.5, 0.9), "symmetric": True, "zoom": 4.0},
-        {"filters": (0.01, 1.0), "symmetric": True, "zoom": 4.0},
-        {"filters": (0.1,), "memory": "history"},
-        {"filters": (0.1,), "filtered_steady": (25.0,), "symmetric": True},
+        {"continuous": True, "symmetric": True, "memory": MemorySettings("history", 1)},
+        {"memory": MemorySettings("history", 3, (0.5, 0.9)), "symmetric": True, "zoom": 4.0},
+        {"filters": FilterSettings((0.01, 1.0)), "symmetric": True, "zoom": 4.0},
+        {"filters": FilterSettings((0.1,)), "memory": MemorySettings("history")},
+        {"filters": FilterSettings((0.1,), steady=(25.0,)), "symmetric": True},
         {
-            "filters": (0.01, 1.0),
-            "filtered_steady": (0.0, 25.0),
-            "filtered_response": (0.1, 0.0),
+            "filters": FilterSettings((0.01, 1.0), steady=(0.0, 25.0), response=(0.1, 0.0)),
             "symmetric": True,
         },
-        {"filters": (0.01,), "filtered_response": (2.0,), "filtered_gate": 5.0, "symmetric": True},
+        {"filters": FilterSettings((0.01,), response=(2.0,), gate=5.0), "symmetric": True},
         {
-            "filters": (0.01,),
-            "filtered_gate": 5.0,
+            "filters": FilterSettings((0.01,), gate=5.0),
             "symmetric": True,
-            "memory": "history",
-            "history": 2,
+            "memory": MemorySettings("history", 2),
         },
         {
-            "memory": "commands",
-            "history": 0,
-            "averages": (0.5,),
+            "memory": MemorySettings("commands", 0, (0.5,)),
             "symmetric": True,
-            "filters": (0.1,),
+            "filters": FilterSettings((0.1,)),
         },
-        {"memory": "commands", "history": 2, "averages": (0.5,)},
-        {"memory": "recurrent", "recurrent_units": 12},
+        {"memory": MemorySettings("commands", 2, (0.5,))},
+        {"memory": MemorySettings("recurrent", units=12)},
         {"privileged_critic": True},
     ],
     ids=str,

@@ -21,7 +21,7 @@ from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.campaign import Campaign
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.member import architecture_of, begin, statistics
 from rans.fast.learn.ppo import PPOLearner, act
 from rans.fast.learn.run_folder import RunFolder
@@ -41,7 +41,11 @@ SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
 
 def started(world: Processes = ALONE, members: int = 1) -> PPOLearner:
     """Members of 16 environments, or of this process's share of them, in float64; the second remembers."""
-    settings = replace(SETTINGS, memory="recurrent", symmetric=False) if members > 1 else SETTINGS
+    settings = (
+        replace(SETTINGS, memory=MemorySettings("recurrent"), symmetric=False)
+        if members > 1
+        else SETTINGS
+    )
     seeds = range(4, 4 + members)
     engine = Engine(
         PLATFORM,

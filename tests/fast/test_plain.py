@@ -21,7 +21,7 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
-from rans.fast.learn.config import Failures, PPOSettings, TrainConfig
+from rans.fast.learn.config import Failures, MemorySettings, PPOSettings, TrainConfig
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.fields import Field, leaves
@@ -173,7 +173,7 @@ def test_a_state_saved_by_one_way_is_gone_on_from_by_the_other() -> None:
         {},
         {"ent_coef": 0.01},
         {"symmetric": False, "zoom": 100.0},
-        {"memory": "history", "history": 2},
+        {"memory": MemorySettings("history", 2)},
         {"privileged_critic": True},
     ],
     ids=str,

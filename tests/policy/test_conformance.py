@@ -58,11 +58,6 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "gated throttles, history": (THROTTLED, {"head": "gated", "history": 2}),
     "filters": (PLATFORM, {"filters": BANK, "zoom": 4.0}),
     "recurrent": (PLATFORM, {"units": 8}),
-    "another preprocessor": (FLYER, {"preprocessor": "world", "sided": False, "zoom": 2.0}),
-    "another preprocessor, history": (
-        PLATFORM,
-        {"preprocessor": "world", "sided": False, "history": 2},
-    ),
     "attention": (
         PLATFORM,
         {"sided": False, "backbone": "attention", "tokens": effector_tokens(PLATFORM)},
@@ -158,7 +153,7 @@ def test_the_traced_program_on_fields(kind: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "form"),
     [(kind, form) for kind in POLICIES for form in ("onnx", "numpy")]
-    + [(kind, "c") for kind in ("attention", "another preprocessor", "gated throttles, history")],
+    + [(kind, "c") for kind in ("attention", "gated throttles, history")],
 )
 def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
     """C takes its compiler a second each; other kinds are in ``tests/deploy/test_forms.py``."""

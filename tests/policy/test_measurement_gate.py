@@ -14,6 +14,7 @@ from campaigns.batch import loaded
 from rans.episode import Setup, World, step
 from rans.evaluation.measure.metrics import solved
 from rans.fast.flights import Flights
+from rans.fast.learn.config import FilterSettings
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -36,7 +37,7 @@ TIMING = Timing()
 
 def policy(craft: Spacecraft) -> Architecture:
     """One filter that trusts the craft as designed, behind a gate."""
-    return tiny_learner(craft, filters=(0.1,), filtered_gate=GATE).network.architecture
+    return tiny_learner(craft, filters=FilterSettings((0.1,), gate=GATE)).network.architecture
 
 
 def columns_of(craft: Spacecraft, kind: type) -> slice:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from stable_baselines3 import PPO
 from torch import Tensor
 
+from rans.fast.learn.config import MemorySettings
 from rans.fast.policy import write_policy
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
@@ -110,7 +111,7 @@ def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft, memory
     task = TASKS["go-to-pose"]()
     network = scatter(
         tiny_learner(
-            craft, dtype=torch.float64, task=task, symmetric=True, memory=memory, history=2
+            craft, dtype=torch.float64, task=task, symmetric=True, memory=MemorySettings(memory, 2)
         ).network
     )
     goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))

@@ -7,6 +7,7 @@ read (docs/decisions/security.md).
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -29,7 +30,6 @@ from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
-from rans.policy.preprocess import PREPROCESSORS
 from rans.policy.symmetry import Symmetries
 from rans.structure import structure
 from rans.tasks.observation_terms import Block, Layout, ObservationTerm
@@ -200,9 +200,12 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
 
 def _settings(table: dict[str, Any]) -> dict[str, Any]:
     """Entries of `PPOSettings`, checked; missing ones have their defaults."""
-    known = PPOSettings.__dataclass_fields__
-    kept = {name: value for name, value in table.items() if name in known}
-    return asdict(structure(kept, PPOSettings, "settings"))
+    names = PPOSettings.__dataclass_fields__.keys() | PPOSettings.former_names  # type: ignore[attr-defined]
+    known = {name: value for name, value in table.items() if name in names}
+    with warnings.catch_warnings():  # nobody can rename what is in a file of weights
+        warnings.simplefilter("ignore", DeprecationWarning)
+        settings = structure(known, PPOSettings, "settings")
+    return {field.name: getattr(settings, field.name) for field in fields(settings)}
 
 
 def _network(
@@ -275,6 +278,11 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     )
     if "continuous" in table:  # agents of before had one head for either kind of craft
         table["head"] = "gaussian" if table.pop("continuous") else "on-off"
+    if (frame := table.pop("preprocessor", "body")) != "body":
+        raise ConfigError(
+            f"the agent observes vectors in the {brief(frame)} frame, which this version does not compute: train "
+            "it anew."
+        )
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
     given = Architecture(
         blocks,
@@ -288,13 +296,10 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         "head": (given.head, HEADS),
         "activation": (given.activation, ACTIVATIONS),
         "backbone": (given.backbone, BACKBONES),
-        "preprocessor": (given.preprocessor, PREPROCESSORS),
     }
     for name, (key, table) in known.items():
         if key not in table:
             raise ValueError(f"its {name} {brief(key)} is unknown here")
-    if (bank or views) and not PREPROCESSORS[given.preprocessor].views_and_filters:
-        raise ValueError("it has symmetries or filters, which its preprocessor has no columns for")
     if BACKBONES[given.backbone].has_tokens and [*map(len, given.tokens)] != [8] * given.thrusters:
         raise ValueError("its tokens are of another spacecraft")
     if given.last.is_advised:

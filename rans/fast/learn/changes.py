@@ -10,7 +10,7 @@ from rans.errors import ConfigError, brief
 from rans.fast.learn.config import Failures, PPOSettings
 from rans.model.timing import Timing
 from rans.registry import typed
-from rans.renamed import drop_constant, present_name
+from rans.renamed import drop_constant, is_former_value, present_name
 from rans.tasks import TASKS
 
 _OTHERS_NAMES = {
@@ -54,11 +54,11 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         ConfigError: there is no such entry, or the name is not unique.
     """
     known = list(_names(table))
-    if not any(one == name or one.endswith(f".{name}") for one in known):
-        present = _present(table, name, value)
-        if present is None:
-            return
-        name = present
+    is_known = any(one == name or one.endswith(f".{name}") for one in known)
+    present = _present(table, name, value, is_known)
+    if present is None:
+        return
+    name = present
     result = [name] if name in known else [one for one in known if one.endswith(f".{name}")]
     if len(result) > 1:
         raise ConfigError(
@@ -76,7 +76,7 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     inner[last] = _typed(value)
 
 
-def _present(table: dict[str, Any], name: str, value: Any) -> str | None:
+def _present(table: dict[str, Any], name: str, value: Any, is_known: bool) -> str | None:
     """Present name of an entry that may have had another; None: it is a constant now, and has that value.
 
     Raises:
@@ -88,10 +88,13 @@ def _present(table: dict[str, Any], name: str, value: Any) -> str | None:
     for owner, kind in owners.items():
         if part not in ("", owner):
             continue
+        new = getattr(kind, "former_names", {}).get(last)
+        if is_known and (new is None or not is_former_value(value, last, new)):
+            continue
         if last in getattr(kind, "former_constants", {}):
             drop_constant(kind, last, list(value) if isinstance(value, tuple) else value)
             return None
-        if last in getattr(kind, "former_names", {}):
+        if new is not None:
             return f"{owner}.{present_name(kind, last)}"
     return name
 

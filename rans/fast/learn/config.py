@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
+from rans.display import Settings
 from rans.errors import ConfigError, brief, fits
 from rans.fast.learn.curriculum import Ramp, check_ramps, with_present_settings
 from rans.model.timing import Timing
 from rans.policy.activations import ACTIVATIONS
 from rans.randomization.conditions import Conditions
-from rans.renamed import renamed
+from rans.renamed import now_constant, renamed
 from rans.structure import structure
 from rans.tasks import TASKS, Task
 
@@ -30,14 +31,134 @@ else:
     Activation = Literal[tuple(ACTIVATIONS)]
 Head = Literal["auto", "gated", "guided"]
 BackboneName = Literal["dense", "attention"]
-PreprocessorName = Literal["body", "world"]
-Memory = Literal["none", "history", "commands", "recurrent"]
+MemoryKind = Literal["none", "history", "commands", "recurrent"]
 
 MOST_LAYERS = 32
 MOST_UNITS = 65_536
 """Largest number of hidden layers, and of units in a layer, far above those of any agent."""
 
 
+def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
+    for name in names:
+        if not fits(value := getattr(config, name), holds):
+            shown = list(value) if isinstance(value, tuple) else value
+            raise ConfigError(f"{name} must be {bound}, got {brief(shown)}.")
+
+
+@dataclass(frozen=True)
+class MemorySettings(Settings):
+    """Memory of a network; by default there is none.
+
+    Raises:
+        ConfigError: a value is out of its range, or nothing would be stored.
+    """
+
+    kind: MemoryKind = "none"
+    """"none"; "history" of the last observations and commands; "commands", the last commands alone, which suffice
+    beside filters; or "recurrent", a gated recurrent unit."""
+    history: int = 4
+    """Number of last observations and commands in the memory."""
+    averages: tuple[float, ...] = ()
+    """Exponential moving averages of all observations and commands, beside the history or (with history 0) instead
+    of it: the fraction of the average that remains at every step. They separate constant signals from noise and
+    reach further back than a history. The average of commands that halves at every step has the last command as its
+    first binary digit, the one before as its second."""
+    units: int = 64
+    """Hidden units of the recurrent memory."""
+
+    def __post_init__(self) -> None:
+        kinds = get_args(MemoryKind)
+        _require(self, f"one of {', '.join(kinds)}", lambda x: x in kinds, "kind")
+        _require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "units")
+        _require(self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history")
+        _require(
+            self,
+            "numbers between 0 and 1",
+            lambda x: isinstance(x, tuple | list) and all(0 < one < 1 for one in x),
+            "averages",
+        )
+        recalls = self.kind in ("history", "commands")
+        if self.averages and not recalls:
+            raise ConfigError(
+                "averages are of a history, so that memory.kind must be 'history' or 'commands', "
+                f"got {self.kind!r}."
+            )
+        if recalls and not (self.history or self.averages):
+            raise ConfigError(
+                f"memory {self.kind!r} with history 0 and no averages stores nothing: "
+                "give history 1 or more, averages, or memory 'none'."
+            )
+
+
+@dataclass(frozen=True)
+class FilterSettings(Settings):
+    """Kalman filters with the model of the spacecraft as designed, whose estimates a network observes.
+
+    Each list has a number for every filter. By default there are none (docs/decisions/robustness.md).
+
+    Raises:
+        ConfigError: a number is out of its range, or a list has another length.
+    """
+
+    drift: tuple[float, ...] = ()
+    """Variance of the random walk of velocities in a control period, in units of the noise of their readings."""
+    steady: tuple[float, ...] = ()
+    """Variance of the constant accelerations that each filter estimates, such as that of a sloping floor, in units
+    of the noise of its readings. 0 or empty: none."""
+    response: tuple[float, ...] = ()
+    """Variance of the thrusters' deviation from their design that each filter estimates, immediate and one control
+    period late, in units of the noise of readings over the velocity change of the strongest thruster in a period. 0
+    or empty: thrusters act as designed."""
+    gate: float = 0.0
+    """Gate of readings: the prediction of the filters is observed in place of readings that are missing or deviate
+    by more than this, in units of the velocity change of all thrusters along one axis in a control period (for
+    poses the same number in m and rad). 0: all readings are used."""
+
+    def __post_init__(self) -> None:
+        within = lambda x: 1e-6 <= x <= 1e6  # noqa: E731
+        _require(
+            self,
+            "numbers >= 1e-6 and <= 1e6",
+            lambda x: isinstance(x, tuple | list) and all(map(within, x)),
+            "drift",
+        )
+        _require(
+            self,
+            "numbers >= 1e-6 and <= 1e6, or 0",
+            lambda x: isinstance(x, tuple | list) and all(one == 0 or within(one) for one in x),
+            "steady",
+            "response",
+        )
+        _require(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or within(x), "gate")
+        count = len(self.drift)
+        for name in ("steady", "response"):
+            values = getattr(self, name)
+            if values and len(values) != count:
+                raise ConfigError(
+                    f"{name} has {len(values)} numbers for {count} filters: give one for each."
+                )
+        if self.gate and not self.drift:
+            raise ConfigError(
+                f"the gate is {self.gate:g}, but there are no filters whose "
+                "predictions it could use: give filters too, or a gate of 0."
+            )
+
+
+_NO_MEMORY = MemorySettings()
+_NO_FILTERS = FilterSettings()
+
+
+@renamed(
+    memory="memory.kind",
+    history="memory.history",
+    averages="memory.averages",
+    recurrent_units="memory.units",
+    filters="filters.drift",
+    filtered_steady="filters.steady",
+    filtered_response="filters.response",
+    filtered_gate="filters.gate",
+)
+@now_constant(preprocessor="body")
 @dataclass(frozen=True)
 class PPOSettings:
     """Hyper-parameters of `rans.PPO`, by their names in SB3.
@@ -81,9 +202,6 @@ class PPOSettings:
     """Units of the hidden layers, which actor and critic share."""
     activation: Activation = "tanh"
     """Activation function of the hidden layers."""
-    preprocessor: PreprocessorName = "body"
-    """Input columns of the network: "body" has vectors in the frame of the spacecraft
-    (docs/decisions/policies.md); "world" has the observed columns, and needs symmetric = false and no filters."""
     backbone: BackboneName = "dense"
     """Network from features to commands: "dense" has a last layer; "attention" has a layer of attention over the
     effectors, whose weights apply to any craft."""
@@ -99,34 +217,10 @@ class PPOSettings:
     matmul: Precision = "tf32"
     """Precision of matrix products on a GPU; a CPU always uses float32. With bf16 the gradients of most networks
     are one kernel (docs/decisions/kernels.md)."""
-    memory: Memory = "none"
-    """Memory of the network: "none"; "history" of the last observations and commands; "commands", the last commands
-    alone, which suffice beside filters; or "recurrent", a gated recurrent unit."""
-    history: int = 4
-    """Number of last observations and commands in the memory."""
-    averages: tuple[float, ...] = ()
-    """Exponential moving averages of all observations and commands, beside the history or (with history 0) instead
-    of
-    it: the share that each keeps from step to step. They separate constant signals from noise and reach further
-    back than a history. The average of commands that keeps a half has the last command as its first binary digit,
-    the one before as its second."""
-    filters: tuple[float, ...] = ()
-    """Kalman filters whose estimates are added to the input: for each the variance of the random walk of
-    velocities in a control period, in units of the noise of their readings. They use the spacecraft as designed
-    and the commands of its thrusters (docs/decisions/robustness.md)."""
-    filtered_steady: tuple[float, ...] = ()
-    """Variance of the constant accelerations that each filter estimates, such as that of a sloping floor, in units
-    of the noise of its readings. 0 or empty: none."""
-    filtered_response: tuple[float, ...] = ()
-    """Variance of the thrusters' deviation from their design that each filter estimates, immediate and one control
-    period late, in units of the noise of readings over the velocity change of the strongest thruster in a period. 0
-    or empty: thrusters act as designed."""
-    filtered_gate: float = 0.0
-    """Gate of readings: the prediction of the filters is observed in place of readings that are missing or deviate
-    by more than this, in units of the velocity change of all thrusters along one axis in a control period (for
-    poses the same number in m and rad). 0: all readings are used."""
-    recurrent_units: int = 64
-    """Hidden units of the recurrent memory."""
+    memory: MemorySettings = _NO_MEMORY
+    """Memory of the network."""
+    filters: FilterSettings = _NO_FILTERS
+    """Kalman filters whose estimates are added to the input."""
     privileged_critic: bool = False
     """Whether the critic has layers of its own with privileged observations: all draws of the conditions, or
     without conditions the true mass properties of the spacecraft."""
@@ -147,10 +241,6 @@ class PPOSettings:
                 f"{self.n_envs * self.n_steps * 200e-9:,.0f} GB of memory."
             )
         _require(
-            self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "recurrent_units"
-        )
-        _require(self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history")
-        _require(
             self,
             "finite and > 0",
             lambda x: 0 < x < math.inf,
@@ -163,9 +253,6 @@ class PPOSettings:
         _require(
             self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom"
         )
-        _require(
-            self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or 1e-6 <= x <= 1e6, "filtered_gate"
-        )
         _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
         _require(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
@@ -173,34 +260,11 @@ class PPOSettings:
         _require(
             self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl"
         )
-        _require(
-            self,
-            "numbers between 0 and 1",
-            lambda x: isinstance(x, tuple | list) and all(0 < share < 1 for share in x),
-            "averages",
-        )
-        _require(
-            self,
-            "numbers >= 1e-6 and <= 1e6",
-            lambda x: isinstance(x, tuple | list) and all(1e-6 <= one <= 1e6 for one in x),
-            "filters",
-        )
-        _require(
-            self,
-            "numbers >= 1e-6 and <= 1e6, or 0",
-            lambda x: (
-                isinstance(x, tuple | list) and all(one == 0 or 1e-6 <= one <= 1e6 for one in x)
-            ),
-            "filtered_steady",
-            "filtered_response",
-        )
         for name, kind in (
             ("activation", Activation),
             ("backbone", BackboneName),
-            ("preprocessor", PreprocessorName),
             ("head", Head),
             ("matmul", Precision),
-            ("memory", Memory),
         ):
             known = get_args(kind)
             _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
@@ -210,44 +274,12 @@ class PPOSettings:
             lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS,
             "layers",
         )
-        self._check_memory()
-
-    def _check_memory(self) -> None:
-        """Reject inconsistent settings of memory and filters."""
-        recalls = self.memory in ("history", "commands")
-        if self.averages and not recalls:
-            raise ConfigError(
-                "averages are of a history, so that memory must be 'history' or 'commands', "
-                f"got {self.memory!r}."
-            )
-        if recalls and not (self.history or self.averages):
-            raise ConfigError(
-                f"memory {self.memory!r} with history 0 and no averages stores nothing: "
-                "give history 1 or more, averages, or memory 'none'."
-            )
-        count = len(self.filters)
-        variances = {"steady": self.filtered_steady, "response": self.filtered_response}
-        for name, values in variances.items():
-            if values and len(values) != count:
-                raise ConfigError(
-                    f"filtered_{name} has {len(values)} numbers for {count} filters: give one for each."
-                )
-        if self.filtered_gate and not self.filters:
-            raise ConfigError(
-                f"filtered_gate is {self.filtered_gate:g}, but there are no filters whose "
-                "predictions it could use: give filters too, or a gate of 0."
-            )
-        if self.filters and self.memory == "recurrent":
+        if self.filters.drift and self.memory.kind == "recurrent":
             raise ConfigError(
                 "filters can be combined with memory 'none', 'history' or 'commands', not with "
                 "memory 'recurrent'."
             )
-        if self.preprocessor == "world" and (self.symmetric or self.filters):
-            raise ConfigError(
-                "preprocessor 'world' needs symmetric to be false and no filters: both work on vectors in "
-                "the frame of the spacecraft."
-            )
-        if self.memory == "recurrent" and self.symmetric:
+        if self.memory.kind == "recurrent" and self.symmetric:
             raise ConfigError(
                 "memory 'recurrent' needs symmetric to be false: its state belongs to one symmetry "
                 "of the spacecraft, and the next step may use another."
@@ -285,13 +317,6 @@ MOST_ENVS = 2**24
 """Largest number of environments of a training."""
 MOST_TRANSITIONS = 2**28
 """Largest number of transitions of a rollout: with about 200 bytes each they fill 54 GB."""
-
-
-def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
-    for name in names:
-        if not fits(value := getattr(config, name), holds):
-            shown = list(value) if isinstance(value, tuple) else value
-            raise ConfigError(f"{name} must be {bound}, got {brief(shown)}.")
 
 
 @renamed(looks="searches")

@@ -231,7 +231,7 @@ def _check(engine: Engine, network: Network, members: int) -> None:
         )
     if network.architecture.memory:
         raise ConfigError(
-            "the algorithm 'imitation' does not support memory: set ppo.memory to 'none'."
+            "the algorithm 'imitation' does not support memory: set ppo.memory.kind to 'none'."
         )
     if "log_std" not in network.tensors:
         raise ConfigError(

@@ -32,7 +32,9 @@ SOLVED_IN_A_ROW = 2
 def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     """Network architecture of settings, for the task and spacecraft of an engine."""
     craft = engine.craft
-    has_history = settings.memory in ("history", "commands")
+    memory = settings.memory
+    filters = settings.filters
+    has_history = memory.kind in ("history", "commands")
     return Architecture(
         layout=engine.layout,
         thrusters=craft.command_count,
@@ -45,24 +47,23 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         levers=per_velocity(craft, engine.timing.control_period)
         if settings.head == "guided"
         else (),
-        preprocessor=settings.preprocessor,
         backbone=settings.backbone,
         tokens=effector_tokens(craft) if BACKBONES[settings.backbone].has_tokens else (),
-        history=settings.history if has_history else 0,
-        commands_only=settings.memory == "commands",
-        averages=tuple(settings.averages) if has_history else (),
+        history=memory.history if has_history else 0,
+        commands_only=memory.kind == "commands",
+        averages=tuple(memory.averages) if has_history else (),
         filters=Filters.of(
             craft,
             engine.task,
             engine.timing.control_period,
-            settings.filters,
-            settings.filtered_steady,
-            settings.filtered_response,
-            settings.filtered_gate,
+            filters.drift,
+            filters.steady,
+            filters.response,
+            filters.gate,
         )
-        if settings.filters
+        if filters.drift
         else None,
-        units=settings.recurrent_units if settings.memory == "recurrent" else 0,
+        units=memory.units if memory.kind == "recurrent" else 0,
         privileged=engine.privileged_quantities.width if settings.privileged_critic else 0,
         nominal=engine.privileged_quantities.nominal if settings.privileged_critic else (),
         bounds=example(engine.task, craft.dimension).bounds(),

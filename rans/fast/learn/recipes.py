@@ -24,6 +24,7 @@ from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import RECIPE_FOLDER, agent_recipes, present_agent
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
+from rans.renamed import with_present_names
 from rans.structure import LARGEST_TOML, merged, read_toml, structure
 from rans.tasks import TASKS
 
@@ -36,8 +37,6 @@ Other files of the folder: ``base-NAME.toml`` (shared values), ``preset-NAME.tom
 
 Quality = Literal["quick", "good", "best"]
 """Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""
-_MEMORY = ("memory", "history", "averages", "privileged_critic")
-"""Settings of an agent whose spacecraft varies between episodes."""
 
 
 def recipe(name: str, device: str) -> TrainConfig:
@@ -125,10 +124,10 @@ def training_of_quality(
     else:
         result = replace(_config(file, quick.device), spacecraft=quick.spacecraft)
     ppo = result.ppo
-    if randomized and ppo.memory == "none":
-        adaptive = _table(RECIPE_FOLDER / "base-adaptive.toml")["ppo"]
-        remembered = {name: adaptive[name] for name in _MEMORY}
-        ppo = replace(ppo, **remembered | {"averages": tuple(remembered["averages"])})
+    if randomized and ppo.memory.kind == "none":  # the spacecraft varies between episodes
+        table = _table(RECIPE_FOLDER / "base-adaptive.toml")["ppo"]
+        adaptive = structure(table, PPOSettings, "base-adaptive.ppo")
+        ppo = replace(ppo, memory=adaptive.memory, privileged_critic=adaptive.privileged_critic)
     return replace(result, ppo=ppo, conditions=Conditions())
 
 
@@ -201,14 +200,27 @@ def _table(file: Path) -> dict[str, Any]:
     table = read_toml(read_text(file, LARGEST_TOML))
     base = table.pop("base", None)
     if base is None:
-        return table
+        return _with_present_names(table, table.get("task"))
     known = sorted(one.stem for one in RECIPE_FOLDER.glob("*.toml"))
     if base not in known:
         raise ConfigError(
             f"base must be the name of a recipe that comes with RANS, one of {', '.join(known)}, "
             f"got {brief(base)}."
         )
-    return merged(_table(RECIPE_FOLDER / f"{base}.toml"), table)
+    below = _table(RECIPE_FOLDER / f"{base}.toml")
+    return merged(below, _with_present_names(table, table.get("task", below.get("task"))))
+
+
+def _with_present_names(table: dict[str, Any], task: Any) -> dict[str, Any]:
+    """Table of a recipe whose former settings have their present names, so that it can be merged over another."""
+    kinds: dict[str, type] = {"ppo": PPOSettings}
+    if isinstance(task, str) and task in TASKS:
+        kinds["settings"] = TASKS[task]
+    for part in (table, table.get("gpu")):
+        for name, kind in kinds.items():
+            if isinstance(part, dict) and isinstance(part.get(name), dict):
+                part[name] = with_present_names(kind, part[name])
+    return table
 
 
 def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:

@@ -44,12 +44,7 @@ _ARCHITECTURE = (
     "zoom",
     "symmetric",
     "memory",
-    "history",
-    "averages",
     "filters",
-    "filtered_steady",
-    "filtered_response",
-    "recurrent_units",
     "privileged_critic",
 )
 """Settings that define the network, as opposed to its training."""

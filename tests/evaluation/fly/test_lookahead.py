@@ -18,6 +18,7 @@ from rans.evaluation.fly.contestants import contestant, controller_name, output_
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.evaluation.fly.trade_off import FixedTradeOff
+from rans.fast.learn.config import MemorySettings
 from rans.flight import Flight, fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing
@@ -96,8 +97,8 @@ NEAR = GoToPose(spawn_distance=(0.2, 0.35), position_tolerance=0.4, attitude_tol
     "memory",
     [
         {},
-        {"memory": "history", "history": 3, "averages": (0.5,)},
-        {"memory": "recurrent", "recurrent_units": 8},
+        {"memory": MemorySettings("history", 3, (0.5,))},
+        {"memory": MemorySettings("recurrent", units=8)},
     ],
 )
 def test_it_gives_what_brute_force_finds_best(

@@ -12,7 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rans.errors import ConfigError
-from rans.fast.learn.config import PPOSettings, TrainConfig, from_table, to_table
+from rans.fast.learn.config import (
+    FilterSettings,
+    MemorySettings,
+    PPOSettings,
+    TrainConfig,
+    from_table,
+    to_table,
+)
 from rans.fast.learn.recipes import preset
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
@@ -153,11 +160,11 @@ def test_whole_numbers_are_numbers() -> None:
 
 NOT_NUMBERS = (
     "layers",
-    "averages",
     "activation",
     "symmetric",
     "matmul",
     "memory",
+    "filters",
     "privileged_critic",
 )
 NUMBERS = [f.name for f in fields(PPOSettings) if f.name not in NOT_NUMBERS]
@@ -179,47 +186,58 @@ def test_wrong_layers(layers: tuple[int, ...]) -> None:
         PPOSettings(layers=layers)
 
 
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"kind": "histori"}, "kind must be one of none, history, commands, recurrent, got"),
+        ({"history": -1}, "history must be >= 0 and <= 65,536, got -1"),
+        ({"units": 0}, "units must be >= 1 and <= 65,536, got 0"),
+        ({"averages": (0.5,)}, "averages are of a history, so that memory.kind must be 'history'"),
+        ({"kind": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
+        ({"kind": "commands", "history": 0}, "with history 0 and no averages stores nothing"),
+    ],
+)
+def test_wrong_memory(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        MemorySettings(**values)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"drift": (0.0,)}, "drift must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
+        ({"drift": 0.5}, "drift must be numbers >= 1e-6 and <= 1e6, got 0.5"),
+        ({"steady": (1.0,)}, "steady has 1 numbers for 0 filters: give one for each"),
+        ({"drift": (1.0,), "steady": (-1.0,)}, "steady must be numbers >= 1e-6 and <= 1e6"),
+        ({"response": (1.0,)}, "response has 1 numbers for 0 filters: give one for each"),
+        ({"drift": (1.0,), "response": (-1.0,)}, "response must be numbers >= 1e-6"),
+        ({"gate": 1e-200}, "gate must be >= 1e-6 and <= 1e6, or 0, got 1e-200"),
+        ({"gate": -5.0}, "gate must be >= 1e-6 and <= 1e6, or 0, got -5.0"),
+        ({"gate": 5.0}, "the gate is 5, but there are no filters"),
+    ],
+)
+def test_wrong_filters(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        FilterSettings(**values)
+
+
 @pytest.mark.parametrize("averages", [(0.0,), (0.5, 1.0), (math.nan,)])
 def test_wrong_averages(averages: tuple[float, ...]) -> None:
     with pytest.raises(ConfigError, match=r"averages must be numbers between 0 and 1, got "):
-        PPOSettings(averages=averages)
+        MemorySettings("history", averages=averages)
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"memory": "histori"}, "memory must be one of none, history, commands, recurrent, got"),
         ({"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
         ({"activation": "gelu"}, "activation must be one of tanh, elu, relu, silu, got 'gelu'"),
-        ({"averages": (0.5,)}, "averages are of a history, so that memory must be 'history' or"),
         (
-            {"memory": "history", "averages": 0.5},
-            "averages must be numbers between 0 and 1, got 0.5",
-        ),
-        ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
-        ({"memory": "commands", "history": 0}, "with history 0 and no averages stores nothing"),
-        ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
-        (
-            {"filtered_steady": (1.0,)},
-            "filtered_steady has 1 numbers for 0 filters: give one for each",
-        ),
-        (
-            {"filters": (1.0,), "filtered_steady": (-1.0,)},
-            "filtered_steady must be numbers >= 1e-6 and <= 1e6",
-        ),
-        (
-            {"filtered_response": (1.0,)},
-            "filtered_response has 1 numbers for 0 filters: give one for each",
-        ),
-        (
-            {"filters": (1.0,), "filtered_response": (-1.0,)},
-            "filtered_response must be numbers >= 1e-6",
-        ),
-        ({"filtered_gate": 1e-200}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got 1e-200"),
-        ({"filtered_gate": -5.0}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got -5.0"),
-        ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
-        (
-            {"filters": (1.0,), "memory": "recurrent", "symmetric": False},
+            {
+                "filters": FilterSettings((1.0,)),
+                "memory": MemorySettings("recurrent"),
+                "symmetric": False,
+            },
             "not with memory 'recurrent'",
         ),
         ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),

@@ -12,7 +12,7 @@ import torch
 from rans.compile.cpu.actor_critic import CpuActorCritic
 from rans.compile.cpu.matmul import WIDTH
 from rans.fast.engine import Engine
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.cpu_gradient import CpuGradient
 from rans.fast.learn.member import architecture_of
 from rans.fast.learn.ppo import losses
@@ -31,7 +31,7 @@ CASES = pytest.mark.parametrize(
     [
         (PLATFORM, {"layers": (64, 64), "symmetric": True}),
         (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
-        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": "history", "history": 2}),
+        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": MemorySettings("history", 2)}),
     ],
     ids=["plane", "space, elu, three layers", "relu, one layer, a history"],
 )
@@ -61,7 +61,7 @@ def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        {"memory": "recurrent"},
+        {"memory": MemorySettings("recurrent")},
         {"privileged_critic": True},
         {"continuous": True},
         {"n_envs": 4, "batch_size": WIDTH // 2},

@@ -13,7 +13,7 @@ import torch
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.engine import Engine
-from rans.fast.learn.config import Failures
+from rans.fast.learn.config import Failures, MemorySettings
 from rans.fast.stepping.step import begin_as, varying
 from rans.flight import fly
 from rans.model.fields import leaves
@@ -129,7 +129,7 @@ def test_the_newest_starts_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_who_begins_where_others_failed_remembers_nothing(tmp_path: Path) -> None:
-    config = replace(LOOKING, ppo=replace(LOOKING.ppo, memory="history"))
+    config = replace(LOOKING, ppo=replace(LOOKING.ppo, memory=MemorySettings("history")))
     trainer = tiny_trainer(tmp_path / "run", config)
     trainer.failures._search()
     memory: Any = trainer.learner.rollout.memory

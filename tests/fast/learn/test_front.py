@@ -19,6 +19,7 @@ import rans
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.config import MemorySettings
 from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
@@ -61,7 +62,12 @@ def test_an_engine_or_sb3s_environment_around_it() -> None:
     assert torch.equal(weights(bare.learn(256).network), weights(around.learn(256).network))
 
 
-KINDS = [{}, {"memory": "history"}, {"memory": "recurrent"}, {"privileged_critic": True}]
+KINDS = [
+    {},
+    {"memory": MemorySettings("history")},
+    {"memory": MemorySettings("recurrent")},
+    {"privileged_critic": True},
+]
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=["plain", "history", "recurrent", "privileged"])
@@ -186,7 +192,7 @@ def test_what_it_does_not_know() -> None:
     ):
         rans.PPO(make_vec_env("rans/GoToPose2D-v0", 4))  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="memory 'recurrent' needs symmetric to be false"):
-        made(memory="recurrent")
+        made(memory=MemorySettings("recurrent"))
 
 
 @pytest.mark.parametrize("wrong", ["a", -1, None, float("nan")])

@@ -13,6 +13,7 @@ from torch.nn import functional
 
 from rans.compile.cuda.design import DoesNotFit
 from rans.compile.cuda.update_design import KernelDesign, UpdateDesign
+from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.fused_gradient import FusedGradient, MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
@@ -92,7 +93,7 @@ def test_the_kernel_finds_what_autograd_finds(craft: Any, settings: Any, tmp_pat
 @CASES
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
 def test_products_find_what_autograd_finds(craft: Any, settings: Any, activation: str) -> None:
-    history = {"memory": "history", "history": 2, "averages": (0.5,)}
+    history = {"memory": MemorySettings("history", 2, (0.5,))}
     learner, batch = collected(craft, **{"activation": activation} | settings | history)
     agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
 
@@ -101,7 +102,7 @@ def test_products_find_what_autograd_finds(craft: Any, settings: Any, activation
 def test_products_find_what_autograd_finds_of_a_critic_of_its_own(
     craft: Any, settings: Any
 ) -> None:
-    history = {"memory": "history", "history": 2, "averages": (0.5,)}
+    history = {"memory": MemorySettings("history", 2, (0.5,))}
     learner, batch = collected(craft, **settings, **history, privileged_critic=True)
     agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
 
@@ -109,7 +110,7 @@ def test_products_find_what_autograd_finds_of_a_critic_of_its_own(
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"memory": "recurrent"}, "recurrent"),
+        ({"memory": MemorySettings("recurrent")}, "recurrent"),
         ({"continuous": True}, "gaussian"),
         ({"layers": (16,)}, "1 layers"),
     ],
@@ -135,7 +136,7 @@ def test_the_kernel_has_no_place_for_a_critic_of_its_own() -> None:
 def test_what_the_kernel_has_no_room_for(
     layers: Any, zoom: float, history: int, shared: int, message: str
 ) -> None:
-    learner = tiny_learner(layers=layers, zoom=zoom, memory="history", history=history)
+    learner = tiny_learner(layers=layers, zoom=zoom, memory=MemorySettings("history", history))
     with pytest.raises(DoesNotFit, match=message):
         KernelDesign(learner.network.architecture, shared)
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.member import begin, set_precision
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
@@ -60,7 +60,7 @@ def clipped(learner: PPOLearner, part: Batch, bf16: bool) -> Tensor:
     return (ratio - 1).abs() > learner.coefficients.clip_range
 
 
-WIDE = {"layers": (256, 192), "memory": "history", "averages": (0.5, 0.9)}
+WIDE = {"layers": (256, 192), "memory": MemorySettings("history", averages=(0.5, 0.9))}
 
 
 @pytest.mark.parametrize(

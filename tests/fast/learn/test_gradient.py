@@ -17,7 +17,13 @@ from rans.cli import main
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
-from rans.fast.learn.config import GradientSettings, TrainConfig, from_table, to_table
+from rans.fast.learn.config import (
+    GradientSettings,
+    MemorySettings,
+    TrainConfig,
+    from_table,
+    to_table,
+)
 from rans.fast.learn.gradient import GradientLearner
 from rans.fast.learn.member import begin
 from rans.model.actuators import Pulsed, Throttle
@@ -100,7 +106,7 @@ def losses_by(learner: GradientLearner, name: str, place: int, size: float) -> f
         (THROTTLED, NEAR, {"n_steps": 20, "batch_size": 80}),
         (FLYER_THROTTLED, NEAR, {}),
         (THROTTLED, SwitchingGoToPose(**vars(NEAR), switching_weight=0.05), {"symmetric": True}),
-        (THROTTLED, NEAR, {"memory": "history", "history": 2}),
+        (THROTTLED, NEAR, {"memory": MemorySettings("history", 2)}),
         (THROTTLED, NEAR, {"conditions": "lab", "privileged_critic": True}),
     ],
     ids=["horizon", "episode", "space", "symmetric", "history", "lab"],
@@ -212,7 +218,7 @@ def test_what_has_no_gradient_is_refused() -> None:
         with pytest.raises(ConfigError, match="needs thrusters that are throttled"):
             gradient_learner(craft)
     with pytest.raises(ConfigError, match="does not support recurrent memory"):
-        gradient_learner(memory="recurrent", symmetric=False)
+        gradient_learner(memory=MemorySettings("recurrent"), symmetric=False)
     engine = Engine(THROTTLED, NEAR, 16, SHORT)
     with pytest.raises(ConfigError, match="plain engine"):
         begin(engine, [TINY], [0], None, partial(GradientLearner, own=OWN))

@@ -12,7 +12,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.agent_files.agent import read_policy
-from rans.fast.learn.config import ImitationSettings, TrainConfig
+from rans.fast.learn.config import ImitationSettings, MemorySettings, TrainConfig
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
@@ -117,7 +117,7 @@ def test_what_cannot_work_is_refused(tmp_path: Path) -> None:
     run = RunFolder(tmp_path)
     with pytest.raises(ConfigError, match="needs an expert"):
         Trainer([config()], DEPUTY, run)
-    remembering = replace(config(), ppo=replace(config().ppo, memory="history"))
+    remembering = replace(config(), ppo=replace(config().ppo, memory=MemorySettings("history")))
     with pytest.raises(ConfigError, match="does not support memory"):
         Trainer([remembering], DEPUTY, run, expert=Damping())
     with pytest.raises(ConfigError, match="has no agent"):

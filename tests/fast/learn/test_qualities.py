@@ -25,9 +25,9 @@ def test_every_task_has_each_quality(task: str) -> None:
 def test_ones_own_spacecraft_and_conditions() -> None:
     config = training_of_quality("go-to-pose", "atmos", "good", "cpu", randomized=True)
     assert config.spacecraft == "atmos"
-    assert (config.ppo.memory, config.ppo.privileged_critic) == ("history", True)
+    assert (config.ppo.memory.kind, config.ppo.privileged_critic) == ("history", True)
     assert config.conditions.or_none is None
-    assert training_of_quality("go-to-pose", "atmos", "good", "cpu").ppo.memory == "none"
+    assert training_of_quality("go-to-pose", "atmos", "good", "cpu").ppo.memory.kind == "none"
 
 
 @pytest.mark.parametrize(

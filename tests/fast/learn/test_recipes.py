@@ -9,7 +9,7 @@ import pytest
 
 from campaigns.robustness import SINGLE
 from rans.errors import ConfigError
-from rans.fast.learn.config import from_table, to_table
+from rans.fast.learn.config import MemorySettings, from_table, to_table
 from rans.fast.learn.curriculum import Ramp
 from rans.fast.learn.recipes import RECIPES, recipe, training
 from rans.model.spacecraft_file import load_spacecraft
@@ -46,7 +46,7 @@ def test_robust_agents_meet_the_laboratory_and_every_single_disturbance(name: st
     assert (
         0.33 < share < 0.41
     )  # poses give some of it to what they learn last: valves that stay open, noise
-    assert config.ppo.memory in ("history", "commands")
+    assert config.ppo.memory.kind in ("history", "commands")
     assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 
 
@@ -81,7 +81,7 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
         if config["timing"]["substeps"] == 1:  # what is chosen for all of them, and was the default
             again["timing"]["substeps"] = 1
         if name in _UNGATED:
-            again["ppo"]["filtered_gate"] = 0.0
+            again["ppo"]["filters"]["gate"] = 0.0
         assert _without_descriptions(config) == _without_descriptions(again), name
 
 
@@ -89,8 +89,8 @@ OWN = """
 base = "go-to-pose-2d"
 conditions = "lab"
 
-[ppo]
-memory = "history"
+[ppo.memory]
+kind = "history"
 
 [settings]
 thrust_weight = 0.2
@@ -112,7 +112,7 @@ def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -
     assert found == replace(
         base,
         settings=replace(base.settings, thrust_weight=0.2),
-        ppo=replace(base.ppo, memory="history"),
+        ppo=replace(base.ppo, memory=MemorySettings("history")),
         conditions=load_conditions("lab"),
     )
     large = training(str(file), device="cuda")
@@ -120,7 +120,7 @@ def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -
     assert large.curriculum == (Ramp("thrust_weight", 0.05, 45_000_000, shape="geometric"),)
     # Of the base's [gpu] what the file does not say, of its own [ppo] what no [gpu] says.
     assert (large.ppo.n_envs, large.ppo.layers) == (8192, (256, 256))
-    assert large.ppo.memory == "history"
+    assert large.ppo.memory.kind == "history"
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.config import FilterSettings, MemorySettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
@@ -132,9 +133,9 @@ def test_a_checkpoint_of_an_early_version_is_not_opened(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "kind",
     [
-        {"memory": "history", "history": 2},
-        {"memory": "recurrent", "privileged_critic": True},
-        {"filters": (0.01, 1.0)},
+        {"memory": MemorySettings("history", 2)},
+        {"memory": MemorySettings("recurrent"), "privileged_critic": True},
+        {"filters": FilterSettings((0.01, 1.0))},
     ],
     ids=["history", "recurrent and privileged", "filters"],
 )

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from rans.environment import action_space, observation_space
 from rans.fast.engine import Engine
+from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Acted, Batch, Rollout, Slot, gae, minibatches, remember
 from rans.fast.stepping.step import Step
@@ -218,7 +219,9 @@ def test_an_unchanged_policy_finds_its_own_probabilities(craft: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", [{"memory": "history"}, {"memory": "recurrent"}], ids=["history", "recurrent"]
+    "kind",
+    [{"memory": MemorySettings("history")}, {"memory": MemorySettings("recurrent")}],
+    ids=["history", "recurrent"],
 )
 def test_a_network_with_a_memory_finds_its_own_probabilities_too(kind: dict[str, Any]) -> None:
     """Through the ends of episodes, in minibatches, with what it remembers of the rollout before."""

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from rans.evaluation.fly.agent import Agent
+from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.selection import EPISODES, Selection
 from rans.flight import Flight, fly
 from rans.model.timing import Timing
@@ -76,7 +77,7 @@ def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
 
 
 def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
-    network = scatter(tiny_learner(memory="history").network)
+    network = scatter(tiny_learner(memory=MemorySettings("history")).network)
     selection = Selection(network, PLATFORM, [LENIENT], SHORT, torch.device("cpu"))
     engine = selection._engines[""]
     act = selection._act

@@ -14,6 +14,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, load_agent
 from rans.fast.engine import Engine
 from rans.fast.learn import adam, ppo
+from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.learn.member import Member, begin
 from rans.fast.learn.ppo import PPOLearner
@@ -81,7 +82,7 @@ def trained(learner: PPOLearner, iterations: int) -> PPOLearner:
 
 @pytest.mark.parametrize(
     "kind",
-    [{}, {"memory": "recurrent", "symmetric": False, "privileged_critic": True}],
+    [{}, {"memory": MemorySettings("recurrent"), "symmetric": False, "privileged_critic": True}],
     ids=["plain", "recurrent"],
 )
 @both_crafts

@@ -13,7 +13,7 @@ import torch
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.fast.distributed import Processes
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder, run_path
 from rans.fast.learn.trainer import Trainer, check_device
@@ -206,7 +206,7 @@ def test_steps_are_those_of_all_processes(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Path) -> None:
     """Whoever judges or flies the agent knows less: it is told of what is usual, which is zero for each."""
-    ppo = replace(TINY, privileged_critic=True, memory="history", symmetric=False)
+    ppo = replace(TINY, privileged_critic=True, memory=MemorySettings("history"), symmetric=False)
     trainer = tiny_trainer(tmp_path, replace(CONFIG, ppo=ppo, conditions=load_conditions("faults")))
     trainer.train(ignore)
     given = trainer.learner.network.architecture
