@@ -13,10 +13,10 @@ from statistics import fmean
 
 import numpy as np
 import torch
+from rans_gradient.learner import GradientLearner, GradientSettings
 
 from rans.fast.engine import Engine
-from rans.fast.learn.config import GradientSettings, PPOSettings
-from rans.fast.learn.gradient import GradientLearner
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.learner import Learner
 from rans.fast.learn.member import begin
 from rans.model.actuators import Throttle

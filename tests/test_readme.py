@@ -25,8 +25,9 @@ import rans
 from rans.cli import COMMANDS, _parse
 from rans.display import meanings
 from rans.evaluation.measure.metrics import samples
-from rans.fast.learn.config import Failures, GradientSettings, ImitationSettings, PPOSettings
-from rans.fast.learn.recipes import by_gradient, training
+from rans.fast.learn.algorithms import with_algorithm
+from rans.fast.learn.config import Failures, FilterSettings, MemorySettings, PPOSettings
+from rans.fast.learn.recipes import training
 from rans.flight import fly
 from rans.model.fields import Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -37,7 +38,10 @@ from rans.randomization.conditions_file import CONDITIONS
 from rans.scenario import scenarios
 from rans.structure import structure
 from rans.tasks import TASKS, GoToPose, observation_columns
+from tests.support import plugins
 from tests.support.random_flights import Random
+
+plugins.register()
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -354,11 +358,11 @@ def test_the_pages_of_training_have_the_settings_with_their_defaults() -> None:
         "": training("go-to-pose", device="cpu"),
         "ppo": PPOSettings(),
         "failures": Failures(),
-        "gradient": GradientSettings(),
-        "imitation": ImitationSettings(),
+        "ppo.memory": MemorySettings(),
+        "ppo.filters": FilterSettings(),
     }
     docs = ROOT / "docs"
-    tables = {"training.md": 2, "learners.md": 2, "memory.md": 1}
+    tables = {"training.md": 2, "memory.md": 1}
     listed = [
         row
         for page, count in tables.items()
@@ -371,7 +375,13 @@ def test_the_pages_of_training_have_the_settings_with_their_defaults() -> None:
         assert json.loads(default.strip("`")) == (
             list(value) if isinstance(value, tuple) else value
         ), key
-    begun = by_gradient(training("go-to-pose", device="cpu")).ppo
+    config = training("go-to-pose", device="cpu")
+    for place, name in enumerate(("gradient", "imitation")):
+        begun = with_algorithm(config, name)
+        for key, value, _ in rows(docs / "learners.md", "setting", place):
+            if key.startswith("`learner."):
+                assert json.loads(value.strip("`")) == begun.learner[key.strip("`").split(".")[1]]
+    begun = with_algorithm(config, "gradient").ppo
     for key, value, _ in rows(docs / "learners.md", "preset"):
         assert json.loads(value.strip("`")) == getattr(begun, key.strip("`").split(".")[1]), key
 

@@ -24,12 +24,15 @@ from rans.episode import Setup
 from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.tuned import Tuned
-from rans.fast.learn.config import ImitationSettings, to_table
+from rans.fast.learn.config import to_table
 from rans.files import write_json
 from rans.model.fields import leaves
 from rans.scenario import scenario
 from rans.structure import read_toml
+from tests.support import plugins
 from tests.support.training import CONFIG, after, ignore, tiny_trainer
+
+plugins.register()
 
 EVIL = "evil:E"
 MODULE = 'from pathlib import Path\nPath("ran").write_text("")\nclass E:\n    pass\n'
@@ -109,7 +112,7 @@ def test_the_module_would_run_if_it_were_typed(here: Path) -> None:
 IMITATION = replace(
     CONFIG,
     algorithm="imitation",
-    imitation=ImitationSettings(expert="lqr", updates=1),
+    learner={"expert": "lqr", "updates": 1},
     total_timesteps=1,
 )
 """A training that uses everything which a config can name."""
@@ -144,8 +147,8 @@ def check_run(trained: Path, asks: list[Callable[[], object]]) -> None:
             shutil.copytree(trained, "run")
             write_json(Path("run/config.json"), changed)
             call(ask)
-        count += where in (".task", ".spacecraft", ".imitation.expert", ".begin_from")
-    assert count == 4
+        count += where in (".task", ".spacecraft", ".algorithm", ".learner.expert", ".begin_from")
+    assert count == 5
 
 
 def test_config_of_a_run(here: Path, trained: Path) -> None:
@@ -164,7 +167,7 @@ RECIPE = {
     "conditions": "lab",
     "algorithm": "imitation",
     "begin_from": "pretrained:go-to-pose-2d",
-    "imitation": {"expert": "convex"},
+    "learner": {"expert": "convex"},
     "gpu": {"device": "cpu"},
 }
 

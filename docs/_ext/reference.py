@@ -27,8 +27,6 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.config import (
     Failures,
     FilterSettings,
-    GradientSettings,
-    ImitationSettings,
     MemorySettings,
     PPOSettings,
     TrainConfig,
@@ -298,8 +296,6 @@ def settings_page() -> str:
         ("PPO", "ppo.", PPOSettings),
         ("Memory", "ppo.memory.", MemorySettings),
         ("Kalman filters", "ppo.filters.", FilterSettings),
-        ("Gradient learner", "gradient.", GradientSettings),
-        ("Imitation learner", "imitation.", ImitationSettings),
         ("Resampling of failures", "failures.", Failures),
         ("Time", "timing.", Timing),
     ]

@@ -23,7 +23,7 @@ from rans.tasks import Task, registered_name
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
-    from rans.fast.learn.config import Algorithm, PPOSettings, TrainConfig
+    from rans.fast.learn.config import PPOSettings, TrainConfig
     from rans.fast.learn.loggers import LoggerName
     from rans.fast.learn.recipes import Quality
     from rans.fast.learn.sweep import Sweep
@@ -38,7 +38,7 @@ def train(
     total_timesteps: int | None = None,
     conditions: ConditionsLike | None = None,
     ppo: PPOSettings | None = None,
-    algorithm: Algorithm | None = None,
+    algorithm: str | None = None,
     quality: Quality | None = None,
     guard: bool = False,
     plain: bool = False,
@@ -68,8 +68,8 @@ def train(
         conditions: domain randomization, disturbances, faults and sensors: a name, a TOML file or a
             `Conditions`; None: nominal, or the recipe's.
         ppo: settings of PPO; None: the preset's.
-        algorithm: learner: "ppo"; "gradient", by the gradient of the simulation, for throttled thrusters; or
-            "imitation" of an expert (docs/learners.md). None: PPO, or the recipe's.
+        algorithm: learner: "ppo", or one of an installed package (docs/learners.md). None: PPO, or the
+            recipe's.
         quality: length of the training: "quick" (seconds, until the task is solved), "good" (minutes on two
             cores) or "best" (a GPU, or hours); also for your own spacecraft and conditions. None: quick, or a
             recipe's own length.
@@ -90,7 +90,7 @@ def train(
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_agent as trained
-    from rans.evaluation.fly.controllers import expert_of, guard_of
+    from rans.evaluation.fly.controllers import guard_of
     from rans.fast.learn.loggers import check, loggers
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer
@@ -118,9 +118,7 @@ def train(
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
     kept = RunFolder(folder)
-    trainer = Trainer(
-        [config], craft, kept, expert=expert_of(config, craft), guard=guard_of(config, craft)
-    )
+    trainer = Trainer([config], craft, kept, guard=guard_of(config, craft))
     kept.begin(config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else "")
     others = loggers(log, config, folder)
     with watched_training(config.total_timesteps, progress) as show:
@@ -172,7 +170,7 @@ def sweep(
     device: str | None = None,
     total_timesteps: int | None = None,
     conditions: ConditionsLike | None = None,
-    algorithm: Algorithm | None = None,
+    algorithm: str | None = None,
     log: Sequence[LoggerName] = (),
     output: str | Path | None = None,
     **settings: Any,
@@ -194,7 +192,7 @@ def sweep(
         device: "cpu" or "cuda"; None: a GPU if there is one.
         total_timesteps: environment steps after which each member ends, solved or not; None: the preset's.
         conditions: domain randomization, disturbances, faults and sensors, as for `train`.
-        algorithm: learner, "ppo" or "gradient".
+        algorithm: learner: "ppo", or one of an installed package.
         log: loggers that get the metrics of the best agent at the end: "hparams", "wandb" or "mlflow".
         output: a new folder for the results; None: one under runs/.
         **settings: entries of the config by name; a list has the values to combine.
@@ -307,12 +305,13 @@ def _config(
     device: str | None,
     ppo: PPOSettings | None,
     conditions: ConditionsLike | None,
-    algorithm: Algorithm | None,
+    algorithm: str | None,
     quality: Quality | None,
     **numbers: int | None,
 ) -> TrainConfig:
     """The training of a name, with what was given in the place of what it has."""
-    from rans.fast.learn.recipes import by_gradient, training, training_of_quality
+    from rans.fast.learn.algorithms import with_algorithm
+    from rans.fast.learn.recipes import training, training_of_quality
 
     craft = None if spacecraft is None else load_spacecraft(spacecraft)
     named: str | None = None
@@ -324,11 +323,10 @@ def _config(
         config = training(_name(task), named, device)
     else:
         config = training_of_quality(_name(task), named, quality, device, conditions is not None)
-    if algorithm == "gradient":
-        config = by_gradient(config)
+    if algorithm is not None:
+        config = with_algorithm(config, typed(algorithm))
     given: dict[str, Any] = {
         **numbers,
-        "algorithm": algorithm,
         "spacecraft": named,
         "settings": task if isinstance(task, Task) else None,
         "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),

@@ -57,7 +57,7 @@ class Sweep:
     """Start from the config.json of a run in place of the task's preset."""
     resume: Path | None = None
     """Continue the sweep in this folder from its last checkpoints."""
-    algorithm: Literal["ppo", "gradient"] | None = None
+    algorithm: str | None = None
     """Learner, as for `rans train`."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
     """Loggers that also get the metrics of the best agent, at the end."""

@@ -70,9 +70,8 @@ class Train:
     """Start from the config.json of another run in place of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or start it if there is none."""
-    algorithm: Literal["ppo", "gradient", "imitation"] | None = None
-    """Learner: ppo (the default); gradient, by the gradient of the simulation, for throttled thrusters;
-    imitation of an expert, `--set imitation.expert=NAME` (docs/learners.md)."""
+    algorithm: str | None = None
+    """Learner: ppo (the default), or one of an installed package (docs/learners.md)."""
     quality: Literal["quick", "good", "best"] | None = None
     """Length of the training: quick (the default; seconds, until the task is solved), good (minutes on two
     cores; less impulse and smaller errors) or best (a GPU, or hours); also for your own spacecraft and
@@ -95,7 +94,7 @@ class Train:
 
     def _trainer(self) -> Trainer:
         """Trainer that is ready to train; a new run folder is created after its config has been checked."""
-        from rans.evaluation.fly.controllers import expert_of, guard_of
+        from rans.evaluation.fly.controllers import guard_of
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import RunFolder, run_path
         from rans.fast.learn.trainer import Trainer
@@ -124,7 +123,6 @@ class Train:
             craft,
             run,
             world,
-            expert=expert_of(config, craft),
             guard=guard_of(config, craft),
         )
         if self.resume is not None:
@@ -136,8 +134,9 @@ class Train:
     def resolved(self) -> TrainConfig:
         """Config of a preset or of another run, with the changes of the options."""
         from rans.api.names import load_conditions
+        from rans.fast.learn.algorithms import with_algorithm
         from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import by_gradient, training, training_of_quality
+        from rans.fast.learn.recipes import training, training_of_quality
         from rans.fast.learn.run_folder import read_config
 
         if self.task is not None and self.config is not None:
@@ -162,10 +161,10 @@ class Train:
                 self.device,
                 self.conditions is not None,
             )
-        if self.algorithm == "gradient" and begun.algorithm != "gradient":
-            begun = by_gradient(begun)
+        if self.algorithm is not None:
+            begun = with_algorithm(begun, typed(self.algorithm))
         table = json.loads(json.dumps(to_table(begun)))
-        for name in ("spacecraft", "seed", "device", "total_timesteps", "algorithm"):
+        for name in ("spacecraft", "seed", "device", "total_timesteps"):
             if (option := getattr(self, name)) is not None:
                 table[name] = typed(option)
         if self.conditions is not None:

@@ -109,19 +109,6 @@ def controller(name: str, setup: Setup) -> Controller:
     return informed(maker(*setup[:3]), setup.conditions)
 
 
-def expert_of(config: TrainConfig, craft: Spacecraft) -> Controller | None:
-    """The expert that a training imitates; None if its learner imitates none.
-
-    Raises:
-        ConfigError: there is no such controller, or it cannot fly this craft or task.
-    """
-    if config.algorithm != "imitation":
-        return None
-    maker = CONTROLLERS[config.imitation.expert]
-    as_expert: Maker = getattr(maker, "as_expert", maker)
-    return as_expert(craft, config.settings, config.timing)
-
-
 def guard_of(config: TrainConfig, craft: Spacecraft) -> Guard | None:
     """The safety filter of a training; None if it has none.
 

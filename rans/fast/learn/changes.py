@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rans.errors import ConfigError, brief
+from rans.fast.learn.algorithms import complete
 from rans.fast.learn.config import Failures, PPOSettings
 from rans.model.timing import Timing
 from rans.registry import typed
@@ -74,6 +75,8 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     for parent in parents:
         inner = inner[parent]
     inner[last] = _typed(value)
+    if result[0] == "algorithm":  # whose own settings are others
+        table["learner"] = complete(table["algorithm"], {})
 
 
 def _present(table: dict[str, Any], name: str, value: Any, is_known: bool) -> str | None:

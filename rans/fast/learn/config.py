@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, brief, fits
+from rans.fast.learn.algorithms import complete
 from rans.fast.learn.curriculum import Ramp, check_ramps, with_present_settings
 from rans.model.timing import Timing
 from rans.policy.activations import ACTIVATIONS
@@ -38,7 +39,18 @@ MOST_UNITS = 65_536
 """Largest number of hidden layers, and of units in a layer, far above those of any agent."""
 
 
-def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
+def require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
+    """Refuse settings that are out of a bound.
+
+    Args:
+        config: dataclass of settings.
+        bound: the bound in words, for the message.
+        holds: whether a value is within it.
+        names: names of the settings.
+
+    Raises:
+        ConfigError: a value is out of the bound.
+    """
     for name in names:
         if not fits(value := getattr(config, name), holds):
             shown = list(value) if isinstance(value, tuple) else value
@@ -68,10 +80,10 @@ class MemorySettings(Settings):
 
     def __post_init__(self) -> None:
         kinds = get_args(MemoryKind)
-        _require(self, f"one of {', '.join(kinds)}", lambda x: x in kinds, "kind")
-        _require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "units")
-        _require(self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history")
-        _require(
+        require(self, f"one of {', '.join(kinds)}", lambda x: x in kinds, "kind")
+        require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "units")
+        require(self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history")
+        require(
             self,
             "numbers between 0 and 1",
             lambda x: isinstance(x, tuple | list) and all(0 < one < 1 for one in x),
@@ -116,20 +128,20 @@ class FilterSettings(Settings):
 
     def __post_init__(self) -> None:
         within = lambda x: 1e-6 <= x <= 1e6  # noqa: E731
-        _require(
+        require(
             self,
             "numbers >= 1e-6 and <= 1e6",
             lambda x: isinstance(x, tuple | list) and all(map(within, x)),
             "drift",
         )
-        _require(
+        require(
             self,
             "numbers >= 1e-6 and <= 1e6, or 0",
             lambda x: isinstance(x, tuple | list) and all(one == 0 or within(one) for one in x),
             "steady",
             "response",
         )
-        _require(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or within(x), "gate")
+        require(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or within(x), "gate")
         count = len(self.drift)
         for name in ("steady", "response"):
             values = getattr(self, name)
@@ -232,15 +244,15 @@ class PPOSettings:
     thrust for a control period. Use -2 where that is a large part of the impulse of a flight."""
 
     def __post_init__(self) -> None:
-        _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
-        _require(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
+        require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
+        require(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
         if self.n_envs > MOST_ENVS or self.n_envs * self.n_steps > MOST_TRANSITIONS:
             raise ConfigError(
                 f"n_envs must be at most {MOST_ENVS:,}, and n_envs x n_steps at most {MOST_TRANSITIONS:,}, got "
                 f"{self.n_envs:,} x {self.n_steps:,}: a rollout would need about "
                 f"{self.n_envs * self.n_steps * 200e-9:,.0f} GB of memory."
             )
-        _require(
+        require(
             self,
             "finite and > 0",
             lambda x: 0 < x < math.inf,
@@ -250,14 +262,12 @@ class PPOSettings:
             "max_grad_norm",
             "reward_scale",
         )
-        _require(
-            self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom"
-        )
-        _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
-        _require(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
-        _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
-        _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
-        _require(
+        require(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom")
+        require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
+        require(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
+        require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
+        require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
+        require(
             self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl"
         )
         for name, kind in (
@@ -267,8 +277,8 @@ class PPOSettings:
             ("matmul", Precision),
         ):
             known = get_args(kind)
-            _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
-        _require(
+            require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
+        require(
             self,
             f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
             lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS,
@@ -339,63 +349,8 @@ class Failures:
     """Number of flights of a search, with the agent's deterministic actions."""
 
     def __post_init__(self) -> None:
-        _require(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
-        _require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "searches", "flights")
-
-
-Algorithm = Literal["ppo", "gradient", "imitation"]
-
-
-@dataclass(frozen=True)
-class GradientSettings:
-    """Hyper-parameters of the gradient learner, besides `PPOSettings`.
-
-    Raises:
-        ConfigError: a number is out of its range.
-    """
-
-    critic_learning_rate: float = 2e-3
-    """Step size of the critic, a separate network."""
-    target_rate: float = 0.2
-    """Share of the critic's weights that the target network, which values the state after the horizon, takes over
-    in an iteration (Polyak averaging)."""
-    noise: float = 0.2
-    """Initial standard deviation of commands, which is learnt."""
-    bound: float = 10.0
-    """Bound on the derivative of the scaled return by each number of state and observation that is passed back
-    from a control period to the one before; it would otherwise grow without bound over many periods of a policy
-    with high gain."""
-
-    def __post_init__(self) -> None:
-        _require(
-            self,
-            "finite and > 0",
-            lambda x: 0 < x < math.inf,
-            "critic_learning_rate",
-            "noise",
-            "bound",
-        )
-        _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
-
-
-@dataclass(frozen=True)
-class ImitationSettings:
-    """Hyper-parameters of imitation learning, besides `PPOSettings`.
-
-    Raises:
-        ConfigError: a number is out of its range.
-    """
-
-    expert: str = "convex"
-    """Controller to imitate: a name (docs/comparison.md), or MODULE:NAME of your own."""
-    updates: int = 400
-    """Gradient steps in an iteration, each on a minibatch of all labels so far."""
-    roll_in: float = 0.6
-    """Largest share of an episode that the agent flies before the expert continues."""
-
-    def __post_init__(self) -> None:
-        _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "updates")
-        _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "roll_in")
+        require(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
+        require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "searches", "flights")
 
 
 @dataclass(frozen=True)
@@ -413,8 +368,7 @@ class TrainConfig:
     spacecraft: str
     """Name of a spacecraft, or a TOML file."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
-    """Hyper-parameters of the network and of PPO. The gradient learner ignores those of PPO alone: desired_kl,
-    max_learning_rate, clip_range, ent_coef and vf_coef."""
+    """Hyper-parameters of the network and of PPO, of which other algorithms read their part."""
     timing: Timing = field(default_factory=Timing)
     """Timing of the episodes of evaluation and training."""
     episode_steps: int | None = None
@@ -433,12 +387,10 @@ class TrainConfig:
     compiled: bool | None = None
     """Whether torch's compiler compiles the kernels of a GPU before training, or never; null: as soon as enough
     steps are left to pay for the 5 to 35 s that it takes."""
-    algorithm: Algorithm = "ppo"
-    """Learner: "ppo", "gradient" of the return through the motion, or "imitation" of an expert."""
-    gradient: GradientSettings = field(default_factory=GradientSettings)
-    """Further hyper-parameters of the gradient learner."""
-    imitation: ImitationSettings = field(default_factory=ImitationSettings)
-    """Further hyper-parameters of imitation learning."""
+    algorithm: str = "ppo"
+    """Learning algorithm: "ppo", or the name of one that an installed package offers (docs/learners.md)."""
+    learner: dict[str, Any] = field(default_factory=dict)
+    """Further settings of an algorithm of another package, by their names there."""
     begin_from: str | None = None
     """Run folder, or pretrained:NAME, of an agent with the same network whose weights and input normalisation are
     the initial ones; null: random weights."""
@@ -461,26 +413,26 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         # The range of NumPy's generator, which Stable-Baselines3 seeds too.
-        _require(
+        require(
             self,
             "a whole number between 0 and 2^32 - 1",
             lambda x: isinstance(x, Integral) and not isinstance(x, bool) and 0 <= int(x) < 2**32,
             "seed",
         )
-        _require(
+        require(
             self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps"
         )
-        _require(
+        require(
             self,
             "a whole number >= 1 and < 2^63",
             lambda x: isinstance(x, int) and 1 <= x < 2**63,
             "total_timesteps",
             "report_interval",
         )
-        _require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
-        _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
-        known = get_args(Algorithm)
-        _require(self, f"one of {', '.join(known)}", lambda x: x in known, "algorithm")
+        require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
+        require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
+        if self.algorithm != "ppo" or self.learner:
+            object.__setattr__(self, "learner", complete(self.algorithm, self.learner))
         if self.plain and self.compiled:
             raise ConfigError(
                 "plain computes by single operations of torch, and compiled has torch's compiler make "
@@ -504,8 +456,25 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
     """
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError('a training config must name its task: {"task": "go-to-pose", ...}.')
+    table = _with_learner(table)
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
     timing = table.get("timing", {})
     if isinstance(timing, dict):  # missing values are those of the task
         timing = dataclasses.asdict(settings.timing) | timing
     return structure(table | {"settings": settings, "timing": timing}, TrainConfig, "config")
+
+
+_LEARNERS_BEFORE = ("gradient", "imitation")
+"""Algorithms whose settings were tables of their names in the version before."""
+
+
+def _with_learner(table: dict[str, Any]) -> dict[str, Any]:
+    """Table whose settings of an algorithm are its ``learner``, where the version before had tables of their own.
+
+    Those of algorithms that the training does not use, which every config of that version has, are left out.
+    """
+    result = {key: value for key, value in table.items() if key not in _LEARNERS_BEFORE}
+    algorithm = table.get("algorithm")
+    if algorithm in _LEARNERS_BEFORE and algorithm in table and "learner" not in table:
+        result["learner"] = table[algorithm]
+    return result

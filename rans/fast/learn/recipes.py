@@ -252,25 +252,3 @@ def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
 def _multiplied(steps: Any, factor: int) -> Any:
     """Number of steps times a factor; any other value is kept, and `from_table` rejects it."""
     return steps * factor if type(steps) is int else steps
-
-
-_GRADIENT: dict[str, Any] = {
-    "n_envs": 256,
-    "n_steps": 16,
-    "batch_size": 1024,
-    "n_epochs": 4,
-    "learning_rate": 3e-3,
-}
-"""Hyper-parameters of the gradient learner for any throttled spacecraft (docs/decisions/learners.md)."""
-_GRADIENT_REPORTS = 24
-"""Iterations between reports of the gradient learner; as many environment steps as with PPO."""
-
-
-def by_gradient(config: TrainConfig) -> TrainConfig:
-    """Same config with the gradient learner and hyper-parameters known to work."""
-    return replace(
-        config,
-        algorithm="gradient",
-        ppo=replace(config.ppo, **_GRADIENT),
-        report_interval=_GRADIENT_REPORTS,
-    )

@@ -6,7 +6,6 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import torch
@@ -16,13 +15,11 @@ from rans.errors import ConfigError, NonFiniteState, WorkerLost, is_installed
 from rans.fast.agent_files.tensors import pack
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
+from rans.fast.learn.algorithms import LEARNERS, own_settings
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.failures import FailedStarts
-from rans.fast.learn.gradient import GradientLearner
 from rans.fast.learn.graph import as_written, calls_until_recorded
-from rans.fast.learn.imitation import ImitationLearner
-from rans.fast.learn.learner import Making
 from rans.fast.learn.loggers import Events
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.policy_file import begin_from, write_learner
@@ -30,7 +27,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.stepping.step import field_dtype
 from rans.files import inside_for_others, replace_file
-from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.plausible import warn_of_implausible
 from rans.tasks.feasible import warn_of_obstacles
@@ -62,7 +58,6 @@ class Trainer:
         run: run folder.
         processes: processes among which the environments are divided.
         goes_on: whether training continues, as in a sweep, when the weights of a member become non-finite.
-        expert: controller from which the algorithm "imitation" learns.
         guard: safety filter, if the config requests one.
 
     Raises:
@@ -76,7 +71,6 @@ class Trainer:
         run: RunFolder,
         processes: Processes = ALONE,
         goes_on: bool = False,
-        expert: Controller | None = None,
         guard: Guard | None = None,
     ) -> None:
         self.members, self.config = [Member(config) for config in configs], (first := configs[0])
@@ -99,8 +93,9 @@ class Trainer:
         each = processes.share("n_envs", first.ppo.n_envs)
         tasks = [config.settings for config in configs]
         seeds = [config.seed for config in configs]
+        algorithm = LEARNERS[first.algorithm]
         # Automatic differentiation needs tensors of torch throughout.
-        plain = first.plain or first.algorithm == "gradient"
+        plain = first.plain or algorithm.needs_autograd
         self.curriculum = Curriculum(
             tasks, first.curriculum, field_dtype(device, plain=plain), device, each
         )
@@ -123,9 +118,9 @@ class Trainer:
             plain=plain,
         )
         settings = [config.ppo for config in configs]
-        # In imitation the network runs in torch although the engine is compiled.
-        by_torch = plain or first.algorithm == "imitation"
-        making = _making(first, expert)
+        by_torch = plain or algorithm.plain_network
+        own = own_settings(first.algorithm, first.learner)
+        making = algorithm.making(first, craft, own)
         self.learner = begin(self.engine, settings, seeds, by_torch, making)
         if first.begin_from is not None and not run.has_checkpoint:
             begin_from(self.learner.network, first.begin_from)
@@ -409,23 +404,6 @@ class Trainer:
                 f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the "
                 "usual cause is a config.json edited after training began."
             ) from error
-
-
-def _making(config: TrainConfig, expert: Controller | None) -> Making | None:
-    """Constructor of the learner of a config; None: PPO.
-
-    Raises:
-        ConfigError: the algorithm is imitation and there is no expert.
-    """
-    if config.algorithm == "gradient":
-        return partial(GradientLearner, own=config.gradient)
-    if config.algorithm == "imitation":
-        if expert is None:
-            raise ConfigError(
-                "the algorithm 'imitation' needs an expert: use `rans train` or rans.train."
-            )
-        return partial(ImitationLearner, own=config.imitation, expert=expert)
-    return None
 
 
 def _check_guard(config: TrainConfig, guard: Guard | None) -> None:

@@ -4,33 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from rans_gradient.learner import GradientLearner, GradientSettings
 from torch import Tensor
 
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
-from rans.fast.learn.config import (
-    GradientSettings,
-    MemorySettings,
-    TrainConfig,
-    from_table,
-    to_table,
-)
-from rans.fast.learn.gradient import GradientLearner
+from rans.fast.learn.changes import change_entry
+from rans.fast.learn.config import MemorySettings, TrainConfig, from_table, to_table
 from rans.fast.learn.member import begin
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.policy.heads import Inward
 from rans.tasks import GoToPose, Task
+from tests.support import plugins
 from tests.support.draws import FLYER, PLATFORM
 from tests.support.switching import SwitchingGoToPose
 from tests.support.training import (
@@ -43,6 +39,8 @@ from tests.support.training import (
     scatter,
     tiny_trainer,
 )
+
+plugins.register()
 
 SHORT = Timing(episode_steps=20)
 THROTTLED = replace(PLATFORM, actuators=Throttle())
@@ -307,14 +305,35 @@ def test_the_command_trains_and_evaluates_such_an_agent(
     assert "needs thrusters that are throttled" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_config_from_before_there_were_two_learners_is_read() -> None:
+def test_a_config_of_the_version_before_is_read() -> None:
+    """Every config then had tables of both learners."""
     table = json.loads(json.dumps(to_table(CONFIG)))
-    for name in ("algorithm", "gradient", "plain"):
-        del table[name]
+    del table["learner"]
+    before = table | {"gradient": {"noise": 0.3}, "imitation": {"expert": "lqr"}}
+    assert from_table(before) == CONFIG
+    del table["algorithm"]
     assert from_table(table) == CONFIG
     assert CONFIG.algorithm == "ppo"
-    with pytest.raises(ConfigError, match="expected 'ppo' or 'gradient'"):
+    own = from_table(before | {"algorithm": "gradient"})
+    assert own.learner == asdict(GradientSettings(noise=0.3))
+    assert from_table(to_table(own)) == own
+
+
+def test_wrong_settings_are_refused() -> None:
+    table = to_table(CONFIG)
+    with pytest.raises(ConfigError, match=r"no learner named 'sac'.*examples/plugins"):
         from_table(table | {"algorithm": "sac"})
+    with pytest.raises(ConfigError, match="learner: unknown key 'noise'"):
+        from_table(table | {"learner": {"noise": 0.1}})
     for name, value in (("target_rate", 0.0), ("noise", math.inf), ("critic_learning_rate", -1.0)):
         with pytest.raises(ConfigError, match=name):
-            from_table(table | {"gradient": {name: value}})
+            from_table(table | {"algorithm": "gradient", "learner": {name: value}})
+
+
+def test_another_learner_has_other_settings() -> None:
+    table = to_table(CONFIG)
+    change_entry(table, "algorithm", "gradient")
+    change_entry(table, "learner.noise", 0.4)
+    assert from_table(table).learner == asdict(GradientSettings(noise=0.4))
+    change_entry(table, "algorithm", "ppo")
+    assert from_table(table) == CONFIG

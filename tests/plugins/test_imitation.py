@@ -11,21 +11,29 @@ import pytest
 import torch
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.agent_files.agent import read_policy
-from rans.fast.learn.config import ImitationSettings, MemorySettings, TrainConfig
+from rans.fast.learn.config import MemorySettings, TrainConfig
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import Dock
+from tests.support import plugins
+
+plugins.register()
 
 DEPUTY = load_spacecraft("afrl-deputy")
 TASK = Dock()
 
 
+@CONTROLLERS.register("damping")
 class Damping:
     """Pushes against the velocity, with no thrust at all below 0.1 m/s along an axis."""
 
     name = "damping"
+
+    def __init__(self, craft: Any = None, task: Any = None, timing: Any = None) -> None:
+        pass
 
     def reset(self, count: int) -> None:
         """Nothing is remembered."""
@@ -46,7 +54,7 @@ def config(**changes: Any) -> TrainConfig:
         "afrl-deputy",
         timing=TASK.timing,
         algorithm="imitation",
-        imitation=ImitationSettings(updates=150, roll_in=0.05),
+        learner={"expert": "damping", "updates": 150, "roll_in": 0.05},
         total_timesteps=3 * 64 * 10,
         report_interval=1,
         solved_share=None,
@@ -67,7 +75,7 @@ def config(**changes: Any) -> TrainConfig:
 def trained(folder: Path, given: TrainConfig) -> Trainer:
     """A training to its end."""
     run = RunFolder(folder)
-    trainer = Trainer([given], DEPUTY, run, expert=Damping())
+    trainer = Trainer([given], DEPUTY, run)
     run.begin(given, "test")
     trainer.train(lambda _: None)
     return trainer
@@ -87,7 +95,9 @@ def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> Non
     assert (given == 0.0).mean() > 0.5
     # Another training begins with the same weights, and keeps what inputs are normalised by.
     first = read_policy(tmp_path / "one" / "agent.safetensors").network
-    begun = config(begin_from=str(tmp_path / "one"), algorithm="ppo", total_timesteps=64 * 10)
+    begun = config(
+        begin_from=str(tmp_path / "one"), algorithm="ppo", learner={}, total_timesteps=64 * 10
+    )
     other = Trainer([begun], DEPUTY, RunFolder(tmp_path / "two"))
     for name, tensor in other.learner.network.tensors.items():
         if not name.endswith("count"):
@@ -99,13 +109,13 @@ def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_it_resumes_bit_by_bit(tmp_path: Path) -> None:
-    short = config(imitation=ImitationSettings(updates=10, roll_in=0.05))
+    short = config(learner={"expert": "damping", "updates": 10, "roll_in": 0.05})
     whole = trained(tmp_path / "whole", short)
     run = RunFolder(tmp_path / "half")
-    half = Trainer([short], DEPUTY, run, expert=Damping())
+    half = Trainer([short], DEPUTY, run)
     run.begin(short, "test")
     half.train(lambda _: None, lambda: half.steps >= 2 * 640)
-    again = Trainer([run.config()], DEPUTY, run, expert=Damping())
+    again = Trainer([run.config()], DEPUTY, run)
     again.resume()
     again.train(lambda _: None)
     assert again.steps == whole.steps
@@ -115,13 +125,13 @@ def test_it_resumes_bit_by_bit(tmp_path: Path) -> None:
 
 def test_what_cannot_work_is_refused(tmp_path: Path) -> None:
     run = RunFolder(tmp_path)
-    with pytest.raises(ConfigError, match="needs an expert"):
-        Trainer([config()], DEPUTY, run)
+    with pytest.raises(ConfigError, match="no controller named 'nobody'"):
+        Trainer([config(learner={"expert": "nobody"})], DEPUTY, run)
     remembering = replace(config(), ppo=replace(config().ppo, memory=MemorySettings("history")))
     with pytest.raises(ConfigError, match="does not support memory"):
-        Trainer([remembering], DEPUTY, run, expert=Damping())
+        Trainer([remembering], DEPUTY, run)
     with pytest.raises(ConfigError, match="has no agent"):
-        Trainer([config(begin_from=str(tmp_path), algorithm="ppo")], DEPUTY, run)
-    begun = config(begin_from="pretrained:land-3d", algorithm="ppo")
+        Trainer([config(begin_from=str(tmp_path), algorithm="ppo", learner={})], DEPUTY, run)
+    begun = config(begin_from="pretrained:land-3d", algorithm="ppo", learner={})
     with pytest.raises(ConfigError, match="observes or commands something else"):
         Trainer([begun], DEPUTY, run)

@@ -12,7 +12,9 @@ own plan from the state that the agent has reached.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -20,9 +22,11 @@ from torch import Tensor
 
 from rans.effectors.commands import bounds
 from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import Coefficients, ImitationSettings, PPOSettings
+from rans.fast.learn.algorithms import Algorithm
+from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require
 from rans.fast.learn.rollout import Acted, Rollout, remember
 from rans.flight import Controller
 from rans.model.fields import map_leaves
@@ -33,6 +37,26 @@ _LEAST_LOG_STD = -6.0
 of exactly matched commands."""
 _BEYOND = 1e-9
 """Outputs below this are set to 0, so that a gate is shut despite rounding of the expert's solver."""
+
+
+@dataclass(frozen=True)
+class ImitationSettings:
+    """Hyper-parameters of imitation learning, besides `PPOSettings`.
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
+
+    expert: str = "convex"
+    """Controller to imitate: a name (docs/comparison.md), or MODULE:NAME of your own."""
+    updates: int = 400
+    """Gradient steps in an iteration, each on a minibatch of all labels so far."""
+    roll_in: float = 0.6
+    """Largest share of an episode that the agent flies before the expert continues."""
+
+    def __post_init__(self) -> None:
+        require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "updates")
+        require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "roll_in")
 
 
 class ImitationLearner:
@@ -238,3 +262,21 @@ def _check(engine: Engine, network: Network, members: int) -> None:
             f"the algorithm 'imitation' is for commands that are continuous, and those of {engine.craft.name} are "
             "on or off."
         )
+
+
+class Imitation(Algorithm):
+    """Learning from the commands of an expert."""
+
+    settings: ClassVar[type] = ImitationSettings
+    plain_network: ClassVar[bool] = True
+
+    @classmethod
+    def making(cls, config: TrainConfig, craft: Any, own: ImitationSettings) -> Any:
+        """Constructor of the learner.
+
+        Raises:
+            ConfigError: there is no such expert, or it cannot fly this spacecraft or task.
+        """
+        maker: Any = CONTROLLERS[own.expert]
+        expert = getattr(maker, "as_expert", maker)(craft, config.settings, config.timing)
+        return partial(ImitationLearner, own=own, expert=expert)

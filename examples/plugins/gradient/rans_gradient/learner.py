@@ -11,9 +11,11 @@ Thrusters must be throttled, because the opening of a valve has no gradient.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -22,10 +24,43 @@ from rans.episode import Episode
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import Coefficients, GradientSettings, PPOSettings
+from rans.fast.learn.algorithms import Algorithm
+from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.model.fields import map_leaves
 from rans.policy.network import Network
+
+
+@dataclass(frozen=True)
+class GradientSettings:
+    """Hyper-parameters of the gradient learner, besides `PPOSettings`.
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
+
+    critic_learning_rate: float = 2e-3
+    """Step size of the critic, a separate network."""
+    target_rate: float = 0.2
+    """Share of the critic's weights that the target network, which values the state after the horizon, takes over
+    in an iteration (Polyak averaging)."""
+    noise: float = 0.2
+    """Initial standard deviation of commands, which is learnt."""
+    bound: float = 10.0
+    """Bound on the derivative of the scaled return by each number of state and observation that is passed back
+    from a control period to the one before; it would otherwise grow without bound over many periods of a policy
+    with high gain."""
+
+    def __post_init__(self) -> None:
+        require(
+            self,
+            "finite and > 0",
+            lambda x: 0 < x < math.inf,
+            "critic_learning_rate",
+            "noise",
+            "bound",
+        )
+        require(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
 
 
 class GradientLearner:
@@ -307,3 +342,32 @@ def _check(engine: Engine, network: Network) -> None:
         raise ConfigError(
             "the algorithm 'gradient' does not support recurrent memory; use memory 'history' or 'commands'."
         )
+
+
+_PRESET: dict[str, Any] = {
+    "n_envs": 256,
+    "n_steps": 16,
+    "batch_size": 1024,
+    "n_epochs": 4,
+    "learning_rate": 3e-3,
+}
+"""Hyper-parameters for any throttled spacecraft (docs/decisions/learners.md)."""
+_REPORTS = 24
+"""Iterations between reports; as many environment steps as with PPO."""
+
+
+class Gradient(Algorithm):
+    """Learning by the gradient of the return through the motion."""
+
+    settings: ClassVar[type] = GradientSettings
+    needs_autograd: ClassVar[bool] = True
+
+    @classmethod
+    def started(cls, config: TrainConfig) -> TrainConfig:
+        """Config with hyper-parameters known to work."""
+        return replace(config, ppo=replace(config.ppo, **_PRESET), report_interval=_REPORTS)
+
+    @classmethod
+    def making(cls, config: TrainConfig, craft: Any, own: GradientSettings) -> Any:
+        """Constructor of the learner."""
+        return partial(GradientLearner, own=own)

@@ -1,0 +1,111 @@
+"""Learning algorithms by name: PPO, and those that installed packages offer (entry points ``rans.learners``)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from rans.errors import ConfigError, brief
+from rans.registry import Registry
+from rans.structure import structure
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rans.fast.learn.config import TrainConfig
+    from rans.fast.learn.learner import Making
+    from rans.model.spacecraft import Spacecraft
+
+
+@dataclass(frozen=True)
+class NoSettings:
+    """Settings of an algorithm that has none beside `rans.PPOSettings`."""
+
+
+class Algorithm(ABC):
+    """Learning algorithm: its settings, and how its learner is created.
+
+    A class derived from it is registered by an entry point of the group ``rans.learners``, or by
+    ``LEARNERS.register(NAME)`` in one process. ``rans train --algorithm NAME`` then uses it (docs/learners.md).
+    """
+
+    settings: ClassVar[type] = NoSettings
+    """Frozen dataclass of the algorithm's settings, all with defaults; their values are `TrainConfig.learner`."""
+    needs_autograd: ClassVar[bool] = False
+    """Whether gradients go through the motion, which needs an engine of single operations of torch."""
+    plain_network: ClassVar[bool] = False
+    """Whether the network is computed by single operations of torch, whatever the engine does."""
+
+    @classmethod
+    def started(cls, config: TrainConfig) -> TrainConfig:
+        """Config with hyper-parameters known to work for this algorithm; by default unchanged."""
+        return config
+
+    @classmethod
+    @abstractmethod
+    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making | None:
+        """Constructor of the learner of a training; None: that of PPO.
+
+        Args:
+            config: config of the training.
+            craft: spacecraft.
+            own: the algorithm's settings, an object of `settings`.
+
+        Raises:
+            ConfigError: the algorithm cannot train this agent.
+        """
+
+
+class PPOAlgorithm(Algorithm):
+    """Proximal policy optimization (`rans.PPO`)."""
+
+    @classmethod
+    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making | None:
+        """See `Algorithm`."""
+        return None
+
+
+def _checked(loaded: Any) -> type[Algorithm]:
+    """The class, checked to be an algorithm."""
+    if not (isinstance(loaded, type) and issubclass(loaded, Algorithm)):
+        raise ConfigError(
+            "a learner must be a class derived from rans.fast.learn.algorithms.Algorithm, got "
+            f"{brief(loaded)}."
+        )
+    return loaded
+
+
+LEARNERS = Registry(
+    "learner",
+    "rans.learners",
+    {"ppo": "rans.fast.learn.algorithms:PPOAlgorithm"},
+    _checked,
+    "; gradient and imitation are packages of the repository, pip install ./examples/plugins/NAME",
+)
+"""Class of every learning algorithm by its name in ``rans train --algorithm``."""
+
+
+def own_settings(algorithm: str, table: Mapping[str, Any]) -> Any:
+    """Settings of an algorithm from a table of them, with defaults for those that it lacks.
+
+    Raises:
+        ConfigError: there is no such algorithm, or it has no such setting.
+    """
+    return structure(dict(table), LEARNERS[algorithm].settings, "learner")
+
+
+def complete(algorithm: str, table: Mapping[str, Any]) -> dict[str, Any]:
+    """Table of all settings of an algorithm; see `own_settings`."""
+    return asdict(own_settings(algorithm, table))
+
+
+def with_algorithm(config: TrainConfig, algorithm: str) -> TrainConfig:
+    """Config with another algorithm, its own settings and hyper-parameters known to work for it.
+
+    Raises:
+        ConfigError: there is no such algorithm.
+    """
+    if algorithm == config.algorithm:
+        return config
+    return LEARNERS[algorithm].started(replace(config, algorithm=algorithm, learner={}))
