@@ -19,7 +19,8 @@ from campaigns.markdown import Table
 from rans.evaluation.assure.assurance import made
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.evidence import sha256
-from rans.evaluation.fly.contestants import agent_folder, judged_separately
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.agent_files.agent import AGENT
 from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
@@ -148,7 +149,7 @@ def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
         again = (
             f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}"
         )
-    weights = sha256([(agent_folder(spec) / AGENT).read_bytes()])
+    weights = sha256([(ContestantName.parse(spec).folder / AGENT).read_bytes()])
     is_same = weights == told["about"]["hashes"].get(f"weights ({AGENT})")
     earlier = "" if is_same else " (earlier weights)"
     return (

@@ -59,6 +59,16 @@ def missing_agents() -> list[str]:
     return [] if is_installed(PACKAGE) else sorted(set(agent_recipes()) - _folders().keys())
 
 
+def agent_path(text: str) -> Path:
+    """Folder that a run folder's path or pretrained:NAME names.
+
+    Raises:
+        ConfigError: there is no such agent.
+    """
+    kind, _, name = text.partition(":")
+    return pretrained_folder(name) if kind == "pretrained" else Path(text)
+
+
 def pretrained_folder(name: str) -> Path:
     """Folder of the agent of this name.
 

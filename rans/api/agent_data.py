@@ -78,8 +78,8 @@ class AgentData:
     def folder(self) -> Path | None:
         """Run folder of the agent; None if it has none."""
         from rans.evaluation.fly.agent import Agent as Network
-        from rans.evaluation.fly.contestants import agent_folder
+        from rans.evaluation.fly.contestant_name import ContestantName
 
         if not self.spec or not isinstance(self.run.controller, Network):
             return None
-        return agent_folder(self.spec)
+        return ContestantName.parse(self.spec).folder

@@ -237,18 +237,18 @@ def export(
     """
     from rans.deploy.export import Form
     from rans.deploy.export import export as write
-    from rans.evaluation.fly.contestants import agent_folder, picked_task
+    from rans.evaluation.fly.contestant_name import ContestantName
 
     one_of("form", form, get_args(Form))
     source: Any = agent.folder if isinstance(agent, AgentData) else agent
     if source is None:
         raise ConfigError(f"{agent!r} is no trained agent with a run folder.")
-    text = str(source)
-    if part := picked_task(text):
+    name = ContestantName.parse(str(source))
+    if part := name.part:
         raise ConfigError(
             "an agent is exported whole, with its trade-off input and all its tasks as observations: "
             f"name it without #{part}."
         )
     folder = Path(named("output", output, Path))
-    write(agent_folder(text), folder, form, whole("episodes", episodes))
+    write(name.folder, folder, form, whole("episodes", episodes))
     return folder

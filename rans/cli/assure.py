@@ -75,7 +75,7 @@ class Assure:
         from rans.evaluation.assure.bounds import plan
         from rans.evaluation.assure.rare import check_count as check_rare
         from rans.evaluation.assure.search import check_unit
-        from rans.evaluation.fly.contestants import output_folder, picked_task
+        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
 
@@ -105,11 +105,12 @@ class Assure:
         if self.plan:
             _print_plan(assurance)
             return 0
-        folder = ready_folder(self.output or output_folder(self.agent))
+        name = ContestantName.parse(self.agent)
+        folder = ready_folder(self.output or name.output_folder)
         conditions = ""
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, assurance.run.conditions or Conditions())
-        names = "assurance", picked_task(self.agent), conditions
+        names = "assurance", name.part, conditions
         file = inside(folder, f"{'-'.join(filter(None, names))}.json")
         if not self.restart:
             assurance.check_replaces_nothing(file)

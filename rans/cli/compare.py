@@ -93,7 +93,7 @@ class Compare:
         from rans.api.names import conditions_if_named
         from rans.evaluation.compare.entrants import contest_of, enlisted, turned
         from rans.evaluation.compare.run import Comparison
-        from rans.evaluation.fly.contestants import output_folder
+        from rans.evaluation.fly.contestant_name import ContestantName
 
         self._check()
         named = [
@@ -117,7 +117,9 @@ class Compare:
             for spec in line[1:-1]
             if spec in flying and spec not in self.contestants
         }
-        folder = ready_folder(self.output or output_folder(self.contestants[0]))
+        folder = ready_folder(
+            self.output or ContestantName.parse(self.contestants[0]).output_folder
+        )
         cache = inside(folder, "compare-bounds.json")
         show = partial(_write, comparison, folder, self.full)
         with writing_at_end(show), progress() as bars:

@@ -90,14 +90,15 @@ class Evaluate:
     def judge(self) -> bool:
         """Evaluate on one task; returns whether the engines agree, if both are compared."""
         from rans.api.names import conditions_if_named
-        from rans.evaluation.fly.contestants import contestant, output_folder
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
 
         run = contestant(self.contestant, self.protocol, trust=self.trust)
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack)
-        ready_folder(output_folder(self.contestant))
+        ready_folder(ContestantName.parse(self.contestant).output_folder)
         self._file(run)  # reject a symbolic link before the flights
         if self._many(run):
             self._judge_many(run)
@@ -226,7 +227,7 @@ class Evaluate:
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and the suffix of their file names."""
-        from rans.evaluation.fly.contestants import output_folder, picked_task
+        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
 
@@ -235,8 +236,9 @@ class Evaluate:
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
         guard = "guard" if self.guard else ""
-        names = filter(None, (picked_task(self.contestant), protocol, conditions, guard))
-        return output_folder(self.contestant), "".join(f"-{name}" for name in names)
+        name = ContestantName.parse(self.contestant)
+        names = filter(None, (name.part, protocol, conditions, guard))
+        return name.output_folder, "".join(f"-{part}" for part in names)
 
     def _file(self, run: LoadedRun) -> Path:
         """File of the results of both engines; ConfigError if it is a symbolic link."""

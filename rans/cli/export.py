@@ -49,7 +49,7 @@ class Export:
         """Write the export and print its files."""
         from rans.deploy.export import export
         from rans.deploy.margins import margin_lines
-        from rans.evaluation.fly.contestants import agent_folder, picked_task
+        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.controllers import is_user_policy
 
         if self.guard:
@@ -65,8 +65,9 @@ class Export:
                 "every command flies that file as onnx:FILE:TASK."
             )
         check_count("--episodes", self.episodes)
-        folder = agent_folder(self.run_folder)
-        if part := picked_task(self.run_folder):
+        name = ContestantName.parse(self.run_folder)
+        folder = name.folder
+        if part := name.part:
             raise ConfigError(
                 "an agent is exported as a whole, with its trade-off and all its tasks as observations: name "
                 f"it without #{part}."

@@ -74,7 +74,7 @@ class Fly:
         from rans.deploy.robot.node import fly_over, planned_task
         from rans.deploy.robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
         from rans.deploy.robot.signals import stop_on_signals
-        from rans.evaluation.fly.contestants import agent_folder, picked_task
+        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.exported import read_contract
         from rans.fast.learn.config import to_table
         from rans.fast.learn.run_folder import RunFolder
@@ -85,17 +85,17 @@ class Fly:
             with contextlib.suppress(OSError, SystemExit):
                 Terminal().say(text)
 
-        name = Path(self.agent.partition("#")[0]).name.partition(":")[2] or Path(self.agent).name
-        name = name.partition("#")[0]
-        output = self.output or Path("runs/flights") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+        name = ContestantName.parse(self.agent)
+        label = Path(name.name).name
+        output = self.output or Path("runs/flights") / f"{label}-{time.strftime('%Y%m%d-%H%M%S')}"
         if output.exists():
             raise ConfigError(f"{output} exists already: flights are never overwritten.")
         if self.seconds is not None:
             positive("--seconds", self.seconds)
-        part = picked_task(self.agent)
-        source = Path(self.agent.partition("#")[0])
+        part = name.part
+        source = Path(name.name)
         run = None
-        if all((source / file).exists() for file in AGENT_FILES):
+        if name.kind == "run folder" and all((source / file).exists() for file in AGENT_FILES):
             if not self.trust:
                 raise ConfigError(
                     f"{source} is an export with code, agent.py: add --trust if you made it, or "
@@ -105,7 +105,7 @@ class Fly:
             known = read_contract(source)
             task = {"name": known["task"], "settings": known["settings"]}
         else:
-            run = RunFolder(agent_folder(self.agent))
+            run = RunFolder(name.folder)
             folder = output / "agent"
             config = run.config()
             task = {"name": config.task, "settings": to_table(config)["settings"]}

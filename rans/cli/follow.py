@@ -43,7 +43,8 @@ class Follow:
     def run(self) -> int:
         """Print a table of the path errors."""
         from rans.api.judging import follow
-        from rans.evaluation.fly.contestants import contestant, output_folder
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.fly.paths import LookAhead, find_path
         from rans.show.figures.path_figures import following_figure
         from rans.show.figures.svg import svg
@@ -51,7 +52,8 @@ class Follow:
         check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
         contestant(self.contestant)  # reject a wrong name before a folder is created
-        file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.label}.json"
+        file = ready_folder(ContestantName.parse(self.contestant).output_folder)
+        file = file / f"follow-{planner.path.label}.json"
         following = follow(
             self.contestant,
             self.path,

@@ -68,7 +68,7 @@ class Stress:
         """Print the largest tolerated size of each disturbance."""
         from rans.api.names import conditions_by_name
         from rans.evaluation.compare.entrants import contest_of
-        from rans.evaluation.fly.contestants import output_folder
+        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.stress.run import prepared
         from rans.show.pages.stress_page import StressReport
 
@@ -95,7 +95,9 @@ class Stress:
             self.slow_episodes,
             self.trust,
         )
-        folder = ready_folder(self.output or output_folder(self.contestants[0]))
+        folder = ready_folder(
+            self.output or ContestantName.parse(self.contestants[0]).output_folder
+        )
         inside(
             folder, "stress"
         )  # folder of the conditions: reject a symbolic link before the flights

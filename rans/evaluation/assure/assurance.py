@@ -19,8 +19,9 @@ from rans.evaluation.assure.rare import Rare, rare
 from rans.evaluation.assure.replay import Replays, replays
 from rans.evaluation.assure.search import Searched, on_device, searched
 from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
-from rans.evaluation.fly.controllers import split_policy
+from rans.evaluation.fly.controllers import is_user_policy
 from rans.fast.distributed import ALONE, Processes
 from rans.files import environment as this_environment
 from rans.files import read_json
@@ -83,8 +84,8 @@ class Assurance:
     @property
     def _file(self) -> Path | None:
         """File of a policy of another library; None: there is none."""
-        kind, _, name = split_policy(self.spec)[0].partition(":")
-        return Path(name) if kind in ("sb3", "onnx") and Path(name).is_file() else None
+        named = is_user_policy(self.spec)
+        return ContestantName.parse(self.spec).policy_file if named else None
 
     def __repr__(self) -> str:
         bound = self.campaign.bound()

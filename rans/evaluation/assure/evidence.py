@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from rans.episode import Setup
-from rans.evaluation.fly.contestants import agent_folder
+from rans.evaluation.fly.contestant_name import ContestantName
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_bytes
 from rans.model.spacecraft_file import to_toml
@@ -31,7 +31,7 @@ def hashes(spec: str, setup: Setup, file: Path | None = None) -> dict[str, str]:
         file: the file of another controller; None: it has none, and only the setup has hashes.
     """
     if spec:
-        run = RunFolder(agent_folder(spec))
+        run = RunFolder(ContestantName.parse(spec).folder)
         files = {
             f"weights ({run.agent_file.name})": sha256([read_bytes(run.agent_file, _LARGEST)]),
             "spacecraft (spacecraft.toml)": sha256([read_bytes(run.spacecraft_file, _LARGEST)]),

@@ -135,6 +135,8 @@ class Contestant:
     """Effort of its training or tuning."""
     trade_off: float | None = None
     """Fixed trade-off of an agent, 0 (fast) to 1 (thrifty), after "#" in its name; None: it has none."""
+    registered: str = ""
+    """Name of a controller that the user has named; empty for others."""
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,18 @@ from rans.episode import Setup
 from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
-from rans.evaluation.fly.contestants import agent_folder, contestant, controller_name
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import (
     CONTROLLERS,
     CheckedController,
     Maker,
     ObjectPolicy,
     controller,
-    is_user_policy,
 )
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import OBSERVERS, is_exported
-from rans.evaluation.fly.lookahead import PREFIX, Lookahead
+from rans.evaluation.fly.lookahead import Lookahead
 from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
@@ -125,7 +125,7 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
         raise ConfigError(f"{spec} has several tasks: pick one, as in {spec}#{first}.")
     plain = without_trade_off(run)
     if plain is not run and (
-        name := controller_name(spec)
+        name := ContestantName.parse(spec).controller
     ):  # A controller without training has no trade-off.
         return plain._replace(
             controller=controller(name, Setup(plain.craft, plain.task, plain.timing))
@@ -191,7 +191,9 @@ def _guest(guest: Guest, contest: Contest) -> Contestant:
 def turned(spec: str, count: int) -> list[str]:
     """Names of an agent with ``count`` positions of its open trade-off; of others the name itself."""
     try:
-        is_open = not controller_name(spec) and contestant(spec).task.draws_trade_off
+        is_open = (
+            not ContestantName.parse(spec).controller and contestant(spec).task.draws_trade_off
+        )
     except RansError:
         is_open = False  # `enlisted` reports what is wrong.
     return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if is_open else [spec]
@@ -208,14 +210,18 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
     _check_same(spec, run, contest)
     run = run.under(contest.conditions or Conditions())
-    if name := controller_name(spec.removeprefix(f"{PREFIX}:")):
-        return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
-    sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
+    named = ContestantName.parse(spec)
+    if name := named.alone.controller:
+        effort = _budget(name, contest)
+        return Contestant(
+            run.controller.name, run.controller, _MODEL, effort, registered=named.controller
+        )
+    sees = _MODEL if named.looks_ahead else _OBSERVATION
     return Contestant(
         run.controller.name,
         run.controller,
         sees,
-        _tuning(spec),
+        _tuning(named.alone),
         getattr(run.controller, "trade_off", None),
     )
 
@@ -240,11 +246,11 @@ def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
         )
 
 
-def _tuning(spec: str) -> str:
+def _tuning(name: ContestantName) -> str:
     """Effort of the training of an agent or a policy, from its files."""
-    if is_user_policy(spec):
+    if name.kind == "policy":
         return _UNKNOWN
-    folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
+    folder = name.folder
     if is_exported(folder) and not (folder / "card.json").exists():
         return _UNKNOWN
     card = inside(folder, "card.json")

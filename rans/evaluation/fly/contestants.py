@@ -2,45 +2,21 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 
 from rans.episode import Setup
-from rans.errors import ConfigError, brief, meant
+from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent, run_of
-from rans.evaluation.fly.controllers import (
-    CONTROLLERS,
-    controller,
-    is_user_policy,
-    split_policy,
-    user_policy,
-)
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.controllers import controller, user_policy
 from rans.evaluation.fly.exported import is_exported, load_exported
-from rans.evaluation.fly.lookahead import PREFIX, looking_ahead
+from rans.evaluation.fly.lookahead import looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
-from rans.files import distinct
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.pretrained import (
-    missing_agents,
-    present_agent,
-    pretrained_folder,
-    pretrained_names,
-)
-from rans.registry import allow_current_folder, typed
+from rans.registry import typed
 from rans.tasks import TASKS, Task, registered_name
-
-FORMS = (
-    f"a run folder, pretrained:NAME, or either after {PREFIX}:, "
-    f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
-    "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
-)
-"""Forms of names that `contestant` accepts, for messages."""
-
-EVALUATIONS = Path("runs") / "evaluations"
-"""Folder for the results of contestants without a run folder."""
 
 
 def contestant(
@@ -65,38 +41,40 @@ def contestant(
             MODULE:NAME; None: such contestants are refused.
         trust: whether a policy of another library may be a pickle, which runs code when it is opened.
     """
-    kind, _, bare = spec.partition(":")
-    # Controllers in the setup of the contestants before.
-    if default_setup is not None and kind == PREFIX and _is_controller(bare):
-        run = contestant(bare, default_setup=default_setup)
+    return _loaded(ContestantName.parse(spec), protocol, default_setup, trust)
+
+
+def _loaded(
+    name: ContestantName, protocol: ProtocolName, default_setup: Setup | None, trust: bool
+) -> LoadedRun:
+    """Load a contestant of a parsed name; see `contestant`."""
+    if name.looks_ahead:
+        # A controller's name alone takes the earlier setup; everybody else has one.
+        setup = default_setup if name.needs_setup else None
+        run = _loaded(name.alone, protocol, setup, trust=False)
         return run._replace(controller=looking_ahead(run))
-    if default_setup is not None and _is_controller(spec):
-        return LoadedRun(controller(typed(spec), default_setup), *default_setup[:4])
-    # Policies of a user's module or of other libraries, which may need a task.
-    if is_user_policy(spec):
-        policy, tail = split_policy(spec)
-        if tail:
-            setup = under_protocol(protocol, _named_setup(tail, spec))
+    if name.needs_setup and default_setup is not None:
+        return LoadedRun(controller(typed(name.name), default_setup), *default_setup[:4])
+    # Policies of other libraries, in the setup that their text names, or in that of the first contestant.
+    if name.kind == "policy":
+        if name.setup:
+            setup = under_protocol(protocol, _named_setup(name))
         elif default_setup is not None:
             setup = default_setup
         else:
             raise ConfigError(
-                f"{spec} has no task: add one, as in {spec}:go-to-pose-2d, or name before it an "
-                f"agent that has one, as in rans compare RUN {spec}."
+                f"{name.text} has no task: add one, as in {name.text}:go-to-pose-2d, or name before it an "
+                f"agent that has one, as in rans compare RUN {name.text}."
             )
-        return LoadedRun(user_policy(policy, setup.craft, setup.task, trust), *setup[:4])
-    # Names of RANS: lookahead, controllers with a task, and trained agents.
-    kind, name, part = _parse(spec)
-    if kind == PREFIX:
-        run = contestant(f"{name}#{part}" if part else name, protocol)
-        return run._replace(controller=looking_ahead(run))
-    if kind not in ("", "pretrained"):
-        setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
-        return LoadedRun(controller(typed(kind), setup), *setup[:4])
+        return LoadedRun(user_policy(name.name, setup.craft, setup.task, trust), *setup[:4])
+    name = name.without_earlier()
+    if name.kind == "controller":
+        setup = under_protocol(protocol, _picked(_named_setup(name), name))
+        return LoadedRun(controller(typed(name.name), setup), *setup[:4])
     # A trained agent flies in its own setup, or in that of the protocol.
-    folder = agent_folder(spec)
+    folder = name.folder
     run = load_exported(folder) if is_exported(folder) else load_agent(folder)
-    own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
+    own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(protocol, own)[:4])
 
 
@@ -133,54 +111,11 @@ def in_protocol(agent: object, protocol: ProtocolName) -> LoadedRun:
     return LoadedRun(run.controller, *changed)
 
 
-def agent_folder(spec: str) -> Path:
-    """The run folder that a text names.
-
-    Raises:
-        ConfigError: it names a controller without training, or an agent that is not in the package.
-    """
-    kind, name, _ = _parse(spec)
-    if kind not in ("", "pretrained"):
-        raise ConfigError(
-            f"{brief(spec)} is no trained agent: name a run folder, or pretrained:NAME."
-        )
-    return pretrained_folder(name) if kind else Path(name)
-
-
 def judged_separately(spec: str) -> list[str]:
     """Names of the evaluations of a contestant: its own, or one for each task of a multi-task agent."""
-    if is_user_policy(spec):
+    if ContestantName.parse(spec).kind == "policy":
         return [spec]
     return [f"{spec}#{name}" if name else spec for name in contestant(spec).task.parts()]
-
-
-def output_folder(spec: str) -> Path:
-    """Folder for the results of a contestant: its run folder, or a folder in `EVALUATIONS`."""
-    if is_user_policy(spec):
-        policy, tail = split_policy(spec)
-        kind, _, name = policy.partition(":")
-        stem = Path(name).stem if kind != "python" else name
-        return EVALUATIONS / "-".join(
-            distinct(part) for part in re.split("[:@]+", f"{kind}:{stem}:{tail}") if part
-        )
-    kind, name, _ = _parse(spec)
-    if not kind:
-        return Path(name)
-    parts = re.split("[:@]+", f"{kind}:{name}")
-    return EVALUATIONS / "-".join(map(distinct, parts))
-
-
-def controller_name(spec: str) -> str:
-    """Name of the controller of `CONTROLLERS` that a text names; "" if it names none."""
-    if _is_controller(spec):
-        return spec
-    kind = "" if is_user_policy(spec) else _parse(spec)[0]
-    return "" if kind in ("pretrained", PREFIX) else kind
-
-
-def picked_task(spec: str) -> str:
-    """Name of the task that a text picks from a multi-task agent; "" if it picks none."""
-    return "" if is_user_policy(spec) else _parse(spec)[2]
 
 
 def view_command(
@@ -194,87 +129,31 @@ def view_command(
     )
 
 
-def _is_controller(spec: str) -> bool:
-    """Whether a text is the bare name of a controller, or MODULE:NAME with a module that exists."""
-    if spec in CONTROLLERS:
-        return True
-    module, _, name = spec.partition(":")
-    others = module in ("pretrained", PREFIX, *CONTROLLERS) or is_user_policy(spec) or _exists(spec)
-    dotted = all(part.isidentifier() for part in f"{module}.{name}".split("."))
-    if others or not dotted:
-        return False
-    allow_current_folder()
-    return find_spec(module.partition(".")[0]) is not None
-
-
-_LONGEST_NAME = 4096
-"""Largest number of characters in a path on Linux."""
-
-
-def _exists(name: str) -> bool:
-    """Whether there is a file or folder of this name; False if no file can have the name."""
-    try:
-        return Path(name).exists()
-    except (OSError, ValueError):
-        return False
-
-
-def _parse(spec: str) -> tuple[str, str, str]:
-    """Kind, name and picked task of a contestant's text; the kind of a run folder is ""."""
-    if len(spec) > _LONGEST_NAME:
-        raise ConfigError(f"there is no contestant {brief(spec)}; known are {FORMS}.")
-    spec, _, part = spec.partition("#")
-    kind, _, name = spec.partition(":")
-    kinds = "pretrained", PREFIX, *CONTROLLERS
-    if kind in kinds and name:
-        return kind, name, part
-    if spec == f"{kind}:":
-        raise ConfigError(f"{spec} has no name after its colon; known are {FORMS}.")
-    if ":" in spec and not _exists(spec):
-        module = kind
-        (own, _, name) = name.partition(":")
-        if own and name:
-            return f"{module}:{own}", name, part
-        if _is_controller(spec):
-            raise ConfigError(f"{spec} has no task; add one, as in {spec}:go-to-pose-2d.")
-        raise ConfigError(
-            f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}."
-        )
-    agents = (*pretrained_names(), *missing_agents())
-    if not _exists(spec) and present_agent(spec) in agents:
-        return "pretrained", present_agent(spec), part
-    if not _exists(spec) and (near := meant(spec, (*CONTROLLERS, *agents))):
-        raise ConfigError(
-            f"{spec} has no task; add one, as in {spec}:go-to-pose-2d."
-            if spec in CONTROLLERS
-            else f"{spec} is not a run folder, and no agent or controller{near}."
-        )
-    return "", spec, part
-
-
-def _named_setup(name: str, spec: str) -> Setup:
-    """Setup of a controller that "TASK@SPACECRAFT" names, with "-2d" or "-3d" after TASK if both exist.
+def _named_setup(contestant_name: ContestantName) -> Setup:
+    """Setup that the "TASK@SPACECRAFT" of a contestant names, with "-2d" or "-3d" after TASK if both exist.
 
     Without a spacecraft and a number of dimensions it is the task's own spacecraft, or the floating platform.
     """
-    name, _, spacecraft = name.partition("@")
+    name, _, spacecraft = contestant_name.setup.partition("@")
     suffix = name[-2:] if name.endswith(("-2d", "-3d")) else ""
     result = TASKS[typed(name.removesuffix(f"-{suffix}") if suffix else name)]()
     usual = result.spacecraft or USUAL[int(suffix[0]) if suffix else 2]
     craft = load_spacecraft(typed(spacecraft) or usual)
     if suffix and craft.dimension != int(suffix[0]):
         raise ConfigError(
-            f"{brief(spec)} asks for {suffix}, but {craft.name} moves in {craft.dimension} dimensions."
+            f"{brief(contestant_name.text)} asks for {suffix}, but {craft.name} moves in "
+            f"{craft.dimension} dimensions."
         )
     return Setup(craft, result, result.timing)
 
 
-def _picked(setup: Setup, part: str, spec: str) -> Setup:
+def _picked(setup: Setup, name: ContestantName) -> Setup:
     """The setup with one task of its multi-task."""
+    part = name.part
     parts = setup.task.parts()
     if part and part not in parts:
         raise ConfigError(
-            f"{brief(spec)} picks the task {brief(part)}, but there is only "
+            f"{brief(name.text)} picks the task {brief(part)}, but there is only "
             f"{', '.join(parts) or 'one task'}."
         )
     return setup._replace(task=parts[part]) if part else setup

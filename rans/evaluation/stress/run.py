@@ -67,7 +67,7 @@ class Stress:
 
     def tuned_for(self, spec: str, level: Level) -> bool:
         """Whether a controller, by the text that named it, has settings tuned for the conditions of a level."""
-        name = spec.partition(":")[0]
+        name = self.contestants[spec].registered
         if name not in CONTROLLERS or level.size is not None or level.conditions.or_none is None:
             return False
         setup = self.contest.setup._replace(conditions=level.conditions)
@@ -79,7 +79,7 @@ class Stress:
         if not self.tuned_for(spec, level):
             return informed(self.contestants[spec].controller, level.conditions)
         setup = self.contest.setup._replace(conditions=level.conditions)
-        return controller(spec.partition(":")[0], setup)
+        return controller(self.contestants[spec].registered, setup)
 
     def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
         """Sizes at which a contestant was flown, the nominal one first, and its shares of held episodes."""

@@ -15,7 +15,7 @@ from rans.fast.learn.learner import Learner
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.architecture import EXTRACTOR
 from rans.policy.network import Network
-from rans.pretrained import pretrained_folder
+from rans.pretrained import agent_path
 
 _SETTLED = 1e12
 """Number of observations assigned to loaded statistics, so that training does not change them."""
@@ -86,9 +86,7 @@ def begin_from(network: Network, agent: str) -> None:
     Raises:
         ConfigError: there is no such agent, or its network is another one.
     """
-    kind, _, name = agent.partition(":")
-    folder = pretrained_folder(name) if kind == "pretrained" else Path(agent)
-    run = RunFolder(folder)
+    run = RunFolder(agent_path(agent))
     if not run.agent_file.exists():
         raise ConfigError(
             f"begin_from is {agent!r}, which has no agent: name a run folder, or pretrained:NAME."

@@ -12,7 +12,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist, simple_controller, swept
-from rans.evaluation.fly import contestants
+from rans.evaluation.fly import contestant_name
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.scenario import EVALUATION_SEED
@@ -25,6 +25,10 @@ IDLE = "python:tests.support.policies:idle"
 @pytest.fixture(scope="module")
 def contest() -> Contest:
     return contest_of("lqr:go-to-pose-2d", 2)
+
+
+def tuning(text: str) -> str:
+    return entrants._tuning(contestant_name.ContestantName.parse(text))
 
 
 def test_conditions_of_the_first() -> None:
@@ -94,20 +98,18 @@ def test_the_cost_of_an_agent_is_that_on_its_card(
     card = {"training": {"steps": 26_200_000, "seconds": 0.2549, "device": "cuda:0"}}
     (tmp_path / "card.json").write_text(json.dumps(card))
     monkeypatch.setattr(
-        contestants, "pretrained_folder", lambda name: tmp_path if name == "mine" else Path("no")
+        contestant_name,
+        "pretrained_folder",
+        lambda name: tmp_path if name == "mine" else Path("no"),
     )
     said = "training: 26.2 M steps, 0.255 s on a GPU"
-    assert (
-        entrants._tuning("pretrained:mine")
-        == entrants._tuning("pretrained:mine#go-to-pose")
-        == said
-    )
-    assert entrants._tuning(str(tmp_path)) == said
+    assert tuning("pretrained:mine") == tuning("pretrained:mine#go-to-pose") == said
+    assert tuning(str(tmp_path)) == said
     card["training"]["device"] = "cpu"
     (tmp_path / "card.json").write_text(json.dumps(card))
-    assert entrants._tuning("pretrained:mine") == "training: 26.2 M steps, 0.255 s on a CPU"
+    assert tuning("pretrained:mine") == "training: 26.2 M steps, 0.255 s on a CPU"
     (tmp_path / "card.json").unlink()
-    assert entrants._tuning("pretrained:mine") == "training: not known"
+    assert tuning("pretrained:mine") == "training: not known"
 
 
 def test_the_cost_of_a_run_is_in_its_last_row(
@@ -124,7 +126,7 @@ def test_the_cost_of_a_run_is_in_its_last_row(
             return type("Config", (), {"device": "cpu"})
 
     monkeypatch.setattr(entrants, "RunFolder", Folder)
-    assert entrants._tuning(str(tmp_path)) == "training: 3.0 M steps, 12 s on a CPU"
+    assert tuning(str(tmp_path)) == "training: 3.0 M steps, 12 s on a CPU"
 
 
 def test_the_sweep_scales_every_weight(contest: Contest) -> None:

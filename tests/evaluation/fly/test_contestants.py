@@ -9,11 +9,10 @@ import pytest
 import rans.pretrained
 from rans.episode import Setup
 from rans.errors import ConfigError
+from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import (
     contestant,
-    controller_name,
     judged_separately,
-    output_folder,
     view_command,
 )
 from rans.evaluation.fly.episodes import fly_episodes
@@ -58,7 +57,7 @@ def test_a_run_folder_is_itself(run: Path) -> None:
         CONFIG.settings,
         CONFIG.timing,
     )
-    assert output_folder(str(run)) == run
+    assert ContestantName.parse(str(run)).output_folder == run
 
 
 @pytest.mark.parametrize(
@@ -84,7 +83,7 @@ def test_after_somebody_a_controller_needs_no_task(spec: str) -> None:
     first = Setup(load_spacecraft("free-flyer"), GoToPosition(), Timing(0.1))
     found = contestant(spec, default_setup=first)
     assert (found.controller.name, *found[1:]) == ("LQR", *first)
-    assert controller_name(spec) == spec
+    assert ContestantName.parse(spec).controller == spec
 
 
 def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +92,9 @@ def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatc
     (run / "agent.safetensors").write_bytes(shipped)
     monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)
     assert contestant("pretrained:poser").controller.name == "poser"
-    assert output_folder("pretrained:poser") == Path("runs/evaluations/pretrained-poser")
+    assert ContestantName.parse("pretrained:poser").output_folder == Path(
+        "runs/evaluations/pretrained-poser"
+    )
     with pytest.raises(ConfigError, match=r"comes with RANS \(did you mean poser\?\)"):
         contestant("pretrained:posr")
 
@@ -103,7 +104,9 @@ def test_an_agent_by_its_bare_name_where_no_folder_has_it(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert contestant("go-to-pose-2d").controller.name == "go-to-pose-2d"
-    assert output_folder("go-to-pose-2d") == Path("runs/evaluations/pretrained-go-to-pose-2d")
+    assert ContestantName.parse("go-to-pose-2d").output_folder == Path(
+        "runs/evaluations/pretrained-go-to-pose-2d"
+    )
     (tmp_path / "go-to-pose-2d").mkdir()
     with pytest.raises(ConfigError, match="go-to-pose-2d is not a run folder"):
         contestant("go-to-pose-2d")
@@ -112,12 +115,15 @@ def test_an_agent_by_its_bare_name_where_no_folder_has_it(
 def test_results_stay_inside_their_folder() -> None:
     """And apart: files that differ in their folder only have one each."""
     places = [
-        output_folder(f"lqr:go-to-pose-2d@{file}")
+        ContestantName.parse(f"lqr:go-to-pose-2d@{file}").output_folder
         for file in ("../own craft.toml", "a/own.toml", "a-own.toml", "own.toml")
     ]
     assert {place.parent for place in places} == {Path("runs/evaluations")}
     assert len({place.name for place in places}) == 4
-    assert output_folder("lqr:go-to-pose-2d@atmos").name == "lqr-go-to-pose-2d-atmos"
+    assert (
+        ContestantName.parse("lqr:go-to-pose-2d@atmos").output_folder.name
+        == "lqr-go-to-pose-2d-atmos"
+    )
 
 
 @pytest.mark.parametrize(
@@ -238,7 +244,7 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
     assert judged_separately(str(multi)) == [f"{multi}#go-to-position", f"{multi}#track-velocity"]
     picked = contestant(f"{multi}#track-velocity", "paper")
     assert (picked.task, picked.timing.episode_steps) == (TrackVelocity(), 250)
-    assert output_folder(f"{multi}#track-velocity") == multi
+    assert ContestantName.parse(f"{multi}#track-velocity").output_folder == multi
     with pytest.raises(
         ConfigError, match="picks the task 'go-to-pose', but there is only go-to-position, "
     ):

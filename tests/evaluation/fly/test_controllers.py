@@ -18,7 +18,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 import rans
 from rans.episode import Setup
 from rans.errors import ConfigError, MissingPackage
-from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import (
     CONTROLLERS,
     OnnxPolicy,
@@ -89,8 +90,11 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
         GoToPose(),
         "alternating",
     )
-    assert controller_name(spec)
-    assert output_folder(spec).name == f"{HERE}-Alternating-go-to-pose-2d-floating-platform-shared"
+    assert ContestantName.parse(spec).controller
+    assert (
+        ContestantName.parse(spec).output_folder.name
+        == f"{HERE}-Alternating-go-to-pose-2d-floating-platform-shared"
+    )
     made: Any = pickle.loads(
         pickle.dumps(found.controller)
     )  # as processes get it that share the flights
@@ -101,9 +105,10 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
 
 
 def test_only_controllers_are_controllers() -> None:
-    assert controller_name("lqr:go-to-pose-2d") == "lqr"
+    assert ContestantName.parse("lqr:go-to-pose-2d").controller == "lqr"
     assert not any(
-        map(controller_name, ("runs/first", "pretrained:go-to-pose-2d", "python:lqr:act"))
+        ContestantName.parse(text).controller
+        for text in ("runs/first", "pretrained:go-to-pose-2d", "python:lqr:act")
     )
 
 

@@ -14,7 +14,8 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.evaluation.fly.trade_off import FixedTradeOff
@@ -274,8 +275,10 @@ def test_it_is_named_before_an_agent() -> None:
     run = contestant(spec)
     plain = contestant(FAST)
     assert (run[1:], run.controller.name) == (plain[1:], "lookahead:go-to-pose-2d-fast")
-    assert controller_name(spec) == ""
-    assert output_folder(spec).name == "lookahead-pretrained-go-to-pose-2d-fast"
+    assert ContestantName.parse(spec).controller == ""
+    assert (
+        ContestantName.parse(spec).output_folder.name == "lookahead-pretrained-go-to-pose-2d-fast"
+    )
     bare = FAST.removeprefix("pretrained:")
     told, ahead, named = (enlist(one, contest_of(FAST, 4)) for one in (FAST, spec, bare))
     assert (told.knows, ahead.knows) == ("observation", "state, exact model")

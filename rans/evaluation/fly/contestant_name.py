@@ -1,0 +1,194 @@
+"""Names of contestants: the text of a user, parsed once into a value."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from rans.errors import ConfigError, brief, meant
+from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
+from rans.evaluation.fly.lookahead import PREFIX
+from rans.files import distinct
+from rans.pretrained import missing_agents, present_agent, pretrained_folder, pretrained_names
+from rans.registry import allow_current_folder
+
+FORMS = (
+    f"a run folder, pretrained:NAME, or either after {PREFIX}:, "
+    f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
+    "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
+)
+"""Forms of names, for messages."""
+
+EVALUATIONS = Path("runs") / "evaluations"
+"""Folder for the results of contestants without a run folder."""
+
+_LONGEST_NAME = 4096
+"""Largest number of characters in a path on Linux."""
+
+Kind = Literal["run folder", "pretrained", "controller", "policy"]
+"""A folder of a training or an export, an agent that comes with RANS, a controller without training, or a policy of
+another library."""
+
+
+@dataclass(frozen=True)
+class ContestantName:
+    """The parts of a contestant's text; see `rans.evaluation.fly.contestants.contestant` for its forms.
+
+    >>> from rans.evaluation.fly.contestant_name import ContestantName
+    >>> name = ContestantName.parse("lqr:go-to-pose-2d@atmos")
+    >>> name.kind, name.name, name.setup
+    ('controller', 'lqr', 'go-to-pose-2d@atmos')
+    """
+
+    text: str
+    """All of it."""
+    kind: Kind
+    name: str
+    """Path of the run folder, name of the agent or of the controller (a name of `CONTROLLERS` or MODULE:NAME), or
+    the policy's text without its task."""
+    setup: str = ""
+    """TASK-2d@SPACECRAFT of a controller or a policy; empty: that of the first contestant."""
+    part: str = ""
+    """Task of a multi-task agent, or position of a trade-off, after "#"; empty: none."""
+    looks_ahead: bool = False
+    """Whether `rans.evaluation.fly.lookahead` improves its commands ("lookahead:" before the others)."""
+
+    @classmethod
+    def parse(cls, text: str) -> ContestantName:
+        """The parts of a text.
+
+        Raises:
+            ConfigError: no contestant has this form, and no agent or controller this name.
+        """
+        if is_user_policy(text):
+            policy, setup = split_policy(text)
+            return cls(text, "policy", policy, setup)
+        if _is_bare_controller(text):
+            return cls(text, "controller", text)
+        if len(text) > _LONGEST_NAME:
+            raise ConfigError(f"there is no contestant {brief(text)}; known are {FORMS}.")
+        whole, _, part = text.partition("#")
+        first, _, rest = whole.partition(":")
+        # Forms with a colon.
+        if first == PREFIX and rest:
+            inner = cls.parse(text.removeprefix(f"{PREFIX}:"))
+            return replace(inner, text=text, looks_ahead=True)
+        if first == "pretrained" and rest:
+            return cls(text, "pretrained", rest, part=part)
+        if first in CONTROLLERS and rest:
+            return cls(text, "controller", first, rest, part)
+        if whole == f"{first}:":
+            raise ConfigError(f"{whole} has no name after its colon; known are {FORMS}.")
+        if ":" in whole and not _exists(whole):
+            own, _, setup = rest.partition(":")
+            if own and setup:
+                return cls(text, "controller", f"{first}:{own}", setup, part)
+            near = meant(first, ("pretrained", PREFIX, *CONTROLLERS))
+            raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
+        # Names alone: a folder, an agent, or a mistake.
+        agents = (*pretrained_names(), *missing_agents())
+        if not _exists(whole) and present_agent(whole) in agents:
+            return cls(text, "pretrained", present_agent(whole), part=part)
+        if not _exists(whole) and (near := meant(whole, (*CONTROLLERS, *agents))):
+            raise ConfigError(
+                f"{whole} has no task; add one, as in {whole}:go-to-pose-2d."
+                if whole in CONTROLLERS
+                else f"{whole} is not a run folder, and no agent or controller{near}."
+            )
+        return cls(text, "run folder", whole, part=part)
+
+    @property
+    def alone(self) -> ContestantName:
+        """The contestant whose commands are improved by looking ahead, or this one."""
+        if not self.looks_ahead:
+            return self
+        return replace(self, text=self.text.removeprefix(f"{PREFIX}:"), looks_ahead=False)
+
+    @property
+    def needs_setup(self) -> bool:
+        """Whether it flies only in the setup of an earlier contestant: a controller's name alone."""
+        return self.kind == "controller" and not self.setup
+
+    def without_earlier(self) -> ContestantName:
+        """This contestant where there is no earlier one: a controller's name alone may be that of a run folder.
+
+        Raises:
+            ConfigError: it needs the setup of an earlier contestant.
+        """
+        if not self.needs_setup:
+            return self
+        if _exists(self.text):
+            return replace(self, kind="run folder", name=self.text)
+        raise ConfigError(f"{self.text} has no task; add one, as in {self.text}:go-to-pose-2d.")
+
+    @property
+    def controller(self) -> str:
+        """Name of the controller without training; empty for other contestants."""
+        return self.name if self.kind == "controller" and not self.looks_ahead else ""
+
+    @property
+    def folder(self) -> Path:
+        """The run folder of a trained agent.
+
+        Raises:
+            ConfigError: it is no trained agent, or one that is not in the package.
+        """
+        name = self.without_earlier()
+        if self.looks_ahead or name.kind not in ("run folder", "pretrained"):
+            raise ConfigError(
+                f"{brief(self.text)} is no trained agent: name a run folder, or pretrained:NAME."
+            )
+        return pretrained_folder(name.name) if name.kind == "pretrained" else Path(name.name)
+
+    @property
+    def policy_file(self) -> Path | None:
+        """File of a policy of another library; None: there is none."""
+        library, _, file = self.name.partition(":")
+        is_file = self.kind == "policy" and library in ("sb3", "onnx") and Path(file).is_file()
+        return Path(file) if is_file else None
+
+    @property
+    def output_folder(self) -> Path:
+        """Folder for its results: its run folder, or a folder in `EVALUATIONS`.
+
+        Raises:
+            ConfigError: it needs the setup of an earlier contestant.
+        """
+        name = self.without_earlier()
+        if self.looks_ahead:
+            text = self.text.partition("#")[0]
+        elif name.kind == "run folder":
+            return Path(name.name)
+        elif name.kind == "policy":
+            library, _, file = name.name.partition(":")
+            stem = file if library == "python" else Path(file).stem
+            text = f"{library}:{stem}:{name.setup}"
+        elif name.kind == "pretrained":
+            text = f"pretrained:{name.name}"
+        else:
+            text = f"{name.name}:{name.setup}"
+        return EVALUATIONS / "-".join(distinct(part) for part in re.split("[:@]+", text) if part)
+
+
+def _is_bare_controller(text: str) -> bool:
+    """Whether a text is the name of a controller alone, or MODULE:NAME with a module that exists."""
+    if text in CONTROLLERS:
+        return True
+    module, _, name = text.partition(":")
+    if module in ("pretrained", PREFIX, *CONTROLLERS) or _exists(text):
+        return False
+    if not all(part.isidentifier() for part in f"{module}.{name}".split(".")):
+        return False
+    allow_current_folder()
+    return find_spec(module.partition(".")[0]) is not None
+
+
+def _exists(name: str) -> bool:
+    """Whether there is a file or folder of this name; False if no file can have the name."""
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):
+        return False

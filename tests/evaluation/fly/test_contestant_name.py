@@ -1,0 +1,60 @@
+"""Names of contestants: each form has its parts, and loads nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.contestant_name import ContestantName
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("runs/first", ("run folder", "runs/first", "", "", False)),
+        ("runs/first#go-to-pose", ("run folder", "runs/first", "", "go-to-pose", False)),
+        ("go-to-pose-2d", ("pretrained", "go-to-pose-2d", "", "", False)),
+        ("pretrained:any#0.3", ("pretrained", "any", "", "0.3", False)),
+        ("lqr", ("controller", "lqr", "", "", False)),
+        ("lqr:dock@atmos", ("controller", "lqr", "dock@atmos", "", False)),
+        ("mine.py:Best:dock-3d", ("controller", "mine.py:Best", "dock-3d", "", False)),
+        ("onnx:a/b.onnx:dock", ("policy", "onnx:a/b.onnx", "dock", "", False)),
+        ("python:mine:act", ("policy", "python:mine:act", "", "", False)),
+        ("lookahead:lqr", ("controller", "lqr", "", "", True)),
+        ("lookahead:pretrained:any#0.3", ("pretrained", "any", "", "0.3", True)),
+    ],
+)
+def test_every_form_has_its_parts(
+    text: str,
+    parts: tuple[str, str, str, str, bool],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = ContestantName.parse(text)
+    assert (name.kind, name.name, name.setup, name.part, name.looks_ahead) == parts
+    assert name.text == text
+    assert name.alone == ContestantName.parse(text.removeprefix("lookahead:"))
+
+
+def test_a_controllers_name_may_be_that_of_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After an earlier contestant it is the controller; alone it is the folder, if there is one."""
+    monkeypatch.chdir(tmp_path)
+    name = ContestantName.parse("lqr")
+    assert name.needs_setup
+    with pytest.raises(ConfigError, match="lqr has no task; add one"):
+        _ = name.output_folder
+    (tmp_path / "lqr").mkdir()
+    assert name.folder == name.output_folder == Path("lqr")
+
+
+def test_only_a_policys_own_file_is_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "policy.onnx"
+    assert ContestantName.parse(f"onnx:{file}:dock").policy_file is None
+    file.write_bytes(b"")
+    assert ContestantName.parse(f"onnx:{file}:dock").policy_file == file
+    assert ContestantName.parse("python:mine:act").policy_file is None
