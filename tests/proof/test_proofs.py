@@ -298,6 +298,34 @@ def test_a_wrong_problem_is_a_sentence(old: str, new: str, sentence: str) -> Non
         problem_of(DOCKING.replace(old, new))
 
 
+def test_the_docking_agent_keeps_its_speed_limit() -> None:
+    """A random cell of the page's proof, and flights from it, of which none has less than its margin."""
+    folder = ROOT / "examples/proofs"
+    problem = read_problem(folder / "docking-agent.toml")
+    network = read_network(folder / "docking-agent.onnx")
+    low, high = np.array(problem.lower), np.array(problem.upper)
+    random = np.random.default_rng(5)
+    corner = random.integers(0, 4, (1, 4)) / 4.0
+    ends = low + (high - low) * corner, low + (high - low) * (corner + 0.25)
+    margins = ClosedLoop(problem, network, torch.device("cpu")).margins(*ends)[0]
+    assert margins.min() > 0.0
+    for margin, begin, end in zip(margins, *ends, strict=True):
+        start = random.uniform(begin, end, (50, 4))
+        assert margin <= lowest_margins(problem, network, start).min()
+
+
+@pytest.mark.slow
+def test_a_million_flights_of_the_docking_agent_keep_the_limit() -> None:
+    folder = ROOT / "examples/proofs"
+    problem = read_problem(folder / "docking-agent.toml")
+    network = read_network(folder / "docking-agent.onnx")
+    assert prove(problem, network, first=[4, 4, 4, 4]).is_whole
+    random = np.random.default_rng(6)
+    for _ in range(20):
+        start = random.uniform(problem.lower, problem.upper, (50_000, 4))
+        assert lowest_margins(problem, network, start).min() > 0.0
+
+
 def test_the_shipped_problems_are_read() -> None:
     docking, attitude = (
         read_problem(ROOT / "examples/proofs" / name) for name in ("docking.toml", "attitude.toml")
