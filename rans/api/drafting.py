@@ -65,7 +65,7 @@ class Draft:
         if self.spacecraft.thruster_count < 2:
             return ()
         result = fault_sets(self.spacecraft, 1, "dead")
-        return tuple(one.thrusters[0] for one in result if one.recoverable)
+        return tuple(fault_set.thrusters[0] for fault_set in result if fault_set.recoverable)
 
     def write(
         self, file: str | Path, picture: str | Path | None = None, *, overwrite: bool = False
@@ -105,7 +105,7 @@ def init_spacecraft(
     actuators: str | None = None,
     counts: int | None = None,
     least: float | None = None,
-    most: float | None = None,
+    largest: float | None = None,
     radius: float | None = None,
     thrust_sharing: str | None = None,
 ) -> Draft:
@@ -129,14 +129,14 @@ def init_spacecraft(
         actuators: kind of thrusters: "on-off", "pulsed" or "throttle".
         counts: number of steps into which pulsed thrusters divide a control period.
         least: shortest pulse in counts, or least level of a throttle as a share of full force.
-        most: largest level of a throttle as a share of full force.
+        largest: largest level of a throttle as a share of full force.
         radius: outer radius for drawings, m.
         thrust_sharing: "none" or "split", see `Spacecraft`.
 
     Raises:
         ConfigError: something is missing, wrong or not physical.
     """
-    given: dict[str, Any] = {"name": name}
+    settings: dict[str, Any] = {"name": name}
     start = None if base is None else load_spacecraft(base)
     if dimension is not None and dimension not in (2, 3):
         raise ConfigError(f"dimension must be 2 (plane) or 3 (space), got {brief(dimension)}.")
@@ -159,30 +159,33 @@ def init_spacecraft(
             )
     assert flat is not None
     if mass is not None:
-        given["mass"] = float(mass)
-    heavy = given.get("mass", start.mass if start is not None else 0.0)
+        settings["mass"] = float(mass)
+    heavy = settings.get("mass", start.mass if start is not None else 0.0)
     if inertia is not None:
-        given["inertia"] = _tensor(inertia, flat)
+        settings["inertia"] = _tensor(inertia, flat)
     elif size is not None:
         sides = _checked(size, "size", (flat,))
-        given["inertia"] = box_inertia(heavy, sides)
+        settings["inertia"] = box_inertia(heavy, sides)
     if centre_of_mass is not None:
         x, y, *z = _checked(centre_of_mass, "centre_of_mass", (2, 3) if flat == 2 else (3,))
-        given["centre_of_mass"] = (x, y, z[0] if z else 0.0)
+        settings["centre_of_mass"] = (x, y, z[0] if z else 0.0)
     if thrusters:
-        given["thrusters"] = tuple(
-            thruster_of(one, flat) if isinstance(one, str) else one for one in thrusters
+        settings["thrusters"] = tuple(
+            thruster_of(thruster, flat) if isinstance(thruster, str) else thruster
+            for thruster in thrusters
         )
     if wheels:
-        given["wheels"] = tuple(wheel_of(one) if isinstance(one, str) else one for one in wheels)
-    if actuators is not None or counts is not None or least is not None or most is not None:
+        settings["wheels"] = tuple(
+            wheel_of(wheel) if isinstance(wheel, str) else wheel for wheel in wheels
+        )
+    if actuators is not None or counts is not None or least is not None or largest is not None:
         usual = "on-off" if start is None else start.actuators.kind
-        given["actuators"] = actuators_of(actuators or usual, counts, least, most)
+        settings["actuators"] = actuators_of(actuators or usual, counts, least, largest)
     if radius is not None:
-        given["radius"] = float(radius)
+        settings["radius"] = float(radius)
     if thrust_sharing is not None:
-        given["thrust_sharing"] = thrust_sharing
-    craft = Spacecraft(dimension=flat, **given) if start is None else replace(start, **given)
+        settings["thrust_sharing"] = thrust_sharing
+    craft = Spacecraft(dimension=flat, **settings) if start is None else replace(start, **settings)
     origin = (
         "Written by rans init." if start is None else f"Written by rans init, from {start.name}."
     )
@@ -219,6 +222,6 @@ def _tensor(
 
 def _checked(values: Sequence[float], what: str, counts: Sequence[int]) -> tuple[float, ...]:
     if len(values) not in counts:
-        wanted = " or ".join(map(str, counts))
-        raise ConfigError(f"{what} must be {wanted} numbers, got {brief(tuple(values))}.")
+        allowed = " or ".join(map(str, counts))
+        raise ConfigError(f"{what} must be {allowed} numbers, got {brief(tuple(values))}.")
     return tuple(map(float, values))

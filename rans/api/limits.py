@@ -51,33 +51,33 @@ def state(
     Raises:
         ConfigError: these are not so many finite numbers, or the quaternion is zero.
     """
-    place = _numbers("position", position)
-    if len(place) not in (2, 3):
-        raise ConfigError(f"the position has 2 or 3 numbers, got {len(place)}.")
-    size = len(place)
+    target = _numbers("position", position)
+    if len(target) not in (2, 3):
+        raise ConfigError(f"the position has 2 or 3 numbers, got {len(target)}.")
+    size = len(target)
     moving = _numbers("velocity", [0.0] * size if velocity is None else velocity, size)
     if size == 2:
         heading = _numbers("attitude", [0.0 if attitude is None else attitude], 1)
         turning = _numbers("spin", [0.0 if spin is None else spin], 1)
-        return PlanarState(Vec2(*place), Heading(heading[0]), Vec2(*moving), turning[0])
+        return PlanarState(Vec2(*target), Heading(heading[0]), Vec2(*moving), turning[0])
     quaternion = _numbers("attitude", (1.0, 0.0, 0.0, 0.0) if attitude is None else attitude, 4)
     length = float(np.linalg.norm(quaternion))
     if not length > 1e-6:
         raise ConfigError(f"the attitude is a quaternion (w, x, y, z), got {brief(attitude)}.")
     turning = _numbers("spin", [0.0] * 3 if spin is None else spin, 3)
     unit = Quat(*(x / length for x in quaternion))
-    return SpatialState(Vec3(*place), unit, Vec3(*moving), Vec3(*turning))
+    return SpatialState(Vec3(*target), unit, Vec3(*moving), Vec3(*turning))
 
 
-def _numbers(what: str, given: Any, count: int | None = None) -> list[float]:
+def _numbers(what: str, values: Any, count: int | None = None) -> list[float]:
     """So many finite numbers; `ConfigError` where they are not."""
     try:
-        results = [float(x) for x in given]
+        results = [float(x) for x in values]
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"the {what} must be numbers, got {brief(given)}.") from error
+        raise ConfigError(f"the {what} must be numbers, got {brief(values)}.") from error
     if not np.isfinite(results).all() or (count is not None and len(results) != count):
-        many = "finite numbers" if count is None else f"{count} finite numbers"
-        raise ConfigError(f"the {what} must be {many}, got {brief(given)}.")
+        form = "finite numbers" if count is None else f"{count} finite numbers"
+        raise ConfigError(f"the {what} must be {form}, got {brief(values)}.")
     return results
 
 
@@ -138,8 +138,8 @@ def optimal_trajectory(
 
     judged = load_task(task).for_evaluation()
     craft = load_spacecraft(spacecraft)
-    wanted = objective_of(objective, horizon, control_period, ending, intervals)
-    one = _scenario(judged, craft, seed, start, goal)
+    objective_value = objective_of(objective, horizon, control_period, ending, intervals)
+    scenario = _scenario(judged, craft, seed, start, goal)
     if isinstance(keep_out, str) or not isinstance(keep_out, Iterable):
         raise ConfigError(
             f"keep_out must be a list of balls, as in [(1.5, 0.0, 0.4)], got {brief(keep_out)}."
@@ -147,12 +147,12 @@ def optimal_trajectory(
     balls = tuple(tuple(_numbers("ball to keep out of", ball)) for ball in keep_out)
     limits = PathLimits(most_speed, most_spin, balls)
     limits = None if limits == PathLimits() else limits
-    usual = max(usual_guesses(craft, judged, wanted), 3 if balls else 1)
+    usual = max(usual_guesses(craft, judged, objective_value), 3 if balls else 1)
     tried = usual if guesses is None else whole("guesses", guesses)
-    (found,) = optima(craft, judged, wanted, one, tried, workers=1, limits=limits)
+    (optimum,) = optima(craft, judged, objective_value, scenario, tried, workers=1, limits=limits)
     number = _OWN if isinstance(start, State) else start
     return OptimalTrajectory(
-        number, found.trajectory, found.replay_error, found.errors, found.flight
+        number, optimum.trajectory, optimum.replay_error, optimum.errors, optimum.flight
     )
 
 
@@ -199,13 +199,13 @@ def certify(
     judged = load_task(task).for_evaluation()
     craft = load_spacecraft(spacecraft)
     scenario = _scenario(judged, craft, seed, start, goal)
-    (one,) = each(scenario)
+    (single,) = each(scenario)
     event = Event(kind, horizon)
     number = _OWN if isinstance(start, State) else start
-    found = bound(number, question(craft, judged, control_period, event, Effort(seconds), one))
-    known = {key.name: getattr(found, key.name) for key in fields(found)}
+    result = bound(number, question(craft, judged, control_period, event, Effort(seconds), single))
+    values = {key.name: getattr(result, key.name) for key in fields(result)}
     return CertifiedBound(
-        **known, craft=craft, task=judged, scenario=scenario, control_period=control_period
+        **values, craft=craft, task=judged, scenario=scenario, control_period=control_period
     )
 
 
@@ -227,20 +227,20 @@ def _scenario(
             f"{brief(start)}."
         )
     number = 0 if isinstance(start, State) else whole("start", start, least=0)
-    drawn = scenarios(task, craft, seed, 1, first=number)
-    begun = _placed("start", start, drawn.start) if isinstance(start, State) else drawn.start
-    wanted = drawn.goal if goal is None else _placed("goal", goal, drawn.goal)
-    return Scenario(begun, wanted)
+    sampled = scenarios(task, craft, seed, 1, first=number)
+    begun = _placed("start", start, sampled.start) if isinstance(start, State) else sampled.start
+    target = sampled.goal if goal is None else _placed("goal", goal, sampled.goal)
+    return Scenario(begun, target)
 
 
-def _placed(what: str, given: object, like: State) -> State:
+def _placed(what: str, value: object, like: State) -> State:
     """A state of a batch of one, with what else the task keeps in it."""
-    if type(given) is not type(like):
+    if type(value) is not type(like):
         dimension = len(like.p.columns())
         raise ConfigError(
             f"the {what} must be a state of {dimension} dimensions, as rans.state((...)) makes it, "
-            f"got {brief(given)}."
+            f"got {brief(value)}."
         )
-    placed = replace(given, notes=(), stores=())
+    placed = replace(value, notes=(), stores=())
     batch = map_leaves(lambda x: np.full(1, float(x)), placed)
     return replace(batch, notes=like.notes, stores=like.stores)

@@ -47,8 +47,10 @@ def measured(
     usual = _SIZES["cuda" if device.startswith("cuda") else "cpu"]
     sizes = tuple(num_envs) or ((1024,) if quick else usual)
     names = list(crafts)
-    for one in measurements(names, task, TASKS[typed(task)](), sizes, effort(device, quick)):
-        yield one
+    for measurement in measurements(
+        names, task, TASKS[typed(task)](), sizes, effort(device, quick)
+    ):
+        yield measurement
         gc.collect()  # engines hang in reference cycles, and with them the device's memory
 
 

@@ -106,7 +106,7 @@ class OptimalTrajectory(Optimum, ControlHistory):
     @property
     def x(self) -> np.ndarray:
         """(T + 1, k) states: position (m), heading (rad) or quaternion, velocity (m/s), spin (rad/s)."""
-        return np.stack([np.asarray(one) for one in leaves(self.trajectory.states)], axis=-1)
+        return np.stack([np.asarray(leaf) for leaf in leaves(self.trajectory.states)], axis=-1)
 
     @property
     def u(self) -> np.ndarray:
@@ -184,7 +184,7 @@ class CertifiedBound(Bound, ControlHistory):
     def x(self) -> np.ndarray:
         """(T + 1, k) states, as the engines' equations fly the commands; see `ControlHistory.x`."""
         states = self.replay("fast").states
-        return np.stack([np.asarray(one)[:, 0] for one in leaves(states)], axis=-1)
+        return np.stack([np.asarray(leaf)[:, 0] for leaf in leaves(states)], axis=-1)
 
     def replay(self, engine: EngineName = "drake") -> Flight:
         """The commands flown from the same start, in Drake or by our equations.
@@ -202,7 +202,7 @@ class CertifiedBound(Bound, ControlHistory):
         if engine == "fast":
             open_loop = _OpenLoop(label, commands[:, None])
             return fly(self.craft, self.task, open_loop, self.scenario, timing)
-        (one,) = each(self.scenario)
+        (scenario,) = each(self.scenario)
         path = Trajectory(
             objective=label,
             status="",
@@ -214,7 +214,7 @@ class CertifiedBound(Bound, ControlHistory):
             iterations=0,
             seconds=self.seconds,
         )
-        return episode(self.craft, self.task, timing, one, path)
+        return episode(self.craft, self.task, timing, scenario, path)
 
 
 class _OpenLoop:

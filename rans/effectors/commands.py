@@ -32,7 +32,10 @@ def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
 
 def bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bound of each command, float32."""
-    low, high = np.array([(one.low, one.high) for one in craft.commands], dtype=np.float32).T
+    low, high = np.array(
+        [(command_range.low, command_range.high) for command_range in craft.commands],
+        dtype=np.float32,
+    ).T
     return low, high
 
 
@@ -41,8 +44,12 @@ def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
     What is accepted beyond a bound has to be `clipped`.
     """
-    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
-    slack = np.array([0.0 if one.kind == "on-off" else _ROUNDING for one in craft.commands])
+    low, high = np.array(
+        [(command_range.low, command_range.high) for command_range in craft.commands]
+    ).T
+    slack = np.array(
+        [0.0 if command_range.kind == "on-off" else _ROUNDING for command_range in craft.commands]
+    )
     return low - slack, high + slack
 
 
@@ -50,7 +57,9 @@ def clipped(craft: Spacecraft, values: np.ndarray) -> np.ndarray:
     """Commands (..., n) that `check` accepts, within their bounds."""
     if not craft.is_continuous:
         return values
-    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
+    low, high = np.array(
+        [(command_range.low, command_range.high) for command_range in craft.commands]
+    ).T
     return np.clip(values, low, high)
 
 
@@ -66,12 +75,12 @@ def per_velocity(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], .
     Raises:
         ConfigError: there are other thrusters, or wheels.
     """
-    directions = np.array([one.direction for one in craft.thrusters])
+    directions = np.array([thruster.direction for thruster in craft.thrusters])
     axes = np.eye(craft.dimension)
-    wanted = {tuple(row) for row in np.concatenate([axes, -axes])}
+    needed = {tuple(row) for row in np.concatenate([axes, -axes])}
     if (
-        {tuple(row) for row in directions + 0.0} != wanted
-        or craft.command_count != len(wanted)
+        {tuple(row) for row in directions + 0.0} != needed
+        or craft.command_count != len(needed)
         or not craft.is_continuous
     ):
         raise ConfigError(
@@ -79,8 +88,8 @@ def per_velocity(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], .
             f"and nothing else, which {craft.name} has not; fly one such as afrl-deputy."
         )
     return tuple(
-        tuple(float(x) * craft.mass / (one.force * period) for x in one.direction)
-        for one in craft.thrusters
+        tuple(float(x) * craft.mass / (thruster.force * period) for x in thruster.direction)
+        for thruster in craft.thrusters
     )
 
 
@@ -89,8 +98,11 @@ def allowed(craft: Spacecraft) -> str:
     parts = [f"{craft.actuators.allowed}, one per thruster"]
     if craft.wheels:
         parts.append("-1 to 1 (the largest torque on the wheel either way), one per wheel")
-    further = [command for one in craft.further_effectors for command in one.commands]
-    parts += [f"{one.low:g} to {one.high:g} ({one.name})" for one in further]
+    further = [command for effector in craft.further_effectors for command in effector.commands]
+    parts += [
+        f"{command_range.low:g} to {command_range.high:g} ({command_range.name})"
+        for command_range in further
+    ]
     return ", then ".join(parts)
 
 
@@ -106,18 +118,24 @@ def check(craft: Spacecraft, values: Any, *batch: int) -> None:
         ConfigError: the shape is wrong, or a command is out of range.
     """
     shape = (*batch, craft.command_count)
-    given = np.asarray(values)
-    if given.shape != shape or given.dtype.kind not in "biuf" or not is_possible(craft, given):
-        many = f"{batch[0]:,} times " if batch else ""
+    commands = np.asarray(values)
+    if (
+        commands.shape != shape
+        or commands.dtype.kind not in "biuf"
+        or not is_possible(craft, commands)
+    ):
+        times = f"{batch[0]:,} times " if batch else ""
         raise ConfigError(
-            f"an action must be {many}{shape[-1]} numbers, {allowed(craft)}, got "
-            f"{_shown(given, shape, values)}."
+            f"an action must be {times}{shape[-1]} numbers, {allowed(craft)}, got "
+            f"{_shown(commands, shape, values)}."
         )
 
 
 def is_possible(craft: Spacecraft, values: np.ndarray) -> bool:
     """Whether every command (..., n) is in range; NaN is not."""
-    choices = [k for k, one in enumerate(craft.commands) if one.kind == "on-off"]
+    choices = [
+        k for k, command_range in enumerate(craft.commands) if command_range.kind == "on-off"
+    ]
     if choices and not np.isin(values[..., choices], (0, 1)).all():
         return False
     if not craft.is_continuous:
@@ -134,29 +152,37 @@ def of_outputs(craft: Spacecraft, outputs: Sequence[Field]) -> Sequence[Field]:
     """
     if is_identity(craft):
         return outputs
-    return tuple(_command(one, x) for one, x in zip(craft.commands, outputs, strict=True))
+    return tuple(
+        _command(command_range, x) for command_range, x in zip(craft.commands, outputs, strict=True)
+    )
 
 
 def is_identity(craft: Spacecraft) -> bool:
     """Whether `of_outputs` changes nothing for this craft."""
-    return all((one.low, one.high) == (0.0, 1.0) for one in craft.commands)
+    return all(
+        (command_range.low, command_range.high) == (0.0, 1.0) for command_range in craft.commands
+    )
 
 
-def _command(given: CommandRange, output: Field) -> Field:
-    if given.kind == "on-off":
+def _command(command_range: CommandRange, output: Field) -> Field:
+    if command_range.kind == "on-off":
         return where(output < 0.5, output * 0.0, output * 0.0 + 1.0)
-    scaled = output if given.high - given.low == 1.0 else output * (given.high - given.low)
-    return scaled if given.low == 0.0 else scaled + given.low
+    scaled = (
+        output
+        if command_range.high - command_range.low == 1.0
+        else output * (command_range.high - command_range.low)
+    )
+    return scaled if command_range.low == 0.0 else scaled + command_range.low
 
 
-def _shown(given: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
+def _shown(commands: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
     """Text of wrong commands: all values if they are few, else their shape or range."""
-    if given.size <= 32:
+    if commands.size <= 32:
         return " ".join(brief(values).split())
-    if given.shape != shape:
-        return f"an array of shape {given.shape}"
+    if commands.shape != shape:
+        return f"an array of shape {commands.shape}"
     return (
-        f"numbers from {given.min()} to {given.max()}"
-        if given.dtype.kind in "biuf"
-        else f"{given.dtype}"
+        f"numbers from {commands.min()} to {commands.max()}"
+        if commands.dtype.kind in "biuf"
+        else f"{commands.dtype}"
     )

@@ -154,16 +154,18 @@ def begin(
         period: length of the control period, s.
     """
     actions = []
-    taken = kept = 0
+    taken = stored = 0
     for effector in effectors_of(craft):
         takes = len(effector.commands)
         keeps = len(effector.stores)
-        inputs = Begun(command[taken : taken + takes], stores[kept : kept + keeps], body, period)
+        inputs = Begun(
+            command[taken : taken + takes], stores[stored : stored + keeps], body, period
+        )
         action = effector.begin(inputs)
         if action is not None:
             actions.append(action)
         taken += takes
-        kept += keeps
+        stored += keeps
     return actions
 
 
@@ -213,5 +215,5 @@ def _clamped(time: Field, low: float, high: float) -> Field:
     return high - at_least(high - at_least(time, low), 0.0)
 
 
-def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
-    return map_leaves(lambda a, b: a + (b - a) * share, first, last)
+def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
+    return map_leaves(lambda a, b: a + (b - a) * fraction, first, last)

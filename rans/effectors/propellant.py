@@ -62,33 +62,39 @@ class Tank:
         needed = mean * duration * (1.0 / self.propellant.exhaust_speed)
         enough = 1.0 - at_least(1.0 - left / at_least(needed, 1e-30), 0.0)
         used = needed * enough
-        share = enough
+        open_part = enough
         if last is not None:
             # The root of flow s + (end - flow) s^2 / 2 = mean * enough, in the form without cancellation.
             squared = flow * flow + 4.0 * enough * mean * (mean - flow)
             root = sqrt(at_least(squared, 1e-30))
-            share = 1.0 - at_least(1.0 - 2.0 * enough * mean / at_least(flow + root, 1e-30), 0.0)
-            end = map_leaves(lambda a, b: a + (b - a) * share, first, last)
+            open_part = 1.0 - at_least(
+                1.0 - 2.0 * enough * mean / at_least(flow + root, 1e-30), 0.0
+            )
+            end = map_leaves(lambda a, b: a + (b - a) * open_part, first, last)
         after = at_least(left - used, 0.0)
 
         # Mass falls linearly under constant thrust, else quadratically.
         rule = RULES[3]
         masses = (left - used * node for node, _ in rule)
         if last is not None:
-            pace = duration * share * (1.0 / self.propellant.exhaust_speed)
+            pace = duration * open_part * (1.0 / self.propellant.exhaust_speed)
             bend = 0.5 * (end.exhaust - flow)
             masses = (left - pace * (flow * node + bend * (node * node)) for node, _ in rule)
         growth = Growth.of([self.growth(mass) for mass in masses], rule)
         starts, stops = growth.line(first, None if last is None else end)
         yield (
             Push(
-                duration * share, _without_exhaust(starts), _without_exhaust(stops), longest, growth
+                duration * open_part,
+                _without_exhaust(starts),
+                _without_exhaust(stops),
+                longest,
+                growth,
             ),
             after,
         )
         nothing = _without_exhaust(map_leaves(lambda x: x * 0.0, first))
         empty = Growth.steady(self.growth(after))
-        yield Push(duration * (1.0 - share), nothing, None, longest, empty), after
+        yield Push(duration * (1.0 - open_part), nothing, None, longest, empty), after
 
 
 def _without_exhaust(wrench: Wrench) -> Wrench:

@@ -86,12 +86,12 @@ def motor_torques(
         period: control period, s.
     """
     torques = []
-    for wheel, share, momentum in zip(wheels, command, momenta, strict=True):
-        wanted = share * wheel.max_torque
-        most = (wheel.max_momentum - momentum) * (1.0 / period)
+    for wheel, fraction, momentum in zip(wheels, command, momenta, strict=True):
+        torque = fraction * wheel.max_torque
+        largest = (wheel.max_momentum - momentum) * (1.0 / period)
         least = (-wheel.max_momentum - momentum) * (1.0 / period)
-        wanted = where(wanted < most, wanted, most)
-        torques.append(where(wanted > least, wanted, least))
+        torque = where(torque < largest, torque, largest)
+        torques.append(where(torque > least, torque, least))
     return tuple(torques)
 
 

@@ -36,8 +36,8 @@ def safety_filter(setup: Setup, slack: float | None = None) -> Guard:
     """
     task = setup.task
     name = type(task).__name__
-    one = scenario(task, setup.craft.dimension, seed=0, episode=0)
-    if not task.constraints(one.start, one.goal):
+    example = scenario(task, setup.craft.dimension, seed=0, episode=0)
+    if not task.constraints(example.start, example.goal):
         raise ConfigError(
             f"a safety filter enforces the constraints of a task, but {name} has none; fly a mission such as "
             "avoid or dock-port, or define constraints in a task of your own."

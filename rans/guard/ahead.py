@@ -108,16 +108,16 @@ class Ahead:
         margins = []
         states = world.move(state, StepInputs(self.body, (command,)))
         before = self.margins(state, goal)
-        for there in states:
-            halfway = self._between(state, there, goal, apart)
-            goal = goal_after(task, goal, there, apart)
-            now = self.margins(there, goal)
+        for reached in states:
+            halfway = self._between(state, reached, goal, apart)
+            goal = goal_after(task, goal, reached, apart)
+            now = self.margins(reached, goal)
             margins.append(
                 {
                     name: margin - 0.5 * at_least(before[name] - 2.0 * halfway[name] + margin, 0.0)
                     for name, margin in now.items()
                 }
             )
-            state = there
+            state = reached
             before = now
         return Arrival(states[-1], goal, tuple(margins))

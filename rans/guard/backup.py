@@ -136,80 +136,82 @@ class _Search:
         horizon = periods_of(seconds, timing.control_period)
         ahead = Ahead(world, guard.reserve)
         coasting = Coasting(ahead, guard.slack, horizon)
-        ways = manoeuvres(world)
+        library = manoeuvres(world)
         return cls(
             world,
             ahead,
             coasting,
             Thrusters.of(world),
-            ways,
+            library,
             guard.periods,
             guard.slack,
         )
 
-    def safe(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
+    def safe(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
         """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
         safe = self.coasting.safe(state, goal)
         left = where_true(~safe)
         if len(left):
-            safe[left] = self._escapes(taken(state, left), taken(goal, left), ways)
+            safe[left] = self._escapes(taken(state, left), taken(goal, left), library)
         return safe
 
-    def _escapes(self, state: Any, goal: Any, ways: tuple[Manoeuvre, ...]) -> Field:
+    def _escapes(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
         """Whether one of these manoeuvres leads to a state from which the craft may coast."""
         size = count(state)
         escaped = truths(state, size)
         left = numbers(state, size)
         # The first manoeuvre succeeds from most states; for the rest all others are predicted at once.
-        for some in (ways[:1], ways[1:]):
+        for some in (library[:1], library[1:]):
             if some and len(left):
                 free = self.leaves_by(some, taken(state, left), taken(goal, left)).any(0)
                 escaped[left[free]] = True
                 left = left[~free]
         return escaped
 
-    def leaves_by(self, ways: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
+    def leaves_by(self, library: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
         """Whether each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N)."""
         size = count(state)
-        way = repeated(state, ways, size)
-        again = stacked([numbers(state, size)] * len(ways))
+        manoeuvre = repeated(state, library, size)
+        again = stacked([numbers(state, size)] * len(library))
         state = taken(state, again)
         goal = taken(goal, again)
         escaped = truths(state, len(again))
         rows = numbers(state, len(again))
         for _ in range(self.periods):
-            arrival = self._manoeuvred(way, state, goal)
+            arrival = self._manoeuvred(manoeuvre, state, goal)
             escaped[rows[arrival.free]] = True
             going = where_true(arrival.kept & ~arrival.free)
             if not len(going):
                 break
             rows = rows[going]
-            way, state, goal = taken((way, arrival.state, arrival.goal), going)
-        return escaped.reshape(len(ways), size)
+            manoeuvre, state, goal = taken((manoeuvre, arrival.state, arrival.goal), going)
+        return escaped.reshape(len(library), size)
 
-    def command(self, way: Manoeuvre, state: Any, goal: Any) -> Command:
+    def command(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
         """Command of a manoeuvre in these states."""
-        return self.thrusters.pushing(state, way.push(self.world, state, goal))
+        return self.thrusters.pushing(state, manoeuvre.push(self.world, state, goal))
 
-    def _manoeuvred(self, way: Manoeuvre, state: Any, goal: Any) -> _Arrival:
+    def _manoeuvred(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> _Arrival:
         """Predicted result of a control period of a manoeuvre."""
-        return self.held(state, goal, self.command(way, state, goal))
+        return self.held(state, goal, self.command(manoeuvre, state, goal))
 
     def held(self, state: Any, goal: Any, command: Command) -> _Arrival:
         """Predicted result of holding a command for a control period."""
         arrival = self.ahead.fly(state, goal, command)
-        kept = arrival.least >= self.slack
-        free = kept & self.coasting.safe(arrival.state, arrival.goal)
-        return _Arrival(arrival.state, arrival.goal, kept, free)
+        holds = arrival.least >= self.slack
+        free = holds & self.coasting.safe(arrival.state, arrival.goal)
+        return _Arrival(arrival.state, arrival.goal, holds, free)
 
-    def passes(self, state: Any, goal: Any, command: Command, ways: tuple[Manoeuvre, ...]) -> Field:
+    def passes(
+        self, state: Any, goal: Any, command: Command, library: tuple[Manoeuvre, ...]
+    ) -> Field:
         """Whether commands keep every margin for a period and lead to safe states."""
         arrival = self.held(state, goal, command)
         passed = arrival.free
         left = where_true(arrival.kept & ~arrival.free)
         if len(left):
             passed[left] = self._escapes(
-                taken(arrival.state, left), taken(arrival.goal, left), ways
+                taken(arrival.state, left), taken(arrival.goal, left), library
             )
         return passed
 
@@ -228,29 +230,29 @@ class _Search:
             good = self.passes(taken(state, again), taken(goal, again), tried, self.ways[:_FEW])
             good = good.reshape(len(near), size)
             replaced = truths(state, size)
-            for one, passed in zip(near, good, strict=True):
+            for neighbour, passed in zip(near, good, strict=True):
                 new = where_true(passed & ~replaced)
-                for x, y in zip(admitted, one, strict=True):
+                for x, y in zip(admitted, neighbour, strict=True):
                     x[new] = y[new]
                 replaced = replaced | passed
             open_ = open_[~replaced]
 
         # All shut, then manoeuvres.
         if len(open_):
-            here, there = taken(state, open_), taken(goal, open_)
-            coasts = self.coasting.safe(here, there)
+            states, goals = taken(state, open_), taken(goal, open_)
+            coasts = self.coasting.safe(states, goals)
             for x in admitted:
                 x[open_[coasts]] = 0.0
             open_ = open_[~coasts]
         if len(open_):
-            here, there = taken(state, open_), taken(goal, open_)
-            works = self.leaves_by(self.ways, here, there)
-            done = truths(here, len(open_))
-            for way, work in zip(self.ways, works, strict=True):
+            states, goals = taken(state, open_), taken(goal, open_)
+            works = self.leaves_by(self.ways, states, goals)
+            done = truths(states, len(open_))
+            for manoeuvre, work in zip(self.ways, works, strict=True):
                 rows = where_true(work & ~done)
                 done = done | work
                 if len(rows):
-                    tried = self.command(way, taken(here, rows), taken(there, rows))
+                    tried = self.command(manoeuvre, taken(states, rows), taken(goals, rows))
                     for x, y in zip(admitted, tried, strict=True):
                         x[open_[rows]] = y
         return tuple(admitted)
@@ -259,8 +261,8 @@ class _Search:
         """Commands near the desired ones."""
         if self.world.craft.actuators.is_continuous:
             return [
-                tuple(x + (y - x) * share for x, y in zip(command, first, strict=True))
-                for share in _BLENDS
+                tuple(x + (y - x) * blend for x, y in zip(command, first, strict=True))
+                for blend in _BLENDS
             ]
         return [
             tuple(1.0 - x if i == k else x for i, x in enumerate(command))

@@ -93,8 +93,8 @@ class BarrierProgram:
         changed = truths(state, size)
         admitted = tuple(copied(x) for x in command)
         if len(refused):
-            here = taken((state, goal, command), refused)
-            instead = search.instead(*here)
+            refused_inputs = taken((state, goal, command), refused)
+            instead = search.instead(*refused_inputs)
             for x, new in zip(admitted, instead, strict=True):
                 changed[refused] |= x[refused] != new
                 x[refused] = new
@@ -150,10 +150,10 @@ class _Search:
 
     def above(self, margins: Iterable[Any], size: int, tree: Any) -> Any:
         """Whether all margins are at least the slack, (N,)."""
-        kept = truths(tree, size) | True
+        holds = truths(tree, size) | True
         for margin in margins:
-            kept = kept & (margin >= self.guard.slack)
-        return kept
+            holds = holds & (margin >= self.guard.slack)
+        return holds
 
     def kept(self, state: Any, goal: Any, command: Command) -> Any:
         """Whether commands keep all margins, and braking after them, (N,)."""
@@ -164,38 +164,42 @@ class _Search:
         """Nearest commands that pass."""
         ranges = self.world.craft.commands
         size = count((state, command))
-        wanted = columns(list(command))
-        low = columns([like(command, 1, one.low) for one in ranges])[0]
-        high = columns([like(command, 1, one.high) for one in ranges])[0]
+        requested = columns(list(command))
+        low = columns([like(command, 1, command_range.low) for command_range in ranges])[0]
+        high = columns([like(command, 1, command_range.high) for command_range in ranges])[0]
         aim = self.guard.slack * _BEYOND
         replacement = tuple(
-            where(x < one.low, one.low, where(x > one.high, one.high, x))
-            for x, one in zip(command, ranges, strict=True)
+            where(
+                x < command_range.low,
+                command_range.low,
+                where(x > command_range.high, command_range.high, x),
+            )
+            for x, command_range in zip(command, ranges, strict=True)
         )
         open_ = where_true(truths(state, size) | True)
         for _ in range(_ROUNDS):
-            here, there, around = taken((state, goal, replacement), open_)
-            margins = columns(self.margins(here, there, around))
-            slopes = self._slopes(here, there, around, margins)
+            states, goals, around = taken((state, goal, replacement), open_)
+            margins = columns(self.margins(states, goals, around))
+            slopes = self._slopes(states, goals, around, margins)
             linear = aim - margins + (slopes * columns(list(around))[:, None, :]).sum(-1)
-            solved = nearest(wanted[open_], slopes, linear, low, high)
+            solved = nearest(requested[open_], slopes, linear, low, high)
             tried = self._without_opposites(tuple(solved[:, k] for k in range(len(ranges))))
             for x, new in zip(replacement, tried, strict=True):
                 x[open_] = new
-            open_ = open_[~self.kept(here, there, tried)]
+            open_ = open_[~self.kept(states, goals, tried)]
             if not len(open_):
                 return replacement
 
         # If the programs have no solution that passes, mix it with braking, which passes from a safe state.
         brake = braking_command(self.world, *taken((state, goal), open_))
         tried = taken(replacement, open_)
-        for share in (*_BLENDS, 1.0):
-            mixed = tuple(x + (y - x) * share for x, y in zip(tried, brake, strict=True))
+        for blend in (*_BLENDS, 1.0):
+            mixed = tuple(x + (y - x) * blend for x, y in zip(tried, brake, strict=True))
             mixed = self._without_opposites(mixed)
             for x, new in zip(replacement, mixed, strict=True):
                 x[open_] = new
-            here, there = taken((state, goal), open_)
-            bad = where_true(~self.kept(here, there, mixed))
+            states, goals = taken((state, goal), open_)
+            bad = where_true(~self.kept(states, goals, mixed))
             if not len(bad):
                 break
             open_ = open_[bad]
@@ -205,10 +209,10 @@ class _Search:
     def _without_opposites(self, command: Command) -> Command:
         """Commands with the same force and torque, without what two opposite thrusters have in common."""
         result = list(command)
-        for k, other in self.opposites:
-            both = where(result[k] < result[other], result[k], result[other])
+        for k, opposite in self.opposites:
+            both = where(result[k] < result[opposite], result[k], result[opposite])
             result[k] = result[k] - both
-            result[other] = result[other] - both
+            result[opposite] = result[opposite] - both
         return tuple(result)
 
     @cached_property
@@ -217,9 +221,9 @@ class _Search:
         effects = np.array(self.world.craft.wrench_map)
         pairs: list[tuple[int, int]] = []
         for k, effect in enumerate(effects):
-            paired = {one for pair in pairs for one in pair}
+            paired = {index for pair in pairs for index in pair}
             others = np.flatnonzero(np.isclose(effects, -effect, atol=1e-9).all(axis=1))
-            free = [int(other) for other in others if other > k and other not in paired]
+            free = [int(index) for index in others if index > k and index not in paired]
             if free and k not in paired:
                 pairs.append((k, free[0]))
         return pairs
@@ -230,17 +234,23 @@ class _Search:
         size = len(margins)
         number = len(ranges)
         again = stacked([where_true(truths(state, size) | True)] * number)
-        moved = [copied(x) for x in taken(tuple(command), again)]
+        shifted = [copied(x) for x in taken(tuple(command), again)]
         steps = []
-        for k, one in enumerate(ranges):
-            step = _STEP * (one.high - one.low)
-            inwards = where(command[k] > 0.5 * (one.low + one.high), -step, step) + command[k] * 0.0
+        for k, command_range in enumerate(ranges):
+            step = _STEP * (command_range.high - command_range.low)
+            inwards = (
+                where(command[k] > 0.5 * (command_range.low + command_range.high), -step, step)
+                + command[k] * 0.0
+            )
             part = slice(k * size, (k + 1) * size)
-            moved[k][part] = moved[k][part] + inwards
+            shifted[k][part] = shifted[k][part] + inwards
             steps.append(inwards)
-        there = columns(self.margins(taken(state, again), taken(goal, again), tuple(moved)))
+        shifted_margins = columns(
+            self.margins(taken(state, again), taken(goal, again), tuple(shifted))
+        )
         changes = [
-            (there[k * size : (k + 1) * size] - margins) / steps[k][:, None] for k in range(number)
+            (shifted_margins[k * size : (k + 1) * size] - margins) / steps[k][:, None]
+            for k in range(number)
         ]
         return columns(changes)
 
@@ -258,7 +268,7 @@ def braking_command(world: World, state: Any, goal: Any) -> Command:
     """
     craft = world.craft
     period = world.timing.control_period
-    shares = _Shares(craft)
+    allocation = _Shares(craft)
     slope = slope_of_least(world, state, goal)
     slow = _RETREAT * slowest_change(world)
     retreat = slope.scale(slow / at_least(slope.norm(), 1e-9))
@@ -272,10 +282,14 @@ def braking_command(world: World, state: Any, goal: Any) -> Command:
     ]
     wrench = (*force.columns(), *torque)
     results = []
-    for one, row in zip(craft.commands, shares.matrix, strict=False):
-        share = sum((x * float(entry) for x, entry in zip(wrench, row, strict=True)), spin[0] * 0.0)
-        share = where(share < one.low, share * 0.0 + one.low, share)
-        results.append(where(share > one.high, share * 0.0 + one.high, share))
+    for command_range, row in zip(craft.commands, allocation.matrix, strict=False):
+        opening = sum(
+            (x * float(entry) for x, entry in zip(wrench, row, strict=True)), spin[0] * 0.0
+        )
+        opening = where(opening < command_range.low, opening * 0.0 + command_range.low, opening)
+        results.append(
+            where(opening > command_range.high, opening * 0.0 + command_range.high, opening)
+        )
     zero = results[0] * 0.0
     return (*results, *(zero for _ in craft.wheels))
 
@@ -305,7 +319,7 @@ def check_throttles(craft: Spacecraft) -> None:
     Raises:
         ConfigError: an engine is always lit, or thrusters are not in opposite pairs.
     """
-    if any(one.low > 0.0 for one in craft.commands[craft.thruster_commands]):
+    if any(command_range.low > 0.0 for command_range in craft.commands[craft.thruster_commands]):
         raise ConfigError(f"no safety filter can brake {craft.name}: its engines cannot be shut.")
     effects = np.array(craft.wrench_map)
     forces = effects[:, : craft.dimension]

@@ -50,7 +50,9 @@ class Coasting:
         """Balls of the constraints; None if there are other constraints or a drift."""
         task = self.ahead.world.task
         shapes = task.scenery(goal)
-        if self.ahead.world.task.drift != FREE or not all(isinstance(one, Ball) for one in shapes):
+        if self.ahead.world.task.drift != FREE or not all(
+            isinstance(shape, Ball) for shape in shapes
+        ):
             return None
         if len(shapes) != len(task.constraints(_anywhere(goal), goal)):
             return None
@@ -67,10 +69,10 @@ class Coasting:
             last = min(self.horizon, begin + chunk + 2)
             times = grid(state, [k * period for k in range(begin, last + 1)])
             p, v = task.drift.carry(state.p, state.v, times)
-            there = task.later(goal, times)
+            later_goal = task.later(goal, times)
             spread = map_leaves(lambda x, t=times: x + 0.0 * t if is_array(x) else x, state)
-            moved = replace(spread, p=p, v=v)
-            for margin in self.ahead.margins(moved, there).values():
+            later = replace(spread, p=p, v=v)
+            for margin in self.ahead.margins(later, later_goal).values():
                 margin = margin + 0.0 * times
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend
@@ -85,11 +87,11 @@ class Coasting:
 
 def _closest(ball: Ball, state: Any) -> Field:
     """Least margin of a ball from now on for points in free flight, m."""
-    way = state.p - ball.centre
+    offset = state.p - ball.centre
     speed = state.v - ball.v
     square = at_least(speed.dot(speed), 1e-20)
-    time = at_least((0.0 - way.dot(speed)) / square, 0.0)
-    nearest = way + speed.scale(time)
+    time = at_least((0.0 - offset.dot(speed)) / square, 0.0)
+    nearest = offset + speed.scale(time)
     return nearest.norm() - ball.radius
 
 

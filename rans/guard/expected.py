@@ -67,7 +67,7 @@ def _delays(conditions: Conditions, period: float) -> tuple[float, float]:
         bounds(conditions.thrusters.command_delay),
         tuple(period * round(x) for x in bounds(conditions.sensors.delay)),
     )
-    return sum(least for least, _ in parts), sum(most for _, most in parts)
+    return sum(least for least, _ in parts), sum(greatest for _, greatest in parts)
 
 
 def _slopes(setup: Setup, starts: Any, of: str) -> dict[str, float]:
@@ -78,8 +78,8 @@ def _slopes(setup: Setup, starts: Any, of: str) -> dict[str, float]:
     for axis in range(len(columns)):
         ends = []
         for step in (_STEP, -_STEP):
-            moved = [x + step if k == axis else x for k, x in enumerate(columns)]
-            state = replace(starts.start, **{of: type(vector)(*moved)})
+            shifted = [x + step if k == axis else x for k, x in enumerate(columns)]
+            state = replace(starts.start, **{of: type(vector)(*shifted)})
             ends.append(setup.task.constraints(state, starts.goal))
         for name in ends[0]:
             slope = (np.asarray(ends[0][name]) - np.asarray(ends[1][name])) / (2.0 * _STEP)

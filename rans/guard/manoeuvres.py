@@ -53,8 +53,10 @@ def manoeuvres(world: World) -> tuple[Manoeuvre, ...]:
     nowhere: Any = vector(*(0.0,) * dimension)
     laws = [Manoeuvre(a, b, nowhere) for a, b in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))]
     signs = itertools.product((0.0, 1.0, -1.0), repeat=dimension)
-    kept = [one for one in signs if sum(map(abs, one)) in (1, dimension)]
-    pushes = [Manoeuvre(0.0, 0.0, vector(*(x / math.hypot(*one) for x in one))) for one in kept]
+    allowed = [sign for sign in signs if sum(map(abs, sign)) in (1, dimension)]
+    pushes = [
+        Manoeuvre(0.0, 0.0, vector(*(x / math.hypot(*sign) for x in sign))) for sign in allowed
+    ]
     return (*laws, *pushes)
 
 
@@ -90,7 +92,7 @@ class Thrusters:
         return cls(
             tuple(map(tuple, (forces / lengths).tolist())),
             tuple(map(tuple, despins.tolist())),
-            tuple(one.high for one in craft.commands[craft.thruster_commands]),
+            tuple(command_range.high for command_range in craft.commands[craft.thruster_commands]),
             craft.wheel_count,
         )
 
@@ -102,11 +104,11 @@ class Thrusters:
         direction = in_body(state.attitude, push).columns()
         spin = state.spin()
         opened = []
-        for along, despin, most in zip(self.directions, self.despins, self.most, strict=True):
+        for along, despin, strongest in zip(self.directions, self.despins, self.most, strict=True):
             slower = _dot(spin, despin)
             slower = where(slower > _MOST_DESPIN, slower * 0.0 + _MOST_DESPIN, slower)
             score = _dot(direction, along) + at_least(slower, -_MOST_DESPIN)
-            opened.append(where(score > _OPEN, score * 0.0 + most, score * 0.0))
+            opened.append(where(score > _OPEN, score * 0.0 + strongest, score * 0.0))
         zero = opened[0] * 0.0
         return (*opened, *(zero for _ in range(self.wheels)))
 
@@ -124,9 +126,9 @@ def slope_of_least(world: World, state: Any, goal: Any) -> Any:
     columns = state.p.columns()
     slopes = []
     for axis in range(len(columns)):
-        moved = [x + _STEP if k == axis else x for k, x in enumerate(columns)]
+        shifted = [x + _STEP if k == axis else x for k, x in enumerate(columns)]
         back = [x - _STEP if k == axis else x for k, x in enumerate(columns)]
-        slopes.append(least(type(state.p)(*moved)) - least(type(state.p)(*back)))
+        slopes.append(least(type(state.p)(*shifted)) - least(type(state.p)(*back)))
     return type(state.p)(*slopes)
 
 

@@ -12,7 +12,7 @@ ITERATIONS = 200
 the solution and all within 0.02 (`tests/guard/test_barrier.py`)."""
 
 
-def nearest(wanted: Any, rows: Any, bounds: Any, low: Any, high: Any) -> Any:
+def nearest(target: Any, rows: Any, bounds: Any, low: Any, high: Any) -> Any:
     """Minimise |u - wanted|^2 subject to rows u >= bounds and low <= u <= high; returns u (N, n).
 
     The dual problem has one multiplier >= 0 per row; for given multipliers the minimum over the box is
@@ -22,13 +22,13 @@ def nearest(wanted: Any, rows: Any, bounds: Any, low: Any, high: Any) -> Any:
     number of iterations is fixed. If the program is infeasible, the result is in the box and violates some rows.
 
     Args:
-        wanted: desired point (N, n), an array or a tensor.
+        target: desired point (N, n), an array or a tensor.
         rows: coefficients of the inequalities (N, m, n).
         bounds: right-hand sides of the inequalities (N, m).
         low: lower bounds of u (n,).
         high: upper bounds of u (n,).
     """
-    library: Any = np if isinstance(wanted, np.ndarray) else sys.modules["torch"]
+    library: Any = np if isinstance(target, np.ndarray) else sys.modules["torch"]
     # Scale all rows to unit length.
     length = library.sqrt((rows * rows).sum(-1)) + 1e-9
     rows = rows / length[..., None]
@@ -39,8 +39,8 @@ def nearest(wanted: Any, rows: Any, bounds: Any, low: Any, high: Any) -> Any:
     step = (1.0 / (steep + 1e-9))[:, None]
 
     def primal(multipliers: Any) -> Any:
-        moved = wanted + library.einsum("km,kmi->ki", multipliers, rows)
-        return library.minimum(library.maximum(moved, low), high)
+        candidate = target + library.einsum("km,kmi->ki", multipliers, rows)
+        return library.minimum(library.maximum(candidate, low), high)
 
     multipliers = bounds * 0.0
     ahead = multipliers

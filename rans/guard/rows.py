@@ -40,26 +40,26 @@ def count(tree: Any) -> int:
 
 def like(tree: Any, size: int, value: float = 0.0) -> Any:
     """Array or tensor (size,) like the fields of a tree, filled with a number."""
-    one = next(x for x in leaves(tree) if is_array(x))
-    if isinstance(one, np.ndarray):
-        return np.full(size, value, one.dtype)
-    return one.new_full((size,), value)
+    first = next(x for x in leaves(tree) if is_array(x))
+    if isinstance(first, np.ndarray):
+        return np.full(size, value, first.dtype)
+    return first.new_full((size,), value)
 
 
 def truths(tree: Any, size: int) -> Any:
     """Booleans (size,), all false, in the library of a tree's fields."""
-    one = next(x for x in leaves(tree) if is_array(x))
-    if isinstance(one, np.ndarray):
+    first = next(x for x in leaves(tree) if is_array(x))
+    if isinstance(first, np.ndarray):
         return np.zeros(size, bool)
-    return one.new_zeros((size,), dtype=sys.modules["torch"].bool)
+    return first.new_zeros((size,), dtype=sys.modules["torch"].bool)
 
 
 def numbers(tree: Any, size: int) -> Any:
     """Numbers 0, 1, ... (size,) in the library of a tree's fields."""
-    one = next(x for x in leaves(tree) if is_array(x))
-    if isinstance(one, np.ndarray):
+    first = next(x for x in leaves(tree) if is_array(x))
+    if isinstance(first, np.ndarray):
         return np.arange(size)
-    return sys.modules["torch"].arange(size, device=one.device)
+    return sys.modules["torch"].arange(size, device=first.device)
 
 
 def where_true(mask: Any) -> Any:
@@ -86,11 +86,11 @@ def stacked(parts: list[Any]) -> Any:
 
 def grid(tree: Any, values: list[float]) -> Any:
     """Numbers as a column (T, 1) in the library, dtype and device of a tree's fields."""
-    one = next(x for x in leaves(tree) if is_array(x))
+    first = next(x for x in leaves(tree) if is_array(x))
     column = [[value] for value in values]
-    if isinstance(one, np.ndarray):
-        return np.array(column, dtype=one.dtype)
-    return one.new_tensor(column)
+    if isinstance(first, np.ndarray):
+        return np.array(column, dtype=first.dtype)
+    return first.new_tensor(column)
 
 
 def repeated(tree: Any, values: Sequence[Any], size: int) -> Any:

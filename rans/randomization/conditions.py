@@ -200,10 +200,12 @@ class Conditions(Settings):
             self.weight,
             "a finite number > 0",
         )
-        for other in self.others:
-            checked("others", other, Conditions)
-            _require(not other.others, "others", "others of others", "without others of their own")
-            _check_alike(self, other, "")
+        for component in self.others:
+            checked("others", component, Conditions)
+            _require(
+                not component.others, "others", "others of others", "without others of their own"
+            )
+            _check_alike(self, component, "")
         thrusters = self.thrusters
         pushes = self.disturbances
         for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
@@ -216,12 +218,12 @@ class Conditions(Settings):
                 value,
                 "above 0 at its upper bound, a factor",
             )
-        most = MOST_FAULTS if self.faults.among == "any" else 2
+        limit = MOST_FAULTS if self.faults.among == "any" else 2
         _require(
-            largest(self.faults.count) <= most,
+            largest(self.faults.count) <= limit,
             "faults.count",
             self.faults.count,
-            f'at most {most} with faults.among = "{self.faults.among}"',
+            f'at most {limit} with faults.among = "{self.faults.among}"',
         )
         _require(
             all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
@@ -339,10 +341,10 @@ class Conditions(Settings):
     def dead(self) -> tuple[int, ...]:
         """Numbers of the thrusters that are dead from the start in every episode."""
         faults = self.faults
-        known = faults.kinds == ("dead",) and all(
+        is_planned = faults.kinds == ("dead",) and all(
             largest(part.faults.time) == 0.0 for part in (self, *self.others)
         )
-        return faults.thrusters if known else ()
+        return faults.thrusters if is_planned else ()
 
     @property
     def only_dead(self) -> bool:
@@ -371,12 +373,12 @@ class Conditions(Settings):
 
 def _check(conditions: Any, place: str) -> None:
     """Reject ranges that are not finite numbers >= 0 in ascending order."""
-    for one in fields(conditions):
-        value = getattr(conditions, one.name)
-        name = place + one.name
-        if str(one.type).endswith("Conditions"):
-            _check(checked(name, value, globals()[str(one.type)]), name + ".")
-        elif is_range(one) and value is not None:
+    for range_field in fields(conditions):
+        value = getattr(conditions, range_field.name)
+        name = place + range_field.name
+        if str(range_field.type).endswith("Conditions"):
+            _check(checked(name, value, globals()[str(range_field.type)]), name + ".")
+        elif is_range(range_field) and value is not None:
             pair = bounds(value)
             numbers = len(pair) == 2 and all(map(is_finite, pair))
             _require(
@@ -389,30 +391,35 @@ def _check(conditions: Any, place: str) -> None:
 
 def _check_alike(one: Any, other: Any, place: str) -> None:
     """Reject conditions of a mixture that differ in anything but ranges."""
-    for known in fields(one):
-        here = getattr(one, known.name)
-        there = getattr(other, known.name)
-        name = place + known.name
-        if is_dataclass(here):
-            _check_alike(here, there, name + ".")
+    for range_field in fields(one):
+        value = getattr(one, range_field.name)
+        other_value = getattr(other, range_field.name)
+        name = place + range_field.name
+        if is_dataclass(value):
+            _check_alike(value, other_value, name + ".")
         elif name not in ("description", "weight", "others"):
-            free = is_range(known) and (here is None) == (there is None)
-            _require(free or here == there, f"others: {name}", there, f"as in the first, {here!r}")
+            free = is_range(range_field) and (value is None) == (other_value is None)
+            _require(
+                free or value == other_value,
+                f"others: {name}",
+                other_value,
+                f"as in the first, {value!r}",
+            )
 
 
 def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
     """The first part with the ranges of the part to whose share of [0, 1) the number belongs."""
     changed: dict[str, Any] = {}
-    for one in fields(parts[0]):
-        values = [getattr(part, one.name) for part in parts]
+    for range_field in fields(parts[0]):
+        values = [getattr(part, range_field.name) for part in parts]
         if is_dataclass(values[0]):
-            changed[one.name] = _mixed(values, ends, chance)
-        elif is_range(one) and any(value != values[0] for value in values):
+            changed[range_field.name] = _mixed(values, ends, chance)
+        elif is_range(range_field) and any(value != values[0] for value in values):
             pairs = [bounds(value) for value in values]
             low, high = (piecewise(column, ends, chance) for column in zip(*pairs, strict=True))
             least = min(pair[0] for pair in pairs)
-            most = max(pair[1] for pair in pairs)
-            changed[one.name] = Varying(low, high, (least, most))
+            highest = max(pair[1] for pair in pairs)
+            changed[range_field.name] = Varying(low, high, (least, highest))
     return replace(parts[0], **changed)
 
 

@@ -22,32 +22,35 @@ class Described(NamedTuple):
     conditions: Conditions
 
 
-def _described(found: Any) -> Described:
+def _described(entry: Any) -> Described:
     """Conditions with their text, from a TOML text or from `Conditions`."""
-    if isinstance(found, str):
-        table = _inherited(read_toml(found))
-        return Described(found, structure(table, Conditions, "conditions"))
-    if not isinstance(found, Conditions):
+    if isinstance(entry, str):
+        table = _inherited(read_toml(entry))
+        return Described(entry, structure(table, Conditions, "conditions"))
+    if not isinstance(entry, Conditions):
         raise ConfigError(
             "conditions must be rans.Conditions or a TOML file of the package, got "
-            f"{type(found).__name__}."
+            f"{type(entry).__name__}."
         )
-    return Described(conditions_text(found), found)
+    return Described(conditions_text(entry), entry)
 
 
 def _inherited(table: dict[str, Any]) -> dict[str, Any]:
     """Table of conditions, merged over that of its ``base`` (the name of conditions of RANS)."""
     others = table.get("others")
     if isinstance(others, list):
-        others = [_inherited(one) if isinstance(one, dict) else one for one in others]
+        others = [
+            _inherited(component) if isinstance(component, dict) else component
+            for component in others
+        ]
         table = table | {"others": others}
     base = table.pop("base", None)
     if base is None:
         return table
     if not isinstance(base, str) or base not in CONDITIONS.built_in:
-        known = ", ".join(CONDITIONS.built_in)
+        built_in_names = ", ".join(CONDITIONS.built_in)
         raise ConfigError(
-            f"base must be the name of conditions that come with RANS, one of {known}, got "
+            f"base must be the name of conditions that come with RANS, one of {built_in_names}, got "
             f"{brief(base)}."
         )
     return merged(_inherited(read_toml(resolve(CONDITIONS.built_in[base]))), table)
@@ -109,14 +112,14 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     """
     if isinstance(name_or_file, Conditions):
         return name_or_file
-    given = named("conditions", name_or_file, Conditions)
-    if not given.endswith(".toml"):
-        return CONDITIONS[given].conditions
-    text = read_text(Path(given), LARGEST_TOML)
+    source = named("conditions", name_or_file, Conditions)
+    if not source.endswith(".toml"):
+        return CONDITIONS[source].conditions
+    text = read_text(Path(source), LARGEST_TOML)
     try:
         return _described(text).conditions
     except ConfigError as error:
-        raise ConfigError(f"{given}: {error}") from error
+        raise ConfigError(f"{source}: {error}") from error
 
 
 def conditions_label(name_or_file: str, conditions: Conditions) -> str:
@@ -135,9 +138,9 @@ def conditions_text(conditions: Conditions) -> str:
 def _changed(settings: Any) -> dict[str, Any]:
     """Fields that differ from their defaults, with nested dataclasses as nested tables."""
     values = {
-        one.name: getattr(settings, one.name)
-        for one in fields(settings)
-        if getattr(settings, one.name) != default(one)
+        setting_field.name: getattr(settings, setting_field.name)
+        for setting_field in fields(settings)
+        if getattr(settings, setting_field.name) != default(setting_field)
     }
     return {key: _changed(x) if is_dataclass(x) else x for key, x in values.items()}
 

@@ -27,96 +27,96 @@ class Fault:
 
 
 def draw_fault(
-    given: FaultConditions, craft: Spacecraft, body: Body, random: Random
+    faults: FaultConditions, craft: Spacecraft, body: Body, random: Random
 ) -> Fault | None:
     """Draw the fault of an episode; None if the conditions have no faults.
 
     Args:
-        given: conditions of faults.
+        faults: conditions of faults.
         craft: spacecraft.
         body: body before the fault; thrusters that do not fail keep its gain and leak.
         random: random numbers.
     """
     thrusters = len(body.gain)
-    if given.thrusters:
-        return _named(given, body, random)
-    if largest(given.count) < 1:
+    if faults.thrusters:
+        return _named(faults, body, random)
+    if largest(faults.count) < 1:
         return None
-    count = random.whole(given.count)
-    begins = random.within(given.time)
+    count = random.whole(faults.count)
+    begins = random.within(faults.time)
     lost = (
-        _scattered(given, thrusters, random)
-        if given.among == "any"
-        else _alike(given, craft, count, random)
+        _scattered(faults, thrusters, random)
+        if faults.among == "any"
+        else _alike(faults, craft, count, random)
     )
     gain = list(body.gain)
     leak = list(body.leak)
-    for slot, (place, (fault_gain, fault_leak)) in enumerate(lost):
+    for slot, (thruster, (fault_gain, fault_leak)) in enumerate(lost):
         for i in range(thrusters):
-            hit = (place == float(i)) & (count > float(slot))
+            hit = (thruster == float(i)) & (count > float(slot))
             gain[i] = where(hit, fault_gain * body.gain[i], gain[i])
             leak[i] = where(hit, fault_leak * body.gain[i], leak[i])
-    return Fault(begins, tuple(gain), tuple(leak), largest(given.time))
+    return Fault(begins, tuple(gain), tuple(leak), largest(faults.time))
 
 
-def _named(given: FaultConditions, body: Body, random: Random) -> Fault:
+def _named(faults: FaultConditions, body: Body, random: Random) -> Fault:
     """The fault of thrusters that are named, each with its own fault kind."""
-    begins = random.within(given.time)
+    begins = random.within(faults.time)
     gain = list(body.gain)
     leak = list(body.leak)
-    for k in given.thrusters:
-        failure = _failure(given.kinds, random.unit(), random.within(given.share))
+    for k in faults.thrusters:
+        failure = _failure(faults.kinds, random.unit(), random.within(faults.share))
         gain[k], leak[k] = (part * body.gain[k] for part in failure)
-    return Fault(begins, tuple(gain), tuple(leak), largest(given.time))
+    return Fault(begins, tuple(gain), tuple(leak), largest(faults.time))
 
 
 Lost = list[tuple[Field, tuple[Field, Field]]]
 """Indices of the thrusters that fail, with their gain and leak after the fault."""
 
 
-def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
+def _scattered(faults: FaultConditions, thrusters: int, random: Random) -> Lost:
     """Any thrusters, each with its own fault kind; every further one is drawn among the others."""
-    places: list[Field] = []
-    for k in range(int(largest(given.count))):
+    thrusters_drawn: list[Field] = []
+    for k in range(int(largest(faults.count))):
         # A place among those that are left, counted past the ones that are taken, in order.
-        place = floor(random.unit() * float(thrusters - k))
-        for taken in ascending(places):
-            place = place + where(place >= taken, place * 0.0 + 1.0, place * 0.0)
-        places.append(place)
+        thruster = floor(random.unit() * float(thrusters - k))
+        for taken in ascending(thrusters_drawn):
+            thruster = thruster + where(thruster >= taken, thruster * 0.0 + 1.0, thruster * 0.0)
+        thrusters_drawn.append(thruster)
     return [
-        (place, _failure(given.kinds, random.unit(), random.within(given.share)))
-        for place in places
+        (thruster, _failure(faults.kinds, random.unit(), random.within(faults.share)))
+        for thruster in thrusters_drawn
     ]
 
 
-def _alike(given: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
+def _alike(faults: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
     """A recoverable or an unrecoverable set of thrusters, all with the same fault kind."""
     chance = random.unit()
-    share = random.within(given.share)
+    severity = random.within(faults.share)
     which = random.unit()
-    failure = _failure(given.kinds, chance, share)
-    (least, most) = bounds(given.count)
-    places = _places(given, craft, int(most), chance, which)
-    if least < 2 <= most:
-        (alone,) = _places(given, craft, 1, chance, which)
-        places = where(count > 1.0, places[0], alone), places[1]
-    return [(place, failure) for place in places]
+    failure = _failure(faults.kinds, chance, severity)
+    (least, greatest) = bounds(faults.count)
+    candidates = _places(faults, craft, int(greatest), chance, which)
+    if least < 2 <= greatest:
+        (alone,) = _places(faults, craft, 1, chance, which)
+        candidates = where(count > 1.0, candidates[0], alone), candidates[1]
+    return [(thruster, failure) for thruster in candidates]
 
 
 def _places(
-    given: FaultConditions, craft: Spacecraft, count: int, chance: Field, which: Field
+    faults: FaultConditions, craft: Spacecraft, count: int, chance: Field, which: Field
 ) -> tuple[Field, ...]:
     """Indices of the thrusters of a set of ``count``, for the fault kind that ``chance`` selects."""
-    found: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
+    by_count: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
     result: tuple[Field, ...] = ()
-    for k, kind in enumerate(given.kinds):
-        sets = sets_among(craft, count, kind, bounds(given.share), given.among == "recoverable")
-        new = found.setdefault(sets, _member(sets, which))
+    for k, kind in enumerate(faults.kinds):
+        sets = sets_among(craft, count, kind, bounds(faults.share), faults.among == "recoverable")
+        new = by_count.setdefault(sets, _member(sets, which))
         result = (
             new
             if k == 0 or new is result
             else tuple(
-                where(chance >= k / len(given.kinds), a, b)
+                where(chance >= k / len(faults.kinds), a, b)
                 for a, b in zip(new, result, strict=True)
             )
         )
@@ -135,14 +135,14 @@ def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
     return *(piecewise(column, ends, k) for column in first), piecewise(rise, ends, k) + k
 
 
-def _failure(kinds: Sequence[FaultKind], chance: Field, share: Field) -> tuple[Field, Field]:
+def _failure(kinds: Sequence[FaultKind], chance: Field, severity: Field) -> tuple[Field, Field]:
     """Gain and leak of the fault kind that a number in [0, 1) selects."""
     none = chance * 0.0
     full = chance * 0.0 + 1.0
-    gain, leak = failed(kinds[0], share, none, full)
+    gain, leak = failed(kinds[0], severity, none, full)
     for k, kind in enumerate(kinds[1:], 1):
         later = chance >= k / len(kinds)
-        (other_gain, other_leak) = failed(kind, share, none, full)
+        (other_gain, other_leak) = failed(kind, severity, none, full)
         gain = where(later, other_gain, gain)
         leak = where(later, other_leak, leak)
     return gain, leak

@@ -46,26 +46,28 @@ class FaultSet:
 
 
 def fault_sets(
-    craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...] = (1.0,)
+    craft: Spacecraft, count: int, kind: FaultKind, severities: tuple[float, ...] = (1.0,)
 ) -> Iterator[FaultSet]:
     """All sets of ``count`` thrusters with this fault kind, in order, each with its least margin over the shares.
 
     A fault that is recoverable at both ends of a range of shares is recoverable between them.
     """
     for thrusters in combinations(range(craft.thruster_count), count):
-        ways = {failed(kind, share) for share in shares}
-        yield FaultSet(kind, thrusters, min(margin(craft, thrusters, *way) for way in ways))
+        effects = {failed(kind, severity) for severity in severities}
+        yield FaultSet(
+            kind, thrusters, min(margin(craft, thrusters, *effect) for effect in effects)
+        )
 
 
 @cache
 def _sets(
-    craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...]
+    craft: Spacecraft, count: int, kind: FaultKind, severities: tuple[float, ...]
 ) -> tuple[FaultSet, ...]:
-    return tuple(fault_sets(craft, count, kind, shares))
+    return tuple(fault_sets(craft, count, kind, severities))
 
 
 def sets_among(
-    craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...], recoverable: bool
+    craft: Spacecraft, count: int, kind: FaultKind, severities: tuple[float, ...], recoverable: bool
 ) -> tuple[tuple[int, ...], ...]:
     """Sets of ``count`` thrusters whose failure is recoverable, or those whose failure is not.
 
@@ -73,7 +75,9 @@ def sets_among(
         ConfigError: there is no such set.
     """
     result = tuple(
-        one.thrusters for one in _sets(craft, count, kind, shares) if one.recoverable == recoverable
+        fault_set.thrusters
+        for fault_set in _sets(craft, count, kind, severities)
+        if fault_set.recoverable == recoverable
     )
     if not result:
         sort = "recoverable" if recoverable else "unrecoverable"
@@ -86,23 +90,23 @@ def sets_among(
 
 
 def failed(
-    kind: FaultKind, share: Field, none: Field = 0.0, full: Field = 1.0
+    kind: FaultKind, severity: Field, none: Field = 0.0, full: Field = 1.0
 ) -> tuple[Field, Field]:
     """Gain and leak of a thruster with this fault kind, see `rans.model.body.Body`.
 
     Args:
         kind: fault kind.
-        share: share of "stuck" and "weak" thrusters.
+        severity: share of "stuck" and "weak" thrusters.
         none: no thrust, as a number or a field.
         full: full thrust, as a number or a field.
     """
-    ways: dict[FaultKind, tuple[Field, Field]] = {
+    effects: dict[FaultKind, tuple[Field, Field]] = {
         "dead": (none, none),
         "stuck-open": (none, full),
-        "stuck": (none, share),
-        "weak": (share, none),
+        "stuck": (none, severity),
+        "weak": (severity, none),
     }
-    return ways[kind]
+    return effects[kind]
 
 
 def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: float = 0.0) -> float:

@@ -46,14 +46,16 @@ class MinimumDwell:
             period: control period, s.
         """
         result = []
-        for wanted, *last in zip(command, *before, strict=True):
+        for commanded, *last in zip(command, *before, strict=True):
             opened = _age(last)
             shut = _age([1.0 - x for x in last])
             must_open = (opened > 0.0) & (opened * period < self.on - 1e-6)
             # A valve that was shut over the whole history may have been shut for longer.
             must_shut = (shut > 0.0) & (shut < float(len(last))) & (shut * period < self.off - 1e-6)
             result.append(
-                where(must_open, wanted * 0.0 + 1.0, where(must_shut, wanted * 0.0, wanted))
+                where(
+                    must_open, commanded * 0.0 + 1.0, where(must_shut, commanded * 0.0, commanded)
+                )
             )
         return tuple(result)
 
@@ -303,13 +305,13 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
 
 
 def _lag(conditions: Conditions, random: Random) -> Lag | None:
-    given = conditions.thrusters
+    thrusters = conditions.thrusters
     if conditions.lasting == 0.0:
         return None
-    latency = random.within(given.latency) + random.within(given.command_delay)
-    ramps = largest(given.rise) > 0.0 or largest(given.fall or 0.0) > 0.0
-    rise = random.within(given.rise) if ramps else None
-    fall = None if given.fall is None else random.within(given.fall)
+    latency = random.within(thrusters.latency) + random.within(thrusters.command_delay)
+    ramps = largest(thrusters.rise) > 0.0 or largest(thrusters.fall or 0.0) > 0.0
+    rise = random.within(thrusters.rise) if ramps else None
+    fall = None if thrusters.fall is None else random.within(thrusters.fall)
     return Lag(latency, rise, fall, conditions.delay, conditions.lasting - conditions.delay)
 
 
@@ -330,18 +332,18 @@ def _push(force: Range, torque: Range, random: Random) -> Wrench | None:
 
 
 def _swing(conditions: Conditions, random: Random) -> SinusoidalWrench | None:
-    given = conditions.disturbances
-    amplitude = _push(given.slow_force, given.slow_torque, random)
+    disturbances = conditions.disturbances
+    amplitude = _push(disturbances.slow_force, disturbances.slow_torque, random)
     if amplitude is None:
         return None
     return SinusoidalWrench(
-        amplitude, math.tau / random.within(given.slow_period), random.uniform(0.0, math.tau)
+        amplitude, math.tau / random.within(disturbances.slow_period), random.uniform(0.0, math.tau)
     )
 
 
 def _kick(conditions: Conditions, steps: int, random: Random) -> ImpulsiveWrench:
-    given = conditions.disturbances
+    disturbances = conditions.disturbances
     return ImpulsiveWrench(
         floor(random.unit() * float(steps)),
-        Wrench(random.vector(given.kick), random.turn(given.kick_spin)),
+        Wrench(random.vector(disturbances.kick), random.turn(disturbances.kick_spin)),
     )

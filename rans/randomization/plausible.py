@@ -73,19 +73,19 @@ def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
     force = float(np.linalg.norm(wrenches[:, : craft.dimension], axis=1).sum())
     torque = float(np.linalg.norm(wrenches[:, craft.dimension :], axis=1).sum())
     torque += sum(wheel.max_torque for wheel in craft.wheels)
-    torque += sum(one.largest_torque for one in craft.further_effectors)
+    torque += sum(effector.largest_torque for effector in craft.further_effectors)
     pushes = [part.disturbances for part in every]
-    for names, unit, most, cause in (
+    for names, unit, limit, cause in (
         (("force", "slow_force"), "N", force, "a force in mN"),
         (("torque", "slow_torque"), "N m", torque, "a torque in N mm, or a craft that cannot turn"),
     ):
-        size = max(sum(largest(getattr(one, name)) for name in names) for one in pushes)
-        if size > most:
+        size = max(sum(largest(getattr(push, name)) for name in names) for push in pushes)
+        if size > limit:
             yield (
                 f"conditions have a disturbance {names[0]} up to {size:g} {unit}, and all effectors of "
-                f"{craft.name!r} together give {most:.3g}: no controller holds it; the usual cause is {cause}"
+                f"{craft.name!r} together give {limit:.3g}: no controller holds it; the usual cause is {cause}"
             )
-    kick = max(largest(one.kick) if one.kicks else 0.0 for one in pushes)
+    kick = max(largest(push.kick) if push.kicks else 0.0 for push in pushes)
     if kick > _FASTEST_KICK * craft.mass:
         yield (
             f"conditions have disturbances.kick up to {kick:g} N s, which moves {craft.name!r} at "
@@ -95,8 +95,8 @@ def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
 
 def warn_of_implausible(conditions: Conditions, craft: Spacecraft) -> None:
     """Warn of each of the `implausible`."""
-    for one in implausible(conditions, craft):
-        warnings.warn(f"{one}.", stacklevel=3)
+    for doubt in implausible(conditions, craft):
+        warnings.warn(f"{doubt}.", stacklevel=3)
 
 
 def _setting(conditions: Any, path: Sequence[str]) -> Any:

@@ -51,9 +51,9 @@ class Sensors:
         return self.dropout is not None or self.outage is not None
 
 
-def draw_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
+def draw_sensors(conditions: SensorsConditions, random: Random) -> Sensors | None:
     """Draw the sensor errors of an episode; None if readings are the true state."""
-    sensors = given.each()
+    sensors = conditions.each()
     off = SensorConditions()
 
     def drawn(name: str, draw: Callable[[int, Range], Any]) -> tuple[Any, ...] | None:
@@ -62,20 +62,20 @@ def draw_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
         return tuple(draw(k, getattr(sensor, name)) for k, sensor in enumerate(sensors))
 
     result = Sensors(
-        random.whole(given.delay),
+        random.whole(conditions.delay),
         drawn("noise", lambda _, values: random.within(values)),
         drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
         drawn("dropout", lambda _, values: random.within(values)),
-        _draw_outage(given, random),
+        _draw_outage(conditions, random),
     )
-    return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
+    return result if largest(conditions.delay) >= 1 or len(leaves(result)) > 1 else None
 
 
-def _draw_outage(given: SensorsConditions, random: Random) -> Outage | None:
-    if largest(given.outage) == 0.0:
+def _draw_outage(conditions: SensorsConditions, random: Random) -> Outage | None:
+    if largest(conditions.outage) == 0.0:
         return None
-    length = random.within(given.outage)
-    rate = 1.0 / random.within(given.outage_every)
+    length = random.within(conditions.outage)
+    rate = 1.0 / random.within(conditions.outage_every)
     return Outage(length * rate, rate, random.unit())
 
 
@@ -126,7 +126,7 @@ def reading(
         lost = [
             stream.unit() < chance for stream, chance in zip(streams, sensors.dropout, strict=True)
         ]
-        lost = lost if stopped is None else [one | stopped for one in lost]
+        lost = lost if stopped is None else [missed | stopped for missed in lost]
     parts = (
         (getattr(measured, name), getattr(last, name), gone)
         for name, gone in zip(("p", "attitude", "v", "w"), lost, strict=True)

@@ -75,7 +75,9 @@ def pieces(
             yield end - begin, _at(0.5 * (begin + end), before, jumps, lag), None, period
             continue
         # A straight line through two points inside, where nothing jumps.
-        a, b = (_at(begin + share * (end - begin), before, jumps, lag) for share in (0.25, 0.75))
+        a, b = (
+            _at(begin + fraction * (end - begin), before, jumps, lag) for fraction in (0.25, 0.75)
+        )
         first, last = (
             map_leaves(lambda x, y: 1.5 * x - 0.5 * y, *ends) for ends in ((a, b), (b, a))
         )
@@ -108,37 +110,37 @@ def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field) -> 
         yield rest
 
 
-def _until(piece: Piece, share: Field) -> Piece:
+def _until(piece: Piece, fraction: Field) -> Piece:
     """The first share of a piece."""
-    duration, first, last, most = piece
+    duration, first, last, longest = piece
     if last is not None:
-        last = _between(first, last, share)
-    return duration * share, first, last, most
+        last = _between(first, last, fraction)
+    return duration * fraction, first, last, longest
 
 
-def _from(piece: Piece, share: Field) -> Piece:
+def _from(piece: Piece, fraction: Field) -> Piece:
     """Remainder of a piece after its first share."""
-    duration, first, last, most = piece
+    duration, first, last, longest = piece
     if last is not None:
-        first = _between(first, last, share)
-    return duration * (1.0 - share), first, last, most
+        first = _between(first, last, fraction)
+    return duration * (1.0 - fraction), first, last, longest
 
 
-def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
-    return map_leaves(lambda a, b: a + (b - a) * share, first, last)
+def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
+    return map_leaves(lambda a, b: a + (b - a) * fraction, first, last)
 
 
-def _either(condition: Field, one: Piece, other: Piece) -> Piece:
+def _either(condition: Field, one: Piece, second: Piece) -> Piece:
     """One piece where the condition is true, else the other."""
 
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)
 
     last = None
-    if one[2] is not None or other[2] is not None:
-        last = map_leaves(choose, one[2] or one[1], other[2] or other[1])
-    first = map_leaves(choose, one[1], other[1])
-    return choose(one[0], other[0]), first, last, max(one[3], other[3])
+    if one[2] is not None or second[2] is not None:
+        last = map_leaves(choose, one[2] or one[1], second[2] or second[1])
+    first = map_leaves(choose, one[1], second[1])
+    return choose(one[0], second[0]), first, last, max(one[3], second[3])
 
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:
@@ -175,10 +177,10 @@ def _commanded(
     thrusts = []
     for age, command in reversed(list(enumerate(commands))):
         time: Field = -age * period
-        for share, part in craft.actuators.pulses(command[craft.thruster_commands]):
+        for fraction, part in craft.actuators.pulses(command[craft.thruster_commands]):
             when.append(time)
             thrusts.append(thrust(craft, part, body))
-            time = time + share * period
+            time = time + fraction * period
     jumps = []
     for time, (old, new) in zip(when[1:], pairwise(thrusts), strict=True):
         change = [b - a for a, b in zip(old, new, strict=True)]
@@ -197,9 +199,9 @@ def _at(time: Field, before: Wrench, jumps: Sequence[Jump], lag: Lag) -> Wrench:
         gone = time - jump.time - lag.latency
         up = _share(gone, lag.rise)
         down = _share(gone, lag.rise if lag.fall is None else lag.fall)
-        before = map_leaves(lambda x, y, share=up: x + y * share, before, jump.up)
+        before = map_leaves(lambda x, y, fraction=up: x + y * fraction, before, jump.up)
         if jump.down is not None:
-            before = map_leaves(lambda x, y, share=down: x + y * share, before, jump.down)
+            before = map_leaves(lambda x, y, fraction=down: x + y * fraction, before, jump.down)
     return before
 
 
@@ -207,8 +209,8 @@ def _share(gone: Field, ramp: Field | None) -> Field:
     """Share of a change that has taken effect at a time after valves began to move (s)."""
     if ramp is None:
         return where(gone > 0.0, gone * 0.0 + 1.0, gone * 0.0)
-    share = gone / at_least(ramp, 1e-30)  # at once, where a ramp takes no time
-    return at_least(1.0 - at_least(1.0 - share, 0.0), 0.0)
+    fraction = gone / at_least(ramp, 1e-30)  # at once, where a ramp takes no time
+    return at_least(1.0 - at_least(1.0 - fraction, 0.0), 0.0)
 
 
 def _within(time: Field, period: float) -> Field:

@@ -105,29 +105,29 @@ class DrakeMover:
         disturbance = step_inputs.disturbance
         late = _lateness(step_inputs.lag)
         fails = step_inputs.failing
-        many = np.atleast_2d(rows)
-        command, *earlier = (_columns(told, len(many)) for told in step_inputs.commands)
+        states = np.atleast_2d(rows)
+        command, *earlier = (_columns(commanded, len(states)) for commanded in step_inputs.commands)
         failure = None
         if fails is not None:
             failure = Failure(
-                _columns([fails.instant], len(many)),
-                Nozzles.of(self._craft, fails.body, len(many), *late),
+                _columns([fails.instant], len(states)),
+                Nozzles.of(self._craft, fails.body, len(states), *late),
             )
-        plant = self._plant_for(body, len(many))
+        plant = self._plant_for(body, len(states))
         if self._max_step is None:
             plant.set_max_step(self._step_for(state))
-        moved = plant.states_at_checks(
-            many,
+        at_checks = plant.states_at_checks(
+            states,
             command,
             self._timing.control_period,
-            None if disturbance is None else _columns(leaves(disturbance), len(many)),
-            Nozzles.of(self._craft, body, len(many), *late),
+            None if disturbance is None else _columns(leaves(disturbance), len(states)),
+            Nozzles.of(self._craft, body, len(states), *late),
             earlier,
             failure,
             self._timing.checks,
         )
         return tuple(
-            states_from_rows(some.reshape(rows.shape), state).normalised() for some in moved
+            states_from_rows(some.reshape(rows.shape), state).normalised() for some in at_checks
         )
 
     def _step_for(self, state: Any) -> float:

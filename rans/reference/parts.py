@@ -136,7 +136,7 @@ class Orbit(LeafSystem):
     def __init__(
         self,
         mean_motion: float,
-        places: np.ndarray,
+        mountings: np.ndarray,
         speeds: np.ndarray,
         positions: int,
         count: int,
@@ -144,10 +144,10 @@ class Orbit(LeafSystem):
         super().__init__()
         self._n = mean_motion
         self._positions = positions
-        self._places = places
+        self._places = mountings
         self._speeds = speeds
         self.state = self.DeclareVectorInputPort("state", positions + count)
-        self.masses = self.DeclareVectorInputPort("masses", len(places))
+        self.masses = self.DeclareVectorInputPort("masses", len(mountings))
         self.others = self.DeclareVectorInputPort("others", count)
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
@@ -156,11 +156,11 @@ class Orbit(LeafSystem):
         state = np.array(self.state.Eval(context))
         total = np.array(self.others.Eval(context))
         masses = np.array(self.masses.Eval(context))
-        place = state[self._places]
+        position = state[self._places]
         speed = state[self._positions + self._speeds]
-        pull = np.zeros_like(place)
-        pull[:, 0] = 3.0 * n * n * place[:, 0] + 2.0 * n * speed[:, 1]
+        pull = np.zeros_like(position)
+        pull[:, 0] = 3.0 * n * n * position[:, 0] + 2.0 * n * speed[:, 1]
         pull[:, 1] = -2.0 * n * speed[:, 0]
-        pull[:, 2:] = -n * n * place[:, 2:]
+        pull[:, 2:] = -n * n * position[:, 2:]
         total[self._speeds] += masses[:, None] * pull
         output.SetFromVector(total)

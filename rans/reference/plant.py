@@ -93,7 +93,7 @@ class Plant:
         self._drift = drift
         self._nozzles = Nozzles.of(craft, self._body, count)
         self._further = drake_effectors(craft.further_effectors)
-        self._given = np.zeros((count, sum(len(one.places()) for one in self._further)))
+        self._given = np.zeros((count, sum(len(effector.places()) for effector in self._further)))
         """What further effectors give at each of their places."""
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
@@ -253,20 +253,21 @@ class Plant:
         self._context.SetTime(0.0)
         self._simulator.Initialize()
         commanded = [command[:, self.craft.thruster_commands] for command in (commands, *earlier)]
-        seen = []
+        results = []
         segments = nozzles.segments(self.craft.actuators, commanded, duration, failure)
         if self.craft.propellant is not None:
             segments = self._burned(segments, states[:, self._width], duration, checks)
         for end, thrust, rate in segments:
             self._open(thrust, rate)
             while (
-                len(seen) < checks - 1 and (instant := duration * (len(seen) + 1) / checks) <= end
+                len(results) < checks - 1
+                and (instant := duration * (len(results) + 1) / checks) <= end
             ):
                 self._simulator.AdvanceTo(instant)
-                seen.append(self._get())
+                results.append(self._get())
             self._simulator.AdvanceTo(end)
-        seen.append(self._get())
-        return np.stack(seen)
+        results.append(self._get())
+        return np.stack(results)
 
     def rollout(
         self, starts: np.ndarray, commands: np.ndarray, control_period: float
@@ -302,9 +303,9 @@ class Plant:
                     for t in self.craft.thrusters
                 ),
                 *(
-                    PropellerInfo(body.index(), place.pose, place.force, place.torque)
-                    for one in self._further
-                    for place in one.places()
+                    PropellerInfo(body.index(), mounting.pose, mounting.force, mounting.torque)
+                    for effector in self._further
+                    for mounting in effector.places()
                 ),
             )
         ]
@@ -368,7 +369,9 @@ class Plant:
 
     def _momenta(self, states: np.ndarray) -> np.ndarray:
         """Momenta of the wheels (N, wheels), N m s."""
-        end = states.shape[1] - sum(len(one.stores) for one in self.craft.further_effectors)
+        end = states.shape[1] - sum(
+            len(effector.stores) for effector in self.craft.further_effectors
+        )
         return states[:, end - self.craft.wheel_count : end]
 
     def _axes(self) -> np.ndarray:
@@ -382,12 +385,12 @@ class Plant:
         strongest, largest = np.array(
             [(wheel.max_torque, wheel.max_momentum) for wheel in self.craft.wheels]
         ).T
-        wanted = commands[:, self.craft.wheel_commands] * strongest
+        torques = commands[:, self.craft.wheel_commands] * strongest
         if np.isfinite(duration):
             least = (-largest - momenta) / duration
-            most = (largest - momenta) / duration
-            wanted = np.clip(wanted, least, most)
-        self._simulator.get_system().GetInputPort("motors").FixValue(self._context, wanted.ravel())
+            highest = (largest - momenta) / duration
+            torques = np.clip(torques, least, highest)
+        self._simulator.get_system().GetInputPort("motors").FixValue(self._context, torques.ravel())
 
     def _weigh(self, left: np.ndarray) -> None:
         """Give every spacecraft a share (N,) of its full mass and inertia."""
@@ -479,17 +482,19 @@ class Plant:
         """Begin a control period (s) of further effectors."""
         commands = self._with_wheels(commands)
         first = self.craft.wheel_commands.stop
-        kept = stores.shape[1] - sum(len(one.stores) for one in self.craft.further_effectors)
+        bare = stores.shape[1] - sum(
+            len(effector.stores) for effector in self.craft.further_effectors
+        )
         self._begun = []
         """Each further effector with its commands and stores, and the length of the control period."""
-        for described, one in zip(self.craft.further_effectors, self._further, strict=True):
+        for described, effector in zip(self.craft.further_effectors, self._further, strict=True):
             last = first + len(described.commands)
-            left = kept + len(described.stores)
-            self._begun.append((one, commands[:, first:last], stores[:, kept:left], duration))
+            left = bare + len(described.stores)
+            self._begun.append((effector, commands[:, first:last], stores[:, bare:left], duration))
             first = last
-            kept = left
+            bare = left
         if self._begun:
-            self._given = np.hstack([one.values(*begun) for one, *begun in self._begun])
+            self._given = np.hstack([effector.values(*begun) for effector, *begun in self._begun])
 
     def _open(self, thrust: np.ndarray, rate: np.ndarray) -> None:
         """Shares of full force that nozzles give from now on, and how fast they change, 1/s."""
@@ -526,7 +531,7 @@ class Plant:
         if self._begun:
             time = self._context.get_time()
             rows = np.hstack(
-                [rows, *(one.stores_after(*begun, time) for one, *begun in self._begun)]
+                [rows, *(effector.stores_after(*begun, time) for effector, *begun in self._begun)]
             )
         return rows
 

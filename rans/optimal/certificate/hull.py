@@ -72,19 +72,21 @@ class Reach:
         torques = np.maximum(torques, _LEVER * whole) * able
         forces = whole * able
         arm = float((torques / whole).max())
-        most = float(forces.sum())
+        strongest = float(forces.sum())
         if craft.thrust_sharing == "split":
             single = np.append(0.0, forces)
             return cls(single, single, float(torques.max()), arm, float(forces.max()))
         if len(forces) > _MOST_THRUSTERS:  # no force exceeds the thrust
-            ends = np.array([0.0, most])
-            return cls(ends, ends, float(torques.sum()), arm, most)
+            ends = np.array([0.0, strongest])
+            return cls(ends, ends, float(torques.sum()), arm, strongest)
         sets = (np.arange(2 ** len(forces))[:, None] >> np.arange(len(forces))) & 1
         opened = sets * gain + leak
         total = opened @ np.array(craft.wrench_map)
         size = np.linalg.norm(total[:, : craft.dimension], axis=1)
         turning = float(np.linalg.norm(total[:, craft.dimension :], axis=1).max())
-        return cls(*_frontier(opened @ whole, size), max(turning, _LEVER * most), arm, most)
+        return cls(
+            *_frontier(opened @ whole, size), max(turning, _LEVER * strongest), arm, strongest
+        )
 
 
 def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,13 +118,17 @@ def least_time(
     reach = Reach.of(craft, health)
     times = [_least_time(*_rotation(craft, aims, start, goal, goal_set), reach.torque)]
     push = float(reach.force.max()) / craft.mass
-    way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))
+    displacement, before, after = (
+        np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v)
+    )
     margin = goal_set.velocity if "velocity" in aims else math.inf
     vectors = [
-        v / np.linalg.norm(v) for v in (way, after - before, before) if np.linalg.norm(v) > 0
+        v / np.linalg.norm(v)
+        for v in (displacement, after - before, before)
+        if np.linalg.norm(v) > 0
     ]
     for axis in (sign * v for v in vectors for sign in (1.0, -1.0)):
-        far = way @ axis - goal_set.position if "position" in aims else -math.inf
+        far = displacement @ axis - goal_set.position if "position" in aims else -math.inf
         change = max(0.0, abs(float((after - before) @ axis)) - margin)
         speeds = float(before @ axis), float(after @ axis) + margin
         times.append(_least_time(float(far), *speeds, change, push))
@@ -172,34 +178,38 @@ def staying_time(
     return max(braking, within.spin * craft.inertia[2][2] / reach.torque) + 0.5 * period
 
 
-def _least_time(way: float, before: float, after: float, change: float, push: float) -> float:
+def _least_time(
+    displacement: float, before: float, after: float, change: float, push: float
+) -> float:
     """Least T with push T >= change and way <= integral of min(before + push t, after + push (T - t)).
 
     Infinite where there is none, which takes a push of zero.
     """
     if push == 0:
-        return _drifting_time(way, min(before, after), change)
+        return _drifting_time(displacement, min(before, after), change)
     first = change / push
-    if not math.isfinite(way):
+    if not math.isfinite(displacement):
         return first
     # while push T <= after - before the first line is the lower one throughout
-    early = _roots(0.5 * push, before, -way)
+    early = _roots(0.5 * push, before, -displacement)
     late = (
-        _roots(0.25 * push, 0.5 * (before + after), -way - 0.25 * (before - after) ** 2 / push)
+        _roots(
+            0.25 * push, 0.5 * (before + after), -displacement - 0.25 * (before - after) ** 2 / push
+        )
         if math.isfinite(after)
         else []
     )
     for time in sorted(t for t in (first, *early, *late) if t >= first):
-        if _covered(time, before, after, push) >= way - 1e-9 * abs(way):
+        if _covered(time, before, after, push) >= displacement - 1e-9 * abs(displacement):
             return time
     return first  # pragma: no cover - the last root always covers the way
 
 
-def _drifting_time(way: float, speed: float, change: float) -> float:
+def _drifting_time(displacement: float, speed: float, change: float) -> float:
     """`_least_time` of those whom nothing pushes: they keep their speed."""
-    if change > 0 or (way > 0 and speed <= 0):
+    if change > 0 or (displacement > 0 and speed <= 0):
         return math.inf
-    return way / speed if way > 0 else 0.0
+    return displacement / speed if displacement > 0 else 0.0
 
 
 def _roots(a: float, b: float, c: float) -> list[float]:
@@ -233,9 +243,9 @@ def least_fuel(
     """
     if not (math.isfinite(horizon) and horizon > 0):
         raise ConfigError(f"a bound of impulse needs a finite horizon > 0 s, got {horizon}.")
-    (way, before, after, change) = _rotation(craft, aims, start, goal, goal_set)
+    (angle_to_go, before, after, change) = _rotation(craft, aims, start, goal, goal_set)
     reach = Reach.of(craft)
-    swing = max(2.0 * way / horizon - before - after, change) - _ROUNDING * before
+    swing = max(2.0 * angle_to_go / horizon - before - after, change) - _ROUNDING * before
     turning = swing / reach.arm if swing > 0 else 0.0
     moving = _Dual(craft, aims, start, goal, horizon, goal_set).ascend()
     bound = max(turning, moving, 0.0) * (1.0 - _ROUNDING)
@@ -258,8 +268,8 @@ def _rotation(
     )
     before, after = (float(np.linalg.norm(tensor @ np.array(x.spin()))) for x in (start, goal))
     slack = float(moments[-1]) * goal_set.spin if "spin" in aims else math.inf
-    way = angle * float(moments[0]) if "attitude" in aims else -math.inf
-    return way, before, after + slack, max(0.0, abs(after - before) - slack)
+    moment = angle * float(moments[0]) if "attitude" in aims else -math.inf
+    return moment, before, after + slack, max(0.0, abs(after - before) - slack)
 
 
 class _Dual:
@@ -286,24 +296,24 @@ class _Dual:
     def value(self, costate: np.ndarray) -> float:
         """Dual value of multipliers (2 * dimension,) of the final velocity and position."""
         costate = costate.reshape(2, -1) * self._aimed
-        wanted = costate[0] @ self._gain + costate[1] @ self._way
+        switching = costate[0] @ self._gain + costate[1] @ self._way
         spared = self._radii @ np.linalg.norm(costate, axis=1)
         pull = np.linalg.norm(costate[0] + self._left[:, None] * costate[1], axis=1)
         worth = np.max(pull[:, None] * self._reach.force - self._reach.thrust, axis=1)
         # convex in time, so the trapezoidal rule is never below the integral
         used = float(np.sum(worth[1:] + worth[:-1])) * 0.5 * self._horizon / _PARTS
-        return self._mass * float(wanted - spared) - used
+        return self._mass * float(switching - spared) - used
 
     def ascend(self) -> float:
         """The best bound found, from thrust ahead and then back."""
         from scipy.optimize import minimize
 
-        way = self._way if self._aimed[1, 0] else self._gain
-        size = float(np.linalg.norm(way))
-        ahead = way / size if size > 0 else np.eye(len(way))[0]
+        response = self._way if self._aimed[1, 0] else self._gain
+        size = float(np.linalg.norm(response))
+        ahead = response / size if size > 0 else np.eye(len(response))[0]
         back = 2.0 * ahead / self._horizon * self._aimed[1, 0]
         first = np.concatenate([ahead - self._horizon * back, back])
-        unit = np.repeat([1.0, 1.0 / self._horizon], len(way))
+        unit = np.repeat([1.0, 1.0 / self._horizon], len(response))
         result = minimize(
             lambda x: -self.value(x * unit),
             first / unit,

@@ -77,8 +77,8 @@ class Impulses:
         amounts = np.linalg.solve(np.swapaxes(points, 1, 2), aimed[:, :, None])[:, :, 0]
         amounts = np.maximum(amounts, 0.0)
         period, thruster = np.divmod(corners, meeting.forces.shape[1])
-        share = amounts / meeting.price[thruster]
-        return Firings(amounts.sum(axis=1), period, thruster, share)
+        amount = amounts / meeting.price[thruster]
+        return Firings(amounts.sum(axis=1), period, thruster, amount)
 
     def flown(self, states: np.ndarray, firings: Firings, checks: np.ndarray) -> np.ndarray:
         """States (N, L, 2 d) at checks (L,) from now on, of states (N, 2 d) that fire so."""

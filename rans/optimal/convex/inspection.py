@@ -69,8 +69,10 @@ def least_impulse(
     drift = ClohessyWiltshire(task.mean_motion)
     nowhere = Vec3(0.0, 0.0, 0.0)
     axes = [Vec3(*row) for row in np.eye(3)]
-    moved = np.stack([_rows(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2)
-    along = np.einsum("ij,tjk->tik", normals, moved) / craft.mass
+    responses = np.stack(
+        [_rows(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
+    )
+    along = np.einsum("ij,tjk->tik", normals, responses) / craft.mass
     wrenches = np.array(craft.wrench_map)
     turns = bool(craft.wheels) or bool(np.any(np.abs(wrenches[:, 3:]) > 0.0))
     if turns or np.any(start.spin()):
@@ -78,7 +80,9 @@ def least_impulse(
     else:
         forces = wrenches[:, :3]
         directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
-        in_world = [_rows(start.attitude.rotate(Vec3(*one)), 1)[0] for one in directions]
+        in_world = [
+            _rows(start.attitude.rotate(Vec3(*direction)), 1)[0] for direction in directions
+        ]
         effect = (along @ np.array(in_world).T).max(axis=2)
     best = np.maximum.accumulate(np.maximum(effect, 0.0), axis=0)
 

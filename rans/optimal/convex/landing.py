@@ -551,7 +551,7 @@ class _Problem:
         steps = self.lengths / _TIME
         g = np.array([0.0, 0.0, -self.descent.gravity / _ACCELERATION])
         rate = _ACCELERATION * _TIME / self.lander.exhaust_speed
-        one = sparse.eye(3)
+        identity = sparse.eye(3)
         # x_{k+1} - A x_k - B (u_k, sigma_k) = constant.
         drift = np.zeros((7, 7))
         drift[:3, 3:6] = np.eye(3)
@@ -560,14 +560,14 @@ class _Problem:
         faster = np.zeros((7, self.width))
         faster[3:6, :3] = np.eye(3)
         faster[6, 3] = -rate
-        ways = [0.5 * nearer] if self.groups == 1 else [nearer, 0.0 * nearer]
-        here = sparse.hstack([sparse.eye(n), sparse.csc_matrix((n, 1))])
-        there = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
+        blocks = [0.5 * nearer] if self.groups == 1 else [nearer, 0.0 * nearer]
+        at_begin = sparse.hstack([sparse.eye(n), sparse.csc_matrix((n, 1))])
+        at_end = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
         long = sparse.diags(steps)
-        carry = sparse.kron(here, sparse.eye(7)) + sparse.kron(long @ here, drift)
+        carry = sparse.kron(at_begin, sparse.eye(7)) + sparse.kron(long @ at_begin, drift)
         push = sparse.kron(long, np.hstack([faster] * self.groups))
-        push += sparse.kron(long @ long, np.hstack(ways))
-        motion = sparse.hstack([sparse.kron(there, sparse.eye(7)) - carry, -push])
+        push += sparse.kron(long @ long, np.hstack(blocks))
+        motion = sparse.hstack([sparse.kron(at_end, sparse.eye(7)) - carry, -push])
         fallen = np.concatenate([0.5 * g, np.zeros(4)]), np.concatenate([np.zeros(3), g, [0.0]])
         falling = np.outer(steps**2, fallen[0]) + np.outer(steps, fallen[1])
         p, v = self.start
@@ -587,7 +587,7 @@ class _Problem:
             (self.descent.velocity_tolerance, 3),
         ):
             if tolerance == 0.0:
-                rows.append(_selected(one, 7 * n + offset, self.size))
+                rows.append(_selected(identity, 7 * n + offset, self.size))
                 values.append(np.zeros(3))
         return sparse.vstack(rows, format="csc"), np.concatenate(values), 1
 
@@ -783,8 +783,8 @@ def _lines_above(x: np.ndarray, y: np.ndarray) -> Lines:
     return tuple((slope, b - slope * a) for slope, (a, b) in zip(slopes, hull[:-1], strict=True))
 
 
-def _slope(one: tuple[float, float], other: tuple[float, float]) -> float:
-    return (other[1] - one[1]) / (other[0] - one[0])
+def _slope(first: tuple[float, float], second: tuple[float, float]) -> float:
+    return (second[1] - first[1]) / (second[0] - first[0])
 
 
 def _selected(block: Any, first: int, size: int) -> Any:

@@ -327,7 +327,7 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
 
 
 def rendezvous(
-    meeting: Meeting, start: np.ndarray, deadline: float, within: float = 0.002, most: int = 300
+    meeting: Meeting, start: np.ndarray, deadline: float, within: float = 0.002, limit: int = 300
 ) -> Answer:
     """Least impulse with which a spacecraft meets by a deadline, bounded from both sides.
 
@@ -339,7 +339,7 @@ def rendezvous(
         start: (2 d,) position and velocity in W.
         deadline: s.
         within: relative distance between the lower bound and a flight without limits at which the search ends.
-        most: instants at which the bound is sharpened at most.
+        limit: instants at which the bound is sharpened at most.
 
     Raises:
         SolverFailed: no meeting by the deadline is possible.
@@ -362,15 +362,15 @@ def rendezvous(
 
     for check in np.unique(np.linspace(last, 1, 24).astype(int)):
         sharpen(int(check))
-    for _ in range(most):
+    for _ in range(limit):
         # A flight at the best of the instants whose bound is sharp.
-        known = min(sharp, key=lambda check: bounds[check])
-        if known not in flights and bounds[known] < (1.0 - within) * cheapest:
-            result = least_impulse(meeting, start, known)
+        sharpest = min(sharp, key=lambda check: bounds[check])
+        if sharpest not in flights and bounds[sharpest] < (1.0 - within) * cheapest:
+            result = least_impulse(meeting, start, sharpest)
             if result is None:
-                bounds[known] = np.inf
+                bounds[sharpest] = np.inf
                 continue
-            flights[known] = result
+            flights[sharpest] = result
             cheapest = min(cheapest, result.impulse)
         weakest = int(np.argmin(bounds))
         if bounds[weakest] >= (1.0 - within) * cheapest or weakest in flights:
@@ -379,15 +379,15 @@ def rendezvous(
     if not flights:
         raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
     lower = float(np.min(bounds))
-    order = sorted(flights.values(), key=lambda one: one.impulse)
-    kept: Transfer | None = None
+    order = sorted(flights.values(), key=lambda flight: flight.impulse)
+    best: Transfer | None = None
     for begun in order[:3]:
         result = within_limits(meeting, start, begun)
-        if result is not None and (kept is None or result.impulse < kept.impulse):
-            kept = result
-        if kept is not None and kept.impulse < (1.0 + within) * order[0].impulse:
+        if result is not None and (best is None or result.impulse < best.impulse):
+            best = result
+        if best is not None and best.impulse < (1.0 + within) * order[0].impulse:
             break
-    return Answer(lower, np.inf if kept is None else kept.impulse, kept, order[0])
+    return Answer(lower, np.inf if best is None else best.impulse, best, order[0])
 
 
 def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Transfer | None:
@@ -485,12 +485,12 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
         ConfigError: the kind of limit is unknown.
     """
     size = len(reference) // 2
-    here = reference[:size]
+    positions = reference[:size]
     none = np.zeros((0, 2 * size))
     if isinstance(limit, SpeedLimit):
         at = _vector(limit.at)
-        way = here - at
-        unit = way / max(float(np.linalg.norm(way)), 1e-9)
+        offsets = positions - at
+        unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
         row = np.zeros(2 * size)
         row[:size] = float(limit.slope) * unit
         constant = float(limit.base) - float(limit.slope) * float(unit @ at) - _SLACK
@@ -498,8 +498,8 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
         return _ConeRows(row, constant, matrix, np.zeros(size))
     if isinstance(limit, Ball):
         centre = _vector(limit.centre)
-        way = here - centre
-        unit = way / max(float(np.linalg.norm(way)), 1e-9)
+        offsets = positions - centre
+        unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
         row = np.zeros(2 * size)
         row[:size] = unit
         return _ConeRows(
@@ -507,7 +507,7 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
         )
     if isinstance(limit, Cone):
         apex, axis = _vector(limit.apex), _vector(limit.axis)
-        if np.linalg.norm(here - apex) > float(limit.length):
+        if np.linalg.norm(positions - apex) > float(limit.length):
             return _ConeRows(np.zeros(2 * size), 1.0, none, np.zeros(0))
         row = np.zeros(2 * size)
         tangent = np.tan(float(limit.half_angle))

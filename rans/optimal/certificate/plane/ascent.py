@@ -53,9 +53,11 @@ def towards_goal(relaxation: Relaxation) -> np.ndarray:
     """(4,) the scaled costate of a flight in a straight line: thrust ahead, then back."""
     start = relaxation.start
     goal = relaxation.goal
-    way = goal.p - start.p - start.v.scale(relaxation.steps * relaxation.lattice.period)
-    length = way.norm()
-    direction = np.array([way.x, way.y]) / length if length > 0 else np.array([1.0, 0.0])
+    displacement = goal.p - start.p - start.v.scale(relaxation.steps * relaxation.lattice.period)
+    length = displacement.norm()
+    direction = (
+        np.array([displacement.x, displacement.y]) / length if length > 0 else np.array([1.0, 0.0])
+    )
     return np.concatenate([direction, -direction])
 
 
@@ -67,7 +69,7 @@ def ascend(
     target: float,
     tolerance: float,
     trust: float,
-    most: int,
+    iterations: int,
     work: float = math.inf,
 ) -> Ascent:
     """Raise the bound until it exceeds the target, can hardly rise any more, or patience ends.
@@ -87,7 +89,7 @@ def ascend(
     weights = np.zeros(0)
     latest = best
     point = start
-    for _ in range(most):
+    for _ in range(iterations):
         if np.isinf(latest.value):
             return Ascent(latest, cuts, weights)
         slope = latest.gradient * unit

@@ -171,12 +171,12 @@ def _root(
         cap *= 1.5
 
 
-def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Iterator[float]:
+def _levels(lattice: Lattice, net: set[int], level: float, highest: float) -> Iterator[float]:
     """Fuels to decide about, from this one on; the last is all there is, N s."""
-    while level < most:
+    while level < highest:
         yield level
         level = lattice.next_fuel(level + 0.5 * lattice.grain, net)
-    yield most
+    yield highest
 
 
 def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascent:
@@ -188,7 +188,7 @@ def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascen
         target,
         0.01 * relaxation.lattice.grain,
         trust=0.5,
-        most=60,
+        iterations=60,
         work=effort.work,
     )
 
@@ -206,7 +206,7 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) 
         outcome.nodes += 1
         patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
         result = ascend(
-            relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15
+            relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, iterations=15
         )
         if result.best.value > level:
             continue

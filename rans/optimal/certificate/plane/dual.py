@@ -129,9 +129,9 @@ class Relaxation:
     def _spin_limits(self) -> np.ndarray:
         """(N + 1,) bounds of |n|: by the torque at hand before and after, and by the fuel to spend."""
         k = np.arange(self.steps + 1)
-        most = np.abs(self.lattice.patterns.torque).max()
+        strongest = np.abs(self.lattice.patterns.torque).max()
         last = max(abs(n) for n in self.net)
-        limit = np.minimum(most * k, most * (self.steps - k) + last)
+        limit = np.minimum(strongest * k, strongest * (self.steps - k) + last)
         if self.cap is not None:
             bought = self.cap * self.lattice.quanta_per_fuel * (1 + 1e-12)
             limit = np.minimum(limit, int((bought + last) / 2))
@@ -256,8 +256,10 @@ class Relaxation:
         """(4,) final velocity (x, y) and position (x, y) without any thrust, from the goal's."""
         start = self.start
         goal = self.goal
-        way = start.p + start.v.scale(self.steps * self.lattice.period) - goal.p
-        return np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, way.x, way.y])
+        displacement = start.p + start.v.scale(self.steps * self.lattice.period) - goal.p
+        return np.array(
+            [start.v.x - goal.v.x, start.v.y - goal.v.y, displacement.x, displacement.y]
+        )
 
     def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
         """Part of the dual function beside the inner minimum, and its supergradient."""
@@ -308,14 +310,14 @@ class Relaxation:
             / self.lattice.craft.mass
         )
         speed = turn * self._responses[0][i, t]
-        way = (self.steps - k) * self.lattice.period * speed - turn * self._responses[1][i, t]
+        response = (self.steps - k) * self.lattice.period * speed - turn * self._responses[1][i, t]
         force = self.lattice.patterns.force[patterns].T
-        return (force * speed).T, (force * way).T
+        return (force * speed).T, (force * response).T
 
     def effect(self, path: np.ndarray) -> tuple[complex, complex]:
         """Final velocity and position that a path adds, m/s and m in W as complex numbers."""
-        gained, moved = self.effects(path, path)
-        return complex(gained.sum()), complex(moved.sum())
+        gained, displacement = self.effects(path, path)
+        return complex(gained.sum()), complex(displacement.sum())
 
     def margin(self, costate: np.ndarray) -> float:
         """More than rounding and inexact torques can change a value by (docs/certificate.md)."""

@@ -147,8 +147,8 @@ class Lattice:
         weights = 0.5 * self.period * weights
         rate = self.spin / self.period * self.torque_range
         angle = spins[:, None, None] * s + 0.5 * rate[:, None] * s * s
-        turned = np.exp(1j * angle) * weights
-        return turned.sum(axis=2), (turned * s).sum(axis=2)
+        rotated = np.exp(1j * angle) * weights
+        return rotated.sum(axis=2), (rotated * s).sum(axis=2)
 
     @cached_property
     def torque_range(self) -> np.ndarray:

@@ -36,14 +36,14 @@ def nozzles(
 
 def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray | None:
     """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more."""
-    gained, moved = relaxation.effect(path)
+    gained, displacement = relaxation.effect(path)
     miss = relaxation.miss
     goal_set = relaxation.goal_set
     lattice = relaxation.lattice
     impulse = float(lattice.patterns.thrust[path].sum()) * lattice.period
     if (
         abs(complex(*miss[:2]) + gained) > goal_set.velocity
-        or abs(complex(*miss[2:]) + moved) > goal_set.position
+        or abs(complex(*miss[2:]) + displacement) > goal_set.position
         or relaxation.fuel * impulse > limit + 1e-9
     ):
         return None
@@ -59,17 +59,17 @@ def _choices(
     patterns = relaxation.lattice.patterns
     same = patterns.torque[path][:, None] == patterns.torque
     everything = np.broadcast_to(np.arange(len(patterns.torque)), same.shape)
-    speed, way = relaxation.effects(path, everything)
+    speed, displacement = relaxation.effects(path, everything)
     velocity = complex(*bound.costate[:2])
     position = complex(*bound.costate[2:])
     price = relaxation.fuel * relaxation.lattice.period * patterns.thrust
     price = np.where(
-        same, price + (np.conj(velocity) * speed + np.conj(position) * way).real, np.inf
+        same, price + (np.conj(velocity) * speed + np.conj(position) * displacement).real, np.inf
     )
     cheapest = price.min(axis=1)
     left = limit - relaxation.constant(bound.costate)[0] - cheapest.sum()
     period, pattern = np.nonzero(price - cheapest[:, None] <= max(0.0, left) + 1e-9)
-    return period, pattern, speed[period, pattern], way[period, pattern]
+    return period, pattern, speed[period, pattern], displacement[period, pattern]
 
 
 def _solve(
@@ -77,7 +77,7 @@ def _solve(
     period: np.ndarray,
     pattern: np.ndarray,
     speed: np.ndarray,
-    way: np.ndarray,
+    displacement: np.ndarray,
     limit: float,
     work: float,
 ) -> np.ndarray | None:
@@ -92,7 +92,7 @@ def _solve(
     constraints = [
         LinearConstraint(once, 1, 1),
         _disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity),
-        _disc(way, complex(*miss[2:]), relaxation.goal_set.position),
+        _disc(displacement, complex(*miss[2:]), relaxation.goal_set.position),
     ]
     if relaxation.fuel > 0:
         thrust = lattice.period * lattice.patterns.thrust[pattern]

@@ -130,20 +130,22 @@ def _pulses(lattice: SpinLattice, lower: float) -> int:
     return math.ceil(lower / (strongest * lattice.period) - 1e-9)
 
 
-def _soonest(query: ArrivalSearch, least: int, most: int) -> np.ndarray | None:
+def _soonest(query: ArrivalSearch, least: int, highest: int) -> np.ndarray | None:
     """Commands that arrive after the fewest periods for which some are found, from the least on.
 
     None if that is none of the first few that throttled thrust can meet.
     """
     searches = 0
-    for steps in range(least, most + 1):
+    for steps in range(least, highest + 1):
         if searches == _LEVELS:
             break
         tries = (
-            throttled(query.lattice, query.start, query.goal, _inner(query.goal_set, share), steps)
-            for share in _INNER
+            throttled(
+                query.lattice, query.start, query.goal, _inner(query.goal_set, fraction), steps
+            )
+            for fraction in _INNER
         )
-        duties = [one.duties for one in next(filter(None, tries), [])]
+        duties = [optimum.duties for optimum in next(filter(None, tries), [])]
         if not duties:
             continue
         searches += 1
@@ -153,12 +155,12 @@ def _soonest(query: ArrivalSearch, least: int, most: int) -> np.ndarray | None:
     return None
 
 
-def _inner(goal_set: GoalSet, share: float) -> GoalSet:
+def _inner(goal_set: GoalSet, fraction: float) -> GoalSet:
     return replace(
         goal_set,
-        position=share * goal_set.position,
-        velocity=share * goal_set.velocity,
-        heading=share * goal_set.heading,
+        position=fraction * goal_set.position,
+        velocity=fraction * goal_set.velocity,
+        heading=fraction * goal_set.heading,
     )
 
 

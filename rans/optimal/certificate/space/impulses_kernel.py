@@ -151,23 +151,23 @@ def _projected(errors: np.ndarray, radii: np.ndarray, slopes: np.ndarray) -> Non
     for g in range(0, 9, 3):
         r = radii[g // 3]
         size = math.sqrt(errors[g] ** 2 + errors[g + 1] ** 2 + errors[g + 2] ** 2)
-        share = max(0.0, 1.0 - r / max(size, 1e-12))
+        shrink = max(0.0, 1.0 - r / max(size, 1e-12))
         n0 = 0.0
         n1 = 0.0
         n2 = 0.0
-        if share > 0.0:
+        if shrink > 0.0:
             n0 = errors[g] / size
             n1 = errors[g + 1] / size
             n2 = errors[g + 2] / size
         for j in range(slopes.shape[1]):
-            along = (1.0 - share) * (
+            along = (1.0 - shrink) * (
                 n0 * slopes[g, j] + n1 * slopes[g + 1, j] + n2 * slopes[g + 2, j]
             )
-            slopes[g, j] = (share * slopes[g, j] + along * n0) / r
-            slopes[g + 1, j] = (share * slopes[g + 1, j] + along * n1) / r
-            slopes[g + 2, j] = (share * slopes[g + 2, j] + along * n2) / r
+            slopes[g, j] = (shrink * slopes[g, j] + along * n0) / r
+            slopes[g + 1, j] = (shrink * slopes[g + 1, j] + along * n1) / r
+            slopes[g + 2, j] = (shrink * slopes[g + 2, j] + along * n2) / r
         for i in range(g, g + 3):
-            errors[i] *= share / r
+            errors[i] *= shrink / r
 
 
 @compiled

@@ -73,14 +73,14 @@ def period_costs(
 
 @compiled
 def least_costs(
-    costs: np.ndarray, moves: np.ndarray, turned: np.ndarray, states: int, first: int
+    costs: np.ndarray, moves: np.ndarray, rotated: np.ndarray, states: int, first: int
 ) -> np.ndarray:
     """Least cost from one state at angle 0 to every state, (states,), by dynamic programming over the periods.
 
     Args:
         costs: (N, kinds, angles), see `period_costs`.
         moves: (M, 3) from state, to state, kind.
-        turned: (M,) cells of angle by which a move rotates at most; the last cell is for all beyond.
+        rotated: (M,) cells of angle by which a move rotates at most; the last cell is for all beyond.
         states: number of states.
         first: index of the first state.
     """
@@ -93,7 +93,7 @@ def least_costs(
             i, j, kind = moves[x]
             for r in range(angles):
                 if value[i, r] < np.inf:
-                    to = min(r + turned[x], angles - 1)
+                    to = min(r + rotated[x], angles - 1)
                     new[j, to] = min(new[j, to], value[i, r] + costs[k, kind, to])
         value = new
     least = np.empty(states)

@@ -59,5 +59,6 @@ def throttled(
     problem = Transcription(lattice.craft, task, objective)
     results = [problem.attempt(start, goal, number) for number in range(_GUESSES)]
     return sorted(
-        (Shares(one.cost, one.commands) for one in results if one.solved), key=lambda one: one.fuel
+        (Shares(optimum.cost, optimum.commands) for optimum in results if optimum.solved),
+        key=lambda optimum: optimum.fuel,
     )
