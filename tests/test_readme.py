@@ -276,7 +276,7 @@ def test_what_names_a_decision_leads_to_one() -> None:
     files = [
         ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "README.md", "SECURITY.md")
     ]
-    for folder in ("rans", "validation", "campaigns", "docs", "tests", "examples", "benchmarks"):
+    for folder in ("rans", "validation", "campaigns", "changelog", "docs", "tests", "examples"):
         files += [
             file
             for end in ("md", "py", "toml")
