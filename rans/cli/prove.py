@@ -119,7 +119,9 @@ class Prove:
             )
             return 1
         output = self.output or Path(f"{folder.name}.certificate.json")
-        digest = traps.write_trap(trap, keep["spin"], begin, files, output)
+        digest = traps.write_trap(
+            trap, keep["spin"], begin, {name: files[name] for name in traps.BOUND}, output
+        )
         terminal.say(
             f"Proved: from every velocity up to {begin[0]:g} m/s and every spin up to {begin[1]:g} rad/s "
             f"{folder.name} never exceeds {keep['speed']:g} m/s and {keep['spin']:g} rad/s while its goal is at "

@@ -47,7 +47,8 @@ def check_trap(
     """
     ctx.prec = _BITS
     table = json.loads(certificate)
-    for name in FILES:
+    # What config.json says is read anew, so that its form may change.
+    for name in ("agent.safetensors", "spacecraft.toml"):
         if table["agent"][name] != hashlib.sha256(files[name]).hexdigest():
             raise Refused(f"it is of another agent: the SHA-256 of {name} differs.")
     loop = _Loop(table, files)
@@ -70,11 +71,12 @@ class _Loop:
         config = json.loads(files["config.json"])
         craft = tomllib.loads(files["spacecraft.toml"].decode())
         settings = config["ppo"]
-        usual = {"preprocessor": "body", "backbone": "dense", "zoom": 0.0, "memory": "none"}
-        usual |= {"symmetric": False, "activation": "tanh"}
+        usual = {"backbone": "dense", "zoom": 0.0, "symmetric": False, "activation": "tanh"}
         if config["task"] != "track-velocity" or craft["dimension"] != 2:
             raise Refused("its task is not track-velocity in the plane.")
-        if any(settings.get(key, value) != value for key, value in usual.items()):
+        memory = settings.get("memory", {"kind": "none"})
+        remembers = memory != "none" and memory.get("kind") != "none"
+        if remembers or any(settings.get(key, value) != value for key, value in usual.items()):
             raise Refused("its policy is not a dense network of tanh on columns in the body frame.")
         if craft.get("thrust_sharing", "none") != "none" or set(craft) & {"wheel", "propellant"}:
             raise Refused("its spacecraft has a shared supply, wheels or propellant.")

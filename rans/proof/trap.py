@@ -26,6 +26,8 @@ from rans.policy.network import Network
 from rans.policy.traced import parameters
 from rans.proof.relaxation import TorchLayer, Zonotope, enclose
 
+BOUND = ("agent.safetensors", "spacecraft.toml")
+"""Files of an agent whose SHA-256 a certificate has."""
 LOGIT = 1.1e-3
 """Log-odds below which a command counts as undecided, for networks in single precision. The checker takes 1e-3."""
 _SLACK = 1e-6
@@ -158,7 +160,7 @@ def velocity_loop(network: Network, craft: Spacecraft, period: float) -> Loop:
     """
     architecture = network.architecture
     plain = architecture.head == "on-off" and architecture.activation == "tanh"
-    plain = plain and architecture.preprocessor == "body" and architecture.backbone == "dense"
+    plain = plain and architecture.backbone == "dense"
     if not plain or architecture.zoom or architecture.memory or architecture.symmetries:
         raise ConfigError(
             "trapping sets are proved for on/off agents of dense tanh layers without memory, zoom and symmetry."
@@ -240,7 +242,7 @@ def write_trap(
         trap: the set.
         spin: limit of the spin, rad/s.
         start: speed (m/s) and spin (rad/s) up to which every start is in it.
-        agent: contents of the agent's files, by name.
+        agent: contents of agent.safetensors and spacecraft.toml, by name.
         file: to be written.
 
     Raises:
