@@ -70,7 +70,7 @@ class Prove:
     def _trap(self, agent: str) -> int:
         """Prove a trapping set."""
         from rans.evaluation.fly.agent import load_agent
-        from rans.evaluation.fly.contestants import agent_folder
+        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.proof import trap as traps
 
         if self.property is None or self.start is None:
@@ -84,7 +84,7 @@ class Prove:
             raise ConfigError(
                 "limits must be above 0 and at most 10, and --from within --property."
             )
-        folder = agent_folder(agent)
+        folder = ContestantName.parse(agent).folder
         run = load_agent(folder)
         files = _files(folder)
         if json.loads(files["config.json"]).get("task") != "track-velocity":
@@ -134,7 +134,7 @@ class Prove:
     def _check_trap(self, agent: str, certificate: Path) -> int:
         """Check the certificate of a trapping set."""
         require("flint")
-        from rans.evaluation.fly.contestants import agent_folder
+        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.files import parse_json
         from rans.proof.certificate import LARGEST
 
@@ -145,7 +145,7 @@ class Prove:
         ):
             raise ConfigError(f"{certificate} is no certificate of an agent's trapping set.")
         count = len(table["cells"])
-        files = _files(agent_folder(agent))
+        files = _files(ContestantName.parse(agent).folder)
         chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
         return self._judged(_trapped, [(content, files, list(one)) for one in chunks], count, 64)
 

@@ -285,6 +285,48 @@ def test_the_shipped_agents_loop_is_its_controller() -> None:
     np.testing.assert_array_equal(commands.numpy()[clear] > 0.5, odds[clear] > 0)
 
 
+def test_the_command_checks_an_agents_certificate(
+    table: dict[str, Any],
+    files: dict[str, bytes],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Refused for another agent, accepted for its own."""
+    pytest.importorskip("flint")
+    folder = tmp_path / "agent"
+    folder.mkdir()
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    file = tmp_path / "trap.json"
+    check = ["--check", str(file), "--workers", "1"]
+    assert main(["prove", "pretrained:track-velocity-2d", *check]) == 1
+    assert "another agent" in capsys.readouterr().out
+    assert main(["prove", str(folder), *check]) == 0
+    assert "Accepted" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--property", "speed=0.16,spin=1.5"], "name the --property"),
+        (["--property", "speed=0.16", "--from", "speed=0.1,spin=0.1"], "--property takes"),
+        (["--property", "speed=0.16,spin=1", "--from", "speed=0.2,spin=0.1"], "within --property"),
+        (["--property", "speed=1,spin=1", "--from", "speed=x,spin=0.1"], "--from takes"),
+    ],
+)
+def test_a_wrong_property_is_a_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["prove", "pretrained:track-velocity-2d", *arguments]) != 0
+    assert sentence in " ".join(capsys.readouterr().err.split())
+
+
+def test_an_agent_of_another_task_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    limits = ["--property", "speed=0.16,spin=1.5", "--from", "speed=0.1,spin=0.1"]
+    assert main(["prove", "pretrained:go-to-pose-2d", *limits]) != 0
+    assert "known is track-velocity" in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.slow
 def test_the_shipped_agent_stays_slow(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The page's command, a part of its certificate, and a million flights, of which none leaves."""
