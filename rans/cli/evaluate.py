@@ -45,6 +45,9 @@ class Evaluate:
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """A run folder, pretrained:NAME, either of these after lookahead:, or CONTROLLER:TASK-2d or -3d, with
     @SPACECRAFT if you like."""
+    spacecraft: str | None = None
+    """Spacecraft, by its name or TOML file, for an agent for any craft: any-craft-2d flies it without training.
+    The same as any-craft-2d@SPACECRAFT, which every command takes."""
     protocol: Literal["own", "paper", "original"] = "own"
     """own: the conditions of the training and the task's evaluation starts. paper: the paper's floating
     platform, 250 steps, starts 3 to 4 m away, 1 N for each thruster. original: the same with a total of 1 N."""
@@ -79,11 +82,13 @@ class Evaluate:
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
-        from rans.evaluation.fly.contestants import judged_separately
+        from rans.evaluation.fly.contestants import judged_separately, with_spacecraft
 
         check_count("--episodes", self.episodes)
+        whole = with_spacecraft(self.contestant, self.spacecraft)
         passed = [
-            replace(self, contestant=spec).judge() for spec in judged_separately(self.contestant)
+            replace(self, contestant=spec, spacecraft=None).judge()
+            for spec in judged_separately(whole)
         ]
         return 0 if all(passed) else 1
 

@@ -31,6 +31,9 @@ class Export:
     """Run folder of the agent, or the name of one that comes with RANS."""
     output: Path
     """Folder to write; its name becomes the agent's name."""
+    spacecraft: str | None = None
+    """Spacecraft, by its name or TOML file, for which any-craft-2d is exported; the same as
+    any-craft-2d@SPACECRAFT."""
     format: Form = "rans"
     """Format of the agent."""
     episodes: int = 1024
@@ -50,6 +53,7 @@ class Export:
         from rans.deploy.export import export
         from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.evaluation.fly.contestants import with_spacecraft
         from rans.evaluation.fly.controllers import is_user_policy
 
         if self.guard:
@@ -65,7 +69,7 @@ class Export:
                 "every command flies that file as onnx:FILE:TASK."
             )
         check_count("--episodes", self.episodes)
-        name = ContestantName.parse(self.run_folder)
+        name = ContestantName.parse(with_spacecraft(self.run_folder, self.spacecraft))
         folder = name.folder
         if part := name.part:
             raise ConfigError(

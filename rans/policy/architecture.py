@@ -13,8 +13,10 @@ from torch import Tensor, nn
 
 from rans.errors import ConfigError
 from rans.model.fields import Field
+from rans.policy import authority as of_authority
 from rans.policy import measurement_gate
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.allocated import Allocated
 from rans.policy.attention import EffectorAttention
 from rans.policy.backbones import Backbone, Dense
 from rans.policy.filter_bank import Filters
@@ -23,7 +25,11 @@ from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
-BACKBONES: dict[str, Backbone] = {"dense": Dense(), "attention": EffectorAttention()}
+BACKBONES: dict[str, Backbone] = {
+    "dense": Dense(),
+    "attention": EffectorAttention(),
+    "allocated": Allocated(),
+}
 """By their names in settings and agents' files."""
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
@@ -57,7 +63,11 @@ class Architecture:
     backbone: str = "dense"
     """Key of `BACKBONES`: how features become the commands' outputs."""
     tokens: tuple[tuple[float, ...], ...] = ()
-    """What each effector is, for a backbone that attends to them: `rans.policy.backbones.effector_tokens`."""
+    """What each effector is, for a backbone that is given that: `rans.policy.backbones.effector_tokens`, or
+    `rans.policy.any_craft.effects`."""
+    authority: tuple[float, ...] = ()
+    """Control period (s), and largest accelerations along +x, -x, +y, -y (m/s^2) and about +z, -z (rad/s^2), of a
+    network for any craft, whose columns are those of `rans.policy.authority`; empty for others."""
     history: int = 0
     """How many last columns and commands the network is shown."""
     commands_only: bool = False
@@ -115,10 +125,12 @@ class Architecture:
     @property
     def columns(self) -> Layout:
         """Layout of the columns: vectors are in the frame of the spacecraft (docs/decisions/policies.md)."""
-        return self.layout.body
+        return of_authority.layout(self.layout) if self.authority else self.layout.body
 
     def preprocessed(self, observation: Columns) -> list[Field]:
         """Columns of a network, of those of an observation."""
+        if self.authority:
+            return of_authority.of_observation(self.layout, observation, self.authority)
         return self.layout.in_body(observation)
 
     def ahead(self, columns: Columns) -> Columns | None:

@@ -23,7 +23,10 @@ class Backbone(ABC):
     """Makes outputs for commands of features."""
 
     has_tokens: bool = False
-    """Whether it is given `effector_tokens`."""
+    """Whether it is given the effectors of the craft, as `Architecture.tokens`."""
+
+    token_width: int = 8
+    """Numbers of such a token: of `effector_tokens`, unless it has its own."""
 
     is_traced: bool = False
     """Whether `traced` writes it down; without, torch alone computes it."""

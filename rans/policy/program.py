@@ -114,8 +114,15 @@ class Program:
         return self._single[value, width]
 
     def joined(self, *values: str, name: str = "") -> str:
-        """Values side by side along the last axis; empty names are nothing."""
-        return self.apply("Concat", *filter(None, values), name=name, axis=-1)
+        """Values side by side along the last axis; empty names are nothing, a number is the same for all N."""
+        parts = [value for value in values if value]
+        row = next((part for part in parts if part not in self.constants), "")
+        if row and len(row_numbers := self.constants.keys() & set(parts)):
+            # A number has no axis of N: it is added to nothing of a row that has.
+            nothing = self.apply("Mul", row, self.constant(0.0))
+            sums = {number: self.apply("Add", nothing, number) for number in sorted(row_numbers)}
+            parts = [sums.get(part, part) for part in parts]
+        return self.apply("Concat", *parts, name=name, axis=-1)
 
     def shaped(self, value: str, *shape: int) -> str:
         """Value reshaped to (N, *shape)."""

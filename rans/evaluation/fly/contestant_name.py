@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Literal
 
 from rans.errors import ConfigError, brief, meant
+from rans.evaluation.fly.any_craft import write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
 from rans.evaluation.fly.lookahead import PREFIX
 from rans.files import distinct
+from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import missing_agents, present_agent, pretrained_folder, pretrained_names
-from rans.registry import allow_current_folder
+from rans.registry import allow_current_folder, typed
 
 FORMS = (
     f"a run folder, pretrained:NAME, or either after {PREFIX}:, "
@@ -51,6 +53,8 @@ class ContestantName:
     the policy's text without its task."""
     setup: str = ""
     """TASK-2d@SPACECRAFT of a controller or a policy; empty: that of the first contestant."""
+    craft: str = ""
+    """Spacecraft that an agent for any craft flies, after "@"; empty: the agent's own."""
     part: str = ""
     """Task of a multi-task agent, or position of a trade-off, after "#"; empty: none."""
     looks_ahead: bool = False
@@ -77,28 +81,32 @@ class ContestantName:
             inner = cls.parse(text.removeprefix(f"{PREFIX}:"))
             return replace(inner, text=text, looks_ahead=True)
         if first == "pretrained" and rest:
-            return cls(text, "pretrained", rest, part=part)
+            agent, _, craft = rest.partition("@")
+            return cls(text, "pretrained", agent, craft=craft, part=part)
         if first in CONTROLLERS and rest:
-            return cls(text, "controller", first, rest, part)
+            return cls(text, "controller", first, rest, part=part)
         if whole == f"{first}:":
             raise ConfigError(f"{whole} has no name after its colon; known are {FORMS}.")
         if ":" in whole and not _exists(whole):
             own, _, setup = rest.partition(":")
             if own and setup:
-                return cls(text, "controller", f"{first}:{own}", setup, part)
+                return cls(text, "controller", f"{first}:{own}", setup, part=part)
             near = meant(first, ("pretrained", PREFIX, *CONTROLLERS))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
         # Names alone: a folder, an agent, or a mistake.
         agents = (*pretrained_names(), *missing_agents())
-        if not _exists(whole) and present_agent(whole) in agents:
-            return cls(text, "pretrained", present_agent(whole), part=part)
+        agent, _, craft = whole.partition("@")
+        if not _exists(agent) and present_agent(agent) in agents:
+            return cls(text, "pretrained", present_agent(agent), craft=craft, part=part)
         if not _exists(whole) and (near := meant(whole, (*CONTROLLERS, *agents))):
             raise ConfigError(
                 f"{whole} has no task; add one, as in {whole}:go-to-pose-2d."
                 if whole in CONTROLLERS
                 else f"{whole} is not a run folder, and no agent or controller{near}."
             )
-        return cls(text, "run folder", whole, part=part)
+        if _exists(whole):
+            return cls(text, "run folder", whole, part=part)
+        return cls(text, "run folder", agent, craft=craft, part=part)
 
     @property
     def alone(self) -> ContestantName:
@@ -131,7 +139,20 @@ class ContestantName:
 
     @property
     def folder(self) -> Path:
-        """The run folder of a trained agent.
+        """The run folder of a trained agent; that of an agent for any craft is written for the named craft.
+
+        Raises:
+            ConfigError: it is no trained agent, or one that is not in the package, or cannot fly the craft.
+        """
+        source = self.own_folder
+        if not self.craft:
+            return source
+        craft = load_spacecraft(typed(self.craft))
+        return write_for_spacecraft(source, craft, self.output_folder / "agent")
+
+    @property
+    def own_folder(self) -> Path:
+        """The run folder of a trained agent, with the spacecraft that it was trained on.
 
         Raises:
             ConfigError: it is no trained agent, or one that is not in the package.
@@ -160,8 +181,10 @@ class ContestantName:
         name = self.without_earlier()
         if self.looks_ahead:
             text = self.text.partition("#")[0]
-        elif name.kind == "run folder":
+        elif name.kind == "run folder" and not name.craft:
             return Path(name.name)
+        elif name.craft:
+            text = f"{name.name}:{name.craft}"
         elif name.kind == "policy":
             library, _, file = name.name.partition(":")
             stem = file if library == "python" else Path(file).stem

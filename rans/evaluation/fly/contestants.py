@@ -9,6 +9,7 @@ from pathlib import Path
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent, run_of
+from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.controllers import controller, user_policy
 from rans.evaluation.fly.exported import is_exported, load_exported
@@ -35,7 +36,8 @@ def contestant(
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
             position of a trade-off. Policies of other libraries (see `user_policy`) end in the same
             ``:TASK-2d@SPACECRAFT``, or fly ``default_setup``. A folder may also hold an exported agent
-            (`rans.evaluation.fly.exported`).
+            (`rans.evaluation.fly.exported`). An agent for any craft flies another one than its own as
+            ``any-craft-2d@SPACECRAFT`` (`rans.evaluation.fly.any_craft`).
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         default_setup: setup of policies of other libraries, and of a controller named by its bare name or
             MODULE:NAME; None: such contestants are refused.
@@ -71,11 +73,25 @@ def _loaded(
     if name.kind == "controller":
         setup = under_protocol(protocol, _picked(_named_setup(name), name))
         return LoadedRun(controller(typed(name.name), setup), *setup[:4])
-    # A trained agent flies in its own setup, or in that of the protocol.
-    folder = name.folder
+    # A trained agent flies in its own setup, or in that of the protocol; one for any craft with the named one.
+    folder = name.own_folder
     run = load_exported(folder) if is_exported(folder) else load_agent(folder)
+    if name.craft:
+        run = for_spacecraft(run, load_spacecraft(typed(name.craft)))
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(protocol, own)[:4])
+
+
+def with_spacecraft(spec: str, spacecraft: str | None) -> str:
+    """Name of an agent for any craft together with that of the craft that it is to fly; None: its own."""
+    if spacecraft is None:
+        return spec
+    name, sign, part = spec.partition("#")
+    if "@" in name:
+        raise ConfigError(
+            f"{brief(spec)} names a spacecraft already: leave out --spacecraft {spacecraft}."
+        )
+    return f"{name}@{spacecraft}{sign}{part}"
 
 
 def text_of(agent: object) -> str:

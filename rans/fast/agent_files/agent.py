@@ -45,6 +45,7 @@ _LISTS: dict[str, Callable[[Any], Any]] = {
     "averages": float,
     "nominal": float,
     "bounds": float,
+    "authority": float,
     "tokens": lambda row: tuple(map(float, row)),
     "levers": lambda row: tuple(map(float, row)),
 }
@@ -300,8 +301,18 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     for name, (key, table) in known.items():
         if key not in table:
             raise ValueError(f"its {name} {brief(key)} is unknown here")
-    if BACKBONES[given.backbone].has_tokens and [*map(len, given.tokens)] != [8] * given.thrusters:
+    backbone = BACKBONES[given.backbone]
+    widths = [backbone.token_width] * given.thrusters
+    if backbone.has_tokens and [*map(len, given.tokens)] != widths:
         raise ValueError("its tokens are of another spacecraft")
+    if given.authority:
+        given.columns  # noqa: B018 (refuses the observations of another task)
+        if bank or views:
+            raise ValueError(
+                "it has symmetries or filters, which are for columns without authority"
+            )
+        if len(given.authority) != 7 or not all(x > 0.0 for x in given.authority):
+            raise ValueError("its authority is not a control period and six accelerations above 0")
     if given.last.is_advised:
         first, last = given.columns.advice
         if first == last or [*map(len, given.levers)] != [last - first] * given.thrusters:
@@ -313,6 +324,7 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         "averages": given.averages,
         "zoom": given.zoom,
         "tokens": given.tokens,
+        "authority": given.authority,
         "levers": given.levers,
         "clip": given.clip,
     }

@@ -75,6 +75,8 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
     from rans.fast.learn.run_folder import read_config
 
     for name in pretrained_names():
+        if name == "any-craft-2d":  # which campaigns.any_craft trains, on craft of its own
+            continue
         config = to_table(read_config(pretrained_folder(name) / "config.json"))
         again = to_table(training(_CONTINUED.get(name, name), device=config["device"]))
         again["seed"] = config["seed"]

@@ -1,0 +1,77 @@
+"""An agent for any craft in the setup of one craft: as a contestant, or as a run folder."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
+from rans.fast.learn.config import to_table
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import read_json, ready_folder, replace_file, write_json, write_text
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import to_toml
+from rans.model.timing import Timing
+from rans.policy.any_craft import RANGES, authority, for_craft
+
+_TURN = 0.6
+"""Largest change of the spin in a control period, rad/s, over the angular authority; else the period is shorter."""
+_FARTHEST = 4.0
+"""Distance of the farthest start, m."""
+_SLACK = 2.0
+"""Length of an episode over the least time from rest to rest."""
+_REST = 10.0
+"""Time at the goal after it, s."""
+
+
+def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
+    """Control period and length of an episode for a craft: slow craft are given longer ones."""
+    short, long = RANGES[0].low, RANGES[0].high
+    *linear, forth, back = authority(craft, long)[1:]
+    period = long if min(forth, back) * long <= _TURN and not craft.is_continuous else short
+    needed = _SLACK * 2.0 * math.sqrt(_FARTHEST / min(linear)) + _REST
+    usual_time = usual.episode_steps * usual.control_period
+    steps = math.ceil(max(usual_time, needed) / period)
+    return replace(usual, control_period=period, episode_steps=steps)
+
+
+def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
+    """The run with another craft, in its own task, with the timing or else one for the craft (`timing_for`).
+
+    Raises:
+        ConfigError: the agent flies its own craft only, or cannot fly this one.
+    """
+    if not isinstance(run.controller, Agent):
+        raise ConfigError(
+            f"{run.controller.name} flies its own spacecraft only: name any-craft-2d for {craft.name}."
+        )
+    timing = timing or timing_for(craft, run.timing)
+    network = for_craft(run.controller.network, craft, timing.control_period)
+    agent = Agent(network, run.controller.name, craft)
+    return run._replace(controller=agent, craft=craft, timing=timing)
+
+
+def write_for_spacecraft(source: Path, craft: Spacecraft, folder: Path) -> Path:
+    """Write the agent of a run folder for another craft as a run folder, and return it.
+
+    Raises:
+        ConfigError: see `for_spacecraft`; or the folder cannot be written.
+    """
+    run = RunFolder(source)
+    saved = read_policy(run.agent_file)
+    config = run.config()
+    timing = timing_for(craft, config.timing)
+    network = for_craft(saved.network, craft, timing.control_period)
+    ready_folder(folder)
+    content = actor_bytes(network.architecture, network.member(0), saved.steps)
+    replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
+    table = to_table(replace(config, timing=timing)) | {"spacecraft": craft.name}
+    write_json(folder / "config.json", table)
+    write_text(folder / "spacecraft.toml", to_toml(craft))
+    # The figures of the card are those of another craft.
+    card = read_json(source / "card.json")
+    write_json(folder / "card.json", {"training": card["training"]})
+    return folder

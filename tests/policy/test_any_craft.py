@@ -1,0 +1,166 @@
+"""The agent for any craft: its commands depend on geometry alone, and executors agree on unseen craft."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.any_craft import for_spacecraft
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.aggregate import measure
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.policy.any_craft import for_craft
+from rans.policy.network import Network
+from rans.policy.program import Step
+from rans.policy.scalars import fields
+from rans.policy.traced import parameters, policy_program
+
+AGENT = "pretrained:any-craft-2d"
+
+
+def network() -> Network:
+    return contestant(AGENT).controller.network  # type: ignore[attr-defined]
+
+
+def observations(count: int, seed: int = 0) -> torch.Tensor:
+    """Of go-to-pose in the plane, from centimetres to metres."""
+    random = np.random.default_rng(seed)
+    size = 10.0 ** random.uniform(-2.0, 0.5, (count, 1))
+    heading, turn = random.uniform(-np.pi, np.pi, (2, count))
+    velocity = 0.2 * size * random.normal(size=(count, 2))
+    spin = 0.3 * random.normal(size=count)
+    way = size * random.normal(size=(count, 2))
+    rows = [np.cos(heading), np.sin(heading), *velocity.T, spin, np.ones(count), *way.T]
+    return torch.tensor(np.stack([*rows, np.cos(turn), np.sin(turn)], axis=1), dtype=torch.float32)
+
+
+def reordered(craft: Spacecraft, order: list[int]) -> Spacecraft:
+    return replace(craft, thrusters=tuple(craft.thrusters[k] for k in order))
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "roboran-platform", "pingu", "atmos"])
+def test_reordered_thrusters_get_the_same_commands_reordered(name: str) -> None:
+    craft = load_spacecraft(name)
+    order = [int(k) for k in np.random.default_rng(4).permutation(len(craft.thrusters))]
+    seen = observations(400)
+    here, _ = for_craft(network(), craft, 0.1).deterministic_action(seen, None)
+    there, _ = for_craft(network(), reordered(craft, order), 0.1).deterministic_action(seen, None)
+    wheels = list(range(len(order), here.shape[1]))
+    assert torch.equal(here[:, [*order, *wheels]], there)
+    assert len(torch.unique(here, dim=0)) > 10
+
+
+def test_a_mirror_image_gets_mirrored_commands() -> None:
+    craft = load_spacecraft("floating-platform")
+    across = np.array([1.0, -1.0, 1.0])
+    image = replace(
+        craft,
+        thrusters=tuple(
+            Thruster(
+                tuple((across * one.position).tolist()),
+                tuple((across * one.direction).tolist()),
+                one.force,
+            )
+            for one in craft.thrusters
+        ),
+    )
+    seen = observations(400)
+    hand = torch.tensor([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
+    here, _ = for_craft(network(), craft, 0.2).deterministic_action(seen, None)
+    there, _ = for_craft(network(), image, 0.2).deterministic_action(hand * seen, None)
+    # Different thrusters may do the same: what counts is the wrench, whose torque and lateral force change sides.
+    wrench = here.double().numpy() @ np.array(craft.wrench_map)
+    mirrored = there.double().numpy() @ np.array(image.wrench_map) * [1.0, -1.0, -1.0]
+    # Sums of float32 in another order may turn the choice between subsets that are equally good.
+    assert np.isclose(wrench, mirrored, atol=1e-9).all(axis=1).mean() > 0.99
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "roboran-platform", "pingu"])
+def test_the_traced_program_gives_the_same_commands(name: str) -> None:
+    craft = load_spacecraft(name)
+    made = for_craft(network(), craft, 0.1)
+    seen = observations(40)
+    expected, _ = made.deterministic_action(seen, None)
+    program = policy_program(made.architecture)
+    values = parameters(made)
+
+    def dense(step: Step, row: Sequence[Any]) -> list[Any]:
+        _, weight, bias = step.inputs
+        out = values[weight].astype(float) @ np.array(row, dtype=float) + values[bias]
+        return list(np.tanh(out) if step.attributes["activation"] else out)
+
+    off = 0
+    for row, command in zip(seen.double().numpy(), expected.numpy(), strict=True):
+        known = {"observation": row.tolist(), **{k: v.ravel().tolist() for k, v in values.items()}}
+        found = fields(program, known, ["command"], dense)["command"]
+        off += not np.allclose(np.array(found, dtype=float), command, atol=2e-3)
+    # Double and single precision may choose different subsets that are equally good.
+    assert off <= 1
+
+
+def own_craft() -> Spacecraft:
+    """Six slanted thrusters of two forces, which nobody else has."""
+    thrusters = []
+    for k, force in enumerate((1.0, 0.8, 1.0, 0.8, 1.0, 0.8)):
+        angle = 2.0 * np.pi * k / 6.0
+        along = angle + (2.2 if k % 2 else -2.2)
+        thrusters.append(
+            Thruster(
+                (0.25 * np.cos(angle), 0.25 * np.sin(angle), 0.0),
+                (np.cos(along), np.sin(along), 0.0),
+                force,
+            )
+        )
+    base = load_spacecraft("floating-platform")
+    return replace(base, name="six", thrusters=tuple(thrusters), mass=9.0)
+
+
+def test_a_craft_never_seen_settles_from_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "six.toml"
+    file.write_text(to_toml(own_craft()), "utf-8")
+    run = contestant(f"any-craft-2d@{file}")
+    flight = fly_episodes(run.controller, run.judged, 2023, 24, workers=1).flight
+    assert run.craft.name == "six"
+    rows = {row.name: row for row in measure(flight).rows}
+    assert rows["solved"].value >= 90.0
+
+
+@pytest.mark.slow
+def test_drake_flies_a_craft_never_seen() -> None:
+    pytest.importorskip("pydrake")
+    run = for_spacecraft(contestant(AGENT), own_craft())
+    flight = fly_episodes(run.controller, run.judged, 2023, 4, "drake", workers=1).flight
+    rows = {row.name: row for row in measure(flight).rows}
+    assert rows["solved"].value == 100.0
+
+
+def test_a_craft_outside_of_the_training_is_told_so_with_the_number() -> None:
+    heavy = replace(load_spacecraft("floating-platform"), mass=2000.0)
+    with pytest.warns(UserWarning, match=r"linear authority of 0\.00\d+ m/s\^2.* 0\.015 to 0\.7"):
+        for_craft(network(), heavy, 0.2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for_craft(network(), load_spacecraft("atmos"), 0.1)
+
+
+def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
+    with pytest.raises(ConfigError, match="moves in space"):
+        for_craft(network(), load_spacecraft("spheres"), 0.1)
+    craft = load_spacecraft("floating-platform")
+    with pytest.warns(UserWarning, match="cannot push and turn"):
+        few = replace(craft, thrusters=craft.thrusters[:3])
+    with pytest.raises(ConfigError, match="missing or reversed thruster"):
+        for_craft(network(), few, 0.1)
+    specialist = contestant("pretrained:go-to-pose-2d")
+    with pytest.raises(ConfigError, match="any-craft-2d"):
+        for_spacecraft(specialist, craft)
