@@ -88,7 +88,7 @@ def test_without_the_second_distribution(
     """Five agents are left; any other is a sentence with the command that installs it."""
     monkeypatch.setattr("rans.pretrained.PACKAGE", "rans_agents_of_nobody")
     monkeypatch.setitem(EXTRAS, "rans_agents_of_nobody", "agents")
-    assert len(pretrained_names()) == 5
+    assert len(pretrained_names()) == 6
     assert len(missing_agents()) == len(agent_recipes()) - 5
     with pytest.raises(MissingPackage, match=r"^The agent avoid-2d needs .*'rans\[agents\]'$"):
         contestant("pretrained:avoid-2d")
