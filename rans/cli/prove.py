@@ -43,7 +43,7 @@ class Prove:
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
     """Plant, starts and property, a TOML file; see docs/proofs.md."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Certificate to write; by default beside the problem, as NAME.certificate.json."""
+    """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
     check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
     """Certificate to check; nothing is proved then."""
     cells: int = 4
@@ -118,7 +118,9 @@ class Prove:
                 f"{largest:.4g} m/s are proved."
             )
             return 1
-        output = self.output or Path(f"{folder.name}.certificate.json")
+        shipped = agent.startswith("pretrained:")
+        beside = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
+        output = self.output or beside
         digest = traps.write_trap(
             trap, keep["spin"], begin, {name: files[name] for name in traps.BOUND}, output
         )

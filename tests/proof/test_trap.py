@@ -305,6 +305,26 @@ def test_the_command_checks_an_agents_certificate(
     assert "Accepted" in capsys.readouterr().out
 
 
+def test_a_report_has_the_proof(
+    table: dict[str, Any], files: dict[str, bytes], tmp_path: Path
+) -> None:
+    """With the digest of the file; and not of other weights."""
+    from rans.show.pages.report import report_from_run
+
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "agent.safetensors").write_bytes(files["agent.safetensors"])
+    (run / "proof.json").write_text(json.dumps(table))
+    (section,) = report_from_run(run).sections
+    digest = hashlib.sha256((run / "proof.json").read_bytes()).hexdigest()
+    assert ["certificate, SHA-256", digest] in [list(row) for row in section.tables[0].rows]
+    assert section.findings[0].passed
+    assert "0.049 m/s" in section.findings[0].text
+    (run / "agent.safetensors").write_bytes(b"trained anew")
+    (section,) = report_from_run(run).sections
+    assert section.findings[0].passed is False
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

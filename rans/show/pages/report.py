@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure
 from rans.evaluation.stress.outcome import WANTED
-from rans.files import inside, number, read_json, read_json_lines, read_text
+from rans.files import inside, number, read_bytes, read_json, read_json_lines, read_text
 from rans.show.figures.panels import series_style
 from rans.show.pages.assure_counts import counts, is_over, verdict
 from rans.show.pages.chart import Chart, Mark, Series
@@ -51,7 +52,7 @@ def report_from_run(run: Path) -> Page:
     A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
     protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
-    also of tasks and conditions, as ``assurance-lab.json``, and ``sweep.json``.
+    also of tasks and conditions, as ``assurance-lab.json``, ``proof.json`` and ``sweep.json``.
     `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
     a picture does more than to draw.
     """
@@ -64,6 +65,7 @@ def report_from_run(run: Path) -> Page:
         "compare.json": comparison_section,
         "stress.json": stress_section,
         **{file.name: partial(assurance_section, file) for file in assurances},
+        "proof.json": partial(proof_section, run / "proof.json"),
         "sweep.json": partial(_sweep, inside(run, "sweep.svg")),
         "metrics.jsonl": training_section,
         "validation.json": validation_section,
@@ -307,6 +309,39 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
             (f"probability of failure, {table.columns[-1]}", table.rows[0][-1]),
         ],
         link=page.name if page.is_file() else "",
+    )
+
+
+def proof_section(file: Path, certificate: Mapping[str, Any]) -> Section:
+    """Section of the certificate of a trapping set; it is of no use for other weights than the run's."""
+    keep, start = certificate["keep"], certificate["start"]
+    digest = hashlib.sha256(read_bytes(file, 2**30)).hexdigest()
+    weights = hashlib.sha256(read_bytes(file.with_name("agent.safetensors"), 2**30)).hexdigest()
+    own = certificate["agent"]["agent.safetensors"] == weights
+    off = [f"{name} {value:g}" for name, value in certificate["uncertainty"].items() if value]
+    sentence = (
+        f"Proved: with its goal at rest, from every velocity up to {start['speed']:g} m/s and every spin up to "
+        f"{start['spin']:g} rad/s, it never exceeds {keep['speed']:g} m/s and {keep['spin']:g} rad/s."
+    )
+    return Section(
+        "Proof",
+        "By rans prove; its --check judges the certificate again.",
+        [
+            Table(
+                ("", "value"),
+                [
+                    ["cells", f"{len(certificate['cells']):,}"],
+                    ["may be off", ", ".join(off) or "nothing"],
+                    ["certificate, SHA-256", digest],
+                ],
+            )
+        ],
+        findings=[
+            Finding(sentence, True)
+            if own
+            else Finding("The certificate is of other weights than this run's.", False)
+        ],
+        summary=[("proved", f"certificate SHA-256 {digest[:16]}")] if own else [],
     )
 
 
