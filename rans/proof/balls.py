@@ -1,4 +1,4 @@
-"""Ball arithmetic that checkers of certificates share: matrices, and enclosures of dense networks.
+"""Ball arithmetic that checkers of certificates share: matrices, polynomials, enclosures of dense networks.
 
 Every number is an interval of FLINT (Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval
 arithmetic", 2017). Nothing here is used by the provers.
@@ -121,3 +121,37 @@ def diagonal(values: Sequence[Any]) -> Any:
     return arb_mat(
         [[x if i == k else arb(0) for k in range(len(values))] for i, x in enumerate(values)]
     )
+
+
+def plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any]:
+    """Sum of a polynomial and a multiple of another; coefficients by exponents."""
+    result = dict(a)
+    for key, value in b.items():
+        result[key] = result.get(key, arb(0)) + factor * value
+    return result
+
+
+def times(a: dict[Any, Any], b: dict[Any, Any]) -> dict[Any, Any]:
+    """Product of polynomials."""
+    result: dict[Any, Any] = {}
+    for key, value in a.items():
+        for key2, value2 in b.items():
+            both = tuple(x + y for x, y in zip(key, key2, strict=True))
+            result[both] = result.get(both, arb(0)) + value * value2
+    return result
+
+
+def derivative(p: dict[Any, Any], k: int) -> dict[Any, Any]:
+    """Derivative of a polynomial by a variable."""
+    return {(*e[:k], e[k] - 1, *e[k + 1 :]): e[k] * x for e, x in p.items() if e[k]}
+
+
+def value_at(p: dict[Any, Any], values: Sequence[Any]) -> Any:
+    """Value of a polynomial."""
+    total = arb(0)
+    for key, value in p.items():
+        for exponent, x in zip(key, values, strict=True):
+            if exponent:
+                value = value * x**exponent
+        total += value
+    return total

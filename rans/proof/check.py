@@ -24,11 +24,15 @@ from rans.proof.balls import (
     Refused,
     beside,
     column,
+    derivative,
     diagonal,
     enclose,
     matrix,
+    plus,
     row_sums,
     sizes,
+    times,
+    value_at,
     with_sizes,
 )
 
@@ -205,43 +209,13 @@ def _rates(problem: dict[str, Any]) -> list[dict[tuple[int, ...], Any]]:
             place = int(node.id[1:]) + (count if node.id[0] == "u" else 0)
             return {tuple(int(i == place) for i in range(width)): arb(1)}
         if isinstance(node, ast.UnaryOp):
-            return _plus({}, read(node.operand), -1)
+            return plus({}, read(node.operand), -1)
         left, right = read(node.left), read(node.right)
         if isinstance(node.op, ast.Mult):
-            return _times(left, right)
-        return _plus(left, right, 1 if isinstance(node.op, ast.Add) else -1)
+            return times(left, right)
+        return plus(left, right, 1 if isinstance(node.op, ast.Add) else -1)
 
     return [read(ast.parse(text, mode="eval").body) for text in problem["derivative"]]
-
-
-def _plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any]:
-    result = dict(a)
-    for key, value in b.items():
-        result[key] = result.get(key, arb(0)) + factor * value
-    return result
-
-
-def _times(a: dict[Any, Any], b: dict[Any, Any]) -> dict[Any, Any]:
-    result: dict[Any, Any] = {}
-    for key, value in a.items():
-        for key2, value2 in b.items():
-            both = tuple(x + y for x, y in zip(key, key2, strict=True))
-            result[both] = result.get(both, arb(0)) + value * value2
-    return result
-
-
-def _slope(p: dict[Any, Any], k: int) -> dict[Any, Any]:
-    return {(*e[:k], e[k] - 1, *e[k + 1 :]): e[k] * x for e, x in p.items() if e[k]}
-
-
-def _at(p: dict[Any, Any], values: Sequence[Any]) -> Any:
-    total = arb(0)
-    for key, value in p.items():
-        for exponent, x in zip(key, values, strict=True):
-            if exponent:
-                value = value * x**exponent
-        total += value
-    return total
 
 
 def _linear(problem: dict[str, Any]) -> Any:
@@ -285,17 +259,15 @@ def _taylor(problem: dict[str, Any]) -> Any:
         for one in polynomials:
             total: dict[Any, Any] = {}
             for k, rate in enumerate(rates):
-                total = _plus(total, _times(_slope(one, k), rate))
+                total = plus(total, times(derivative(one, k), rate))
             results.append(total)
         return results
 
     second = along(rates)
     third = along(second)
     unit = [{tuple(int(i == k) for i in range(width)): arb(1)} for k in range(count)]
-    step = [
-        _plus(_plus(x, f, h), g, h * h / 2) for x, f, g in zip(unit, rates, second, strict=True)
-    ]
-    slopes = [[_slope(one, k) for k in range(width)] for one in step]
+    step = [plus(plus(x, f, h), g, h * h / 2) for x, f, g in zip(unit, rates, second, strict=True)]
+    slopes = [[derivative(one, k) for k in range(width)] for one in step]
 
     def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
         middle = [*centre.entries(), *(gain * centre + offset).entries()]
@@ -309,23 +281,23 @@ def _taylor(problem: dict[str, Any]) -> Any:
                 for c, r in zip(middle, row_sums(wide), strict=True)
             ]
             grown = [
-                x + arb(0, (3 * h * abs(_at(f, balls))).upper())
+                x + arb(0, (3 * h * abs(value_at(f, balls))).upper())
                 for x, f in zip(balls, rates, strict=False)
             ]
             grown += balls[count:]
             for x, big, f in zip(balls, grown, rates, strict=False):
-                if not big.contains(x + (arb(0).union(h)) * _at(f, grown)):
+                if not big.contains(x + (arb(0).union(h)) * value_at(f, grown)):
                     raise Refused("its motion has no bound within a Taylor step.")
-            rest = [h**3 / 6 * abs(_at(one, grown)).upper() for one in third]
-            sag = [(h * h / 8 * abs(_at(one, grown))).upper() for one in second]
+            rest = [h**3 / 6 * abs(value_at(one, grown)).upper() for one in third]
+            sag = [(h * h / 8 * abs(value_at(one, grown))).upper() for one in second]
             # Mean value theorem: the step is its value at the centre and slopes over the whole set.
             exact = [x.mid() for x in middle]
-            jacobian = arb_mat([[_at(one, balls) for one in row] for row in slopes])
+            jacobian = arb_mat([[value_at(one, balls) for one in row] for row in slopes])
             fixed = arb_mat([[x.mid() for x in row] for row in jacobian.tolist()])
             loose = arb_mat([[arb(x.rad()) for x in row] for row in jacobian.tolist()])
             reach = [r + arb(c.rad()) for r, c in zip(row_sums(wide), middle, strict=True)]
             off = [a + b for a, b in zip((loose * column(reach)).entries(), rest, strict=True)]
-            new = [_at(one, exact) for one in step]
+            new = [value_at(one, exact) for one in step]
             drift = (sizes(fixed) * column([arb(c.rad()) for c in middle])).entries()
             off = [a + b + arb(n.rad()) for a, b, n in zip(off, drift, new, strict=True)]
             moved = arb_mat((fixed * wide).tolist() + wide.tolist()[count:])
