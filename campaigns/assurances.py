@@ -24,6 +24,7 @@ from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.agent_files.agent import AGENT
 from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, table
 from rans.verdict import Failure
@@ -87,6 +88,7 @@ class Assurances:
         assurance = made(
             spec,
             conditions,
+            load_conditions(conditions),
             plan(_CONFIDENCE, self.flights, None),
             self.seed,
             f"rans assure '{spec}' --conditions {conditions} --episodes {self.flights}",

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 SPINS = (0.0, 0.6, 1.2)
@@ -29,7 +30,7 @@ def draw(certificate: Path, picture: Path) -> None:
     axes = figure.subplots(1, len(SPINS), subplot_kw={"projection": "polar"})
     angle = np.linspace(0.0, 2.0 * np.pi, grid["sectors"] + 1)
     radius = np.linspace(0.0, 100.0 * keep["speed"], grid["rings"] + 1)
-    colors = mpl.colors.ListedColormap(["#d9d9d9", "#2a7f62"])
+    colors = ListedColormap(["#d9d9d9", "#2a7f62"])
     for axis, spin in zip(axes, SPINS, strict=True):
         layer = grid["layers"] + int(spin / keep["spin"] * grid["layers"])
         mesh = axis.pcolormesh(angle, radius, inside[:, :, layer], cmap=colors, vmin=0, vmax=1)

@@ -74,10 +74,16 @@ class Tune:
             spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
             craft = load_spacecraft(spacecraft)
             timing = task.timing
+            again = [
+                "rans",
+                "evaluate",
+                f"{self.controller}:{self.task}-{craft.dimension}d@{spacecraft}",
+            ]
         else:
             if self.spacecraft is not None:
                 raise ConfigError("--like has a spacecraft of its own: leave --spacecraft out.")
             task, craft, timing = _of_contestant(self.like)
+            again = ["rans", "compare", self.like, "--with", self.controller]
         world = None if self.conditions is None else load_conditions(self.conditions)
         label = conditions_label(self.conditions, world) if self.conditions and world else ""
         conditions = None if world is None else world.or_none
@@ -126,13 +132,7 @@ class Tune:
         )
         if result.candidates < self.candidates and result.seconds < self.seconds:
             raise KeyboardInterrupt
-        if self.like is None:
-            where = f"{self.task}-{craft.dimension}d@{spacecraft}"
-            Terminal().suggest(shlex.join(["rans", "evaluate", f"{self.controller}:{where}"]))
-        else:
-            Terminal().suggest(
-                shlex.join(["rans", "compare", self.like, "--with", self.controller])
-            )
+        Terminal().suggest(shlex.join(again))
         return 0
 
 

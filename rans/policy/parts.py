@@ -53,7 +53,7 @@ class PreprocessingView(Protocol):
         """Columns of the preprocessor, from those of an observation."""
         ...
 
-    def filtered(self, row: Columns) -> list[tuple[Layout, list[Field]]]:
+    def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
         """Blocks of columns that the network is given, each with its layout, from a row with filters' memory."""
         ...
 

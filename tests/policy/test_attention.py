@@ -21,6 +21,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.policy.architecture import BACKBONES
 from rans.policy.backbones import Dense, effector_tokens
 from rans.policy.network import Network
+from rans.policy.parts import NetworkView
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy, setup
 from tests.support.training import scatter
@@ -74,7 +75,7 @@ class Doubled(Dense):
 
     is_traced = False
 
-    def outputs(self, network: Network, features: torch.Tensor) -> torch.Tensor:
+    def outputs(self, network: NetworkView, features: torch.Tensor) -> torch.Tensor:
         return 2.0 * super().outputs(network, features)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from stable_baselines3 import PPO
 from torch import Tensor
 
-from rans.fast.learn.config import MemorySettings
+from rans.fast.learn.config import MemoryKind, MemorySettings
 from rans.fast.policy import write_policy
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
@@ -106,7 +106,9 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
 
 @both_crafts
 @pytest.mark.parametrize("memory", ["history", "commands"])
-def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft, memory: str) -> None:
+def test_what_is_remembered_is_seen_from_the_same_side(
+    craft: Spacecraft, memory: MemoryKind
+) -> None:
     """Flights of three steps, and the same flights of a craft turned about."""
     task = TASKS["go-to-pose"]()
     network = scatter(

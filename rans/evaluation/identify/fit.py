@@ -45,6 +45,8 @@ _FORCE_PRIOR = 0.5
 """Standard deviation of the prior of a disturbance force, as a part of the strongest thruster's force."""
 _ITERATIONS = 40
 """Most steps of the fit; it takes about ten."""
+_MOST_DAMPING = 1e8
+"""Damping at which a step is too small to matter."""
 _SHORT = 1.0
 """s: length of the windows of the first fits."""
 _FEW = 5
@@ -319,8 +321,7 @@ class _Solver:
         settled = 0
         for _ in range(iterations):
             matrix, vector, cost = self._normal()
-            improved = False
-            while damping < 1e8:
+            while damping < _MOST_DAMPING:
                 damped = matrix + damping * np.diag(np.diag(matrix))
                 change = np.linalg.solve(damped, vector)
                 values = self.values + change[: len(prior)] * prior
@@ -328,16 +329,15 @@ class _Solver:
                 starts = self._moved(change[len(prior) :])
                 after = self._cost(values, starts)
                 if after <= cost:
-                    improved = True
+                    self.values = values
+                    self.starts = starts
+                    damping = max(damping * 0.1, 1e-9)
+                    changed = self._estimate_noise()
+                    settled = settled + 1 if cost - after < 1e-2 and changed < 3e-3 else 0
                     break
                 damping *= 10.0
-            if not improved:
+            else:  # no step is an improvement
                 break
-            self.values = values
-            self.starts = starts
-            damping = max(damping * 0.1, 1e-9)
-            changed = self._estimate_noise()
-            settled = settled + 1 if cost - after < 1e-2 and changed < 3e-3 else 0
             if settled >= 2:
                 break
 

@@ -133,7 +133,9 @@ class Identification:
             thrusters = replace(thrusters, latency=_positive(mean - spread, mean + spread))
         turns = ("z",) if craft.dimension == 2 else axes
         noise = self.fit.noise
-        sensors = {name: SensorConditions(noise=round(noise[name], 6)) for name in noise}
+        position, attitude, velocity, spin = (
+            SensorConditions(noise=round(noise.get(name, 0.0), 6)) for name in CHANNELS
+        )
         return Conditions(
             body=BodyConditions(
                 inertia=factor(float(np.max(inertia))), centre=(0.0, round(centre, 5))
@@ -143,7 +145,7 @@ class Identification:
                 force=self._magnitude([f"disturbance {axis}" for axis in axes]),
                 torque=self._magnitude([f"torque {axis}" for axis in turns]),
             ),
-            sensors=SensorsConditions(**sensors),
+            sensors=SensorsConditions(position, attitude, velocity, spin),
             description=f"identified from {len(self.fit.logs)} log(s) of {craft.name}",
         )
 

@@ -211,6 +211,7 @@ class DemandNetwork(torch.nn.Module):
             "_demands",
             torch.tensor(np.stack([square.on_demand(k) for k in range(8)]), dtype=torch.float32),
         )
+        self._table: Tensor
         self.register_buffer("_table", torch.tensor(square.table))
 
         def drawn(*shape: int, gain: float) -> torch.nn.Parameter:
@@ -547,7 +548,7 @@ def imitate(
         heading = heading * near
         v = v * near.sqrt()[:, None]
         spin = spin * near.sqrt()
-        seen = (-p.T, (heading.cos(), -heading.sin()), v.T, spin, batch.authority)
+        seen = ([*-p.T], (heading.cos(), -heading.sin()), [*v.T], spin, batch.authority)
         inputs = torch.stack(columns(*seen), dim=1)
         loss = (demanded(network.layers(), inputs) - stopping_law(*seen)).square().mean()
         optimizer.param_groups[0]["lr"] = 1e-2 * (1.0 - number / _IMITATIONS)

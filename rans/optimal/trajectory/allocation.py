@@ -405,8 +405,13 @@ class SigmaDelta:
 class Rounding(Protocol):
     """Turns wanted wrenches into commands that thrusters can follow, period by period."""
 
-    owed: np.ndarray
-    """(N, 3 or 6) wrench that each episode is still owed, N and N m."""
+    @property
+    def owed(self) -> np.ndarray:
+        """(N, 3 or 6) wrench that each episode is still owed, N and N m."""
+        ...
+
+    @owed.setter
+    def owed(self, owed: np.ndarray) -> None: ...
 
     def reset(self, count: int) -> None:
         """Forget what is owed: ``count`` new episodes start."""
