@@ -78,6 +78,7 @@ DOORS = "rans.api", "rans.cli", "rans.environment", "rans.fast.engine"
 """Where users' names, files and strings become values; below them functions take values."""
 INNER_DOORS = {
     "rans.evaluation.fly.contestants",  # the text of a contestant names a task and a spacecraft
+    "rans.evaluation.fly.contestant_name",  # also of the folder that an agent for any craft is written into
     "rans.fast.learn.recipes",  # so do training configs, which are files
     "rans.optimal.control.arguments",  # controllers are public classes, like Engine
 }

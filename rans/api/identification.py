@@ -27,9 +27,14 @@ def identify(
 
     Motion determines forces and inertia only in proportion to the mass: the mass of ``spacecraft`` must be right.
 
-    >>> found = rans.identify("flight.mcap", "floating-platform")
-    >>> found.write("identified")
-    PosixPath('identified')
+    >>> with tempfile.NamedTemporaryFile("w", suffix=".csv") as log:
+    ...     print("time,x,y,heading", *(f"u{k}" for k in range(8)), sep=",", file=log)
+    ...     for k in range(30):
+    ...         print(0.2 * k, 0.01 * k, 0.0, 0.0, *(0,) * 8, sep=",", file=log)
+    ...     log.flush()
+    ...     found = rans.identify(log.name, "floating-platform")
+    >>> found.channels()[0].after < 1e-4
+    True
 
     Args:
         logs: bags (.mcap) of `rans fly` or ROS 2, CSV files (`rans.evaluation.identify.log.read_csv`), or logs.

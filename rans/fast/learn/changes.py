@@ -61,6 +61,9 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         return
     name = present
     result = [name] if name in known else [one for one in known if one.endswith(f".{name}")]
+    # An entry of the task itself comes before one of a value in it.
+    depth = min((one.count(".") for one in result), default=0)
+    result = [one for one in result if one.count(".") == depth]
     if len(result) > 1:
         raise ConfigError(
             f"several entries of the config are called {brief(name)}: choose one of {', '.join(result)}."

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.policy.allocation import PRICE, balanced, in_order, subsets
 from rans.policy.any_craft import authority, effects, last_layer
 from rans.policy.architecture import EXTRACTOR, Architecture
@@ -110,7 +110,7 @@ class Pool(NamedTuple):
 
 def shipped_shapes() -> frozenset[Shape]:
     """Tables of `rans.randomization.layouts.canonical` of all planar craft that come with RANS."""
-    crafts = (load_spacecraft(name) for name in spacecraft_names())
+    crafts = (SPACECRAFT[name].craft for name in spacecraft_names())
     maps = (np.array(craft.wrench_map) for craft in crafts if craft.dimension == 2)
     return frozenset(table for columns in maps for table in canonical(columns, digits=_HELD_OUT))
 
