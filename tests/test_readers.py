@@ -70,6 +70,8 @@ ALLOWED = {
         "json.loads",
     ): "shares no code; the command reads the file before by rans.files",
     ("rans.proof.check", "tomllib.loads"): "the same, by rans.proof.problem",
+    ("rans.proof.check_trap", "json.loads"): "the same",
+    ("rans.proof.check_trap", "tomllib.loads"): "the same",
     ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",
     (
         "rans.processes",

@@ -105,7 +105,7 @@ def init_spacecraft(
     actuators: str | None = None,
     counts: int | None = None,
     least: float | None = None,
-    largest: float | None = None,
+    most: float | None = None,
     radius: float | None = None,
     thrust_sharing: str | None = None,
 ) -> Draft:
@@ -129,7 +129,7 @@ def init_spacecraft(
         actuators: kind of thrusters: "on-off", "pulsed" or "throttle".
         counts: number of steps into which pulsed thrusters divide a control period.
         least: shortest pulse in counts, or least level of a throttle as a share of full force.
-        largest: largest level of a throttle as a share of full force.
+        most: largest level of a throttle as a share of full force.
         radius: outer radius for drawings, m.
         thrust_sharing: "none" or "split", see `Spacecraft`.
 
@@ -178,9 +178,9 @@ def init_spacecraft(
         settings["wheels"] = tuple(
             wheel_of(wheel) if isinstance(wheel, str) else wheel for wheel in wheels
         )
-    if actuators is not None or counts is not None or least is not None or largest is not None:
+    if actuators is not None or counts is not None or least is not None or most is not None:
         usual = "on-off" if start is None else start.actuators.kind
-        settings["actuators"] = actuators_of(actuators or usual, counts, least, largest)
+        settings["actuators"] = actuators_of(actuators or usual, counts, least, most)
     if radius is not None:
         settings["radius"] = float(radius)
     if thrust_sharing is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import time
 from collections.abc import Callable
@@ -14,7 +13,7 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from rans.errors import ConfigError, brief, require
-from rans.files import read_bytes
+from rans.files import parse_json, read_bytes
 from rans.terminal import Terminal, progress
 
 _CHUNK = 4
@@ -87,7 +86,8 @@ class Prove:
         folder = ContestantName.parse(agent).folder
         run = load_agent(folder)
         files = _files(folder)
-        if json.loads(files["config.json"]).get("task") != "track-velocity":
+        config = parse_json(files["config.json"], folder / "config.json")
+        if config.get("task") != "track-velocity":
             raise ConfigError(f"{agent} flies {type(run.task).__name__}; known is track-velocity.")
         loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
         begun = time.monotonic()
@@ -137,7 +137,6 @@ class Prove:
         """Check the certificate of a trapping set."""
         require("flint")
         from rans.evaluation.fly.contestant_name import ContestantName
-        from rans.files import parse_json
         from rans.proof.certificate import LARGEST
 
         content = read_bytes(certificate, LARGEST)
@@ -209,7 +208,6 @@ class Prove:
     def _check(self, certificate: Path) -> int:
         require("onnx")
         require("flint")
-        from rans.files import parse_json
         from rans.proof.certificate import LARGEST
         from rans.proof.problem import problem_of
 

@@ -228,9 +228,9 @@ def _arrived(
     notes: tuple[float, ...] | None = None,
     clock: int = 0,
 ) -> Outcome:
-    """One control period that ends in the state: the first and third valve open, the second one before."""
+    """One control period that ends in the state: the first and third valve open, the second alone before."""
     goal = _noted(task, moment.goal) if notes is None else replace(moment.goal, notes=notes)
-    episode = Episode(moment.state, goal, clock=clock, commands=(_valves(craft, 0, 1),))
+    episode = Episode(moment.state, goal, clock=clock, commands=(_valves(craft, 1),))
     return step(
         World(Setup(craft, task, Timing())),
         episode,
