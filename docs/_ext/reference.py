@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 
 API = {
     "Agents and commands": (
-        "train sweep tune load_agent Agent evaluate compare stress assure follow faults init_spacecraft validate "
-        "benchmark view report export optimal_trajectory OptimalTrajectory certify state"
+        "train sweep tune load_agent Agent evaluate compare stress assure follow faults identify "
+        "init_spacecraft validate benchmark view report export optimal_trajectory OptimalTrajectory certify state"
     ),
     "Spacecraft": (
         "Spacecraft Thruster OnOff Pulsed Throttle Wheel Propellant load_spacecraft spacecraft_names"

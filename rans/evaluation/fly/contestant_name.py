@@ -60,6 +60,10 @@ class ContestantName:
     looks_ahead: bool = False
     """Whether `rans.evaluation.fly.lookahead` improves its commands ("lookahead:" before the others)."""
 
+    def __str__(self) -> str:
+        """The text, as sentences have it."""
+        return self.text
+
     @classmethod
     def parse(cls, text: str) -> ContestantName:
         """The parts of a text.

@@ -58,3 +58,7 @@ def test_only_a_policys_own_file_is_its_file(tmp_path: Path) -> None:
     file.write_bytes(b"")
     assert ContestantName.parse(f"onnx:{file}:dock").policy_file == file
     assert ContestantName.parse("python:mine:act").policy_file is None
+
+
+def test_a_name_in_a_sentence_is_its_text() -> None:
+    assert f"{ContestantName.parse('lqr:go-to-pose-2d@atmos')}" == "lqr:go-to-pose-2d@atmos"
