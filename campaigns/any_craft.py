@@ -60,7 +60,7 @@ SPECIALISTS = (
 )
 """Agents of a single craft each, whose task, starts, conditions and control period are the protocol."""
 _LAYOUT_SEED = 1_000_003
-"""Of layouts that no training has drawn: trainings draw from even seeds below."""
+"""Seed of layouts that no training has drawn: trainings draw from even seeds below."""
 _BINS = 0.25, 0.35, 0.5, 0.75, 1.0, 1.5, np.inf
 """Bounds of the authority margin, by which random layouts are listed."""
 

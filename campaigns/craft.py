@@ -150,7 +150,7 @@ class Craft:
     """Measure real craft and their agents."""
 
     names: Positional[tuple[str, ...]] = ()
-    """Of craft; by default all."""
+    """Names of craft; by default all."""
     drake: int = 64
     """Flights of each agent in Drake; 0: none."""
 

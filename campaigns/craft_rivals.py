@@ -28,7 +28,7 @@ _FILE = "validation/craft_rivals.json"
 
 
 def measured(name: str, episodes: int) -> dict[str, Any]:
-    """Of the agent of a craft and of each controller: settled share with its interval, median time, impulse."""
+    """Settled share with its interval, median time and impulse of a craft's agent and of each controller."""
     run = contestant(f"pretrained:go-to-pose-{CRAFTS[name]}-{name}")
     flown = {"agent": run.controller} | {kind: controller(kind, run.judged) for kind in CONTROLLERS}
     results = {}
@@ -50,7 +50,7 @@ class Rivals:
     """Fly real craft by agents and by controllers."""
 
     names: Positional[tuple[str, ...]] = ()
-    """Of craft; by default all."""
+    """Names of craft; by default all."""
     episodes: int = 64
     """Flights of each."""
 

@@ -99,7 +99,7 @@ def hidden_flights(
 def _calming(
     craft: Spacecraft, state: Any, random: np.random.Generator, lasting: float
 ) -> np.ndarray:
-    """Of several random commands the one that leaves least speed and spin, so that the flight stays in a room."""
+    """The calmest of several random commands: it leaves least speed and spin, so that a flight stays in a room."""
     columns = np.array(craft.wrench_map)
     count = len(state.p.x)
     choices = (random.random((_CHOICES, count, len(columns))) < _OPEN).astype(float)

@@ -35,7 +35,7 @@ RANGES = (
     Range("least linear authority", "m/s^2", 0.015, 0.7),
     Range("least angular authority", "rad/s^2", 0.15, 8.0),
 )
-"""Of the craft that the shipped agent was trained on (`rans.fast.learn.demands.DemandSettings`)."""
+"""Ranges of the craft that the shipped agent was trained on (`rans.fast.learn.demands.DemandSettings`)."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 

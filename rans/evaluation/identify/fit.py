@@ -87,7 +87,7 @@ class Fit:
     residuals: tuple[np.ndarray, ...]
     """Readings minus prediction of each log, (M, 6 or 12); in space the attitude's is a rotation vector."""
     nominal_residuals: tuple[np.ndarray, ...]
-    """The same of the data sheet, with windows' starts fitted."""
+    """Readings minus the prediction of the data sheet, of each log, (M, 6 or 12), with windows' starts fitted."""
     logs: tuple[FlightLog, ...]
 
     @property

@@ -36,7 +36,7 @@ class Channel:
     before: float
     """Root mean square of reading minus prediction with the data sheet, in the unit of `UNITS`."""
     after: float
-    """The same with what was identified."""
+    """Root mean square of reading minus prediction with what was identified."""
     correlation: float
     """Correlation of successive residuals; 0 for white ones."""
     bound: float

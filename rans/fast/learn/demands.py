@@ -56,7 +56,7 @@ _STEEPEST = 30.0
 _IMITATIONS = 600
 """Steps of the imitation of the law made by hand."""
 _PASSES = 3
-"""Of coordinate descent in training: what is left is demanded in the next period."""
+"""Passes of coordinate descent over the thrusters in training: what is left is demanded in the next period."""
 _MOST = 10
 """Largest number of thrusters in training: of more there are thousands of subsets."""
 
@@ -78,7 +78,7 @@ class DemandSettings:
     """Hidden units of each layer over 8, the number of turns and mirror images of a square."""
     learning_rate: float = 3e-3
     temperature: float = 0.25
-    """Of the softmax over subsets, in squared units of the authority."""
+    """Temperature of the softmax over subsets of thrusters, in squared units of the authority."""
     thrust_price: float = 0.4
     """Price of a second of the craft's least authority, over that of a second outside the tolerances."""
     memory: float = 0.985

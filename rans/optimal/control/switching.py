@@ -154,7 +154,7 @@ class Switching(ModelBased):
             )
 
     def expecting(self, conditions: Conditions | None) -> Controller:
-        """The same without the thrusters that are dead from the start in every episode of these conditions.
+        """This controller without the thrusters that are dead from the start in every episode of the conditions.
 
         Where the others cannot push and turn the craft in every direction, it flies as if none were dead.
         """
