@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
 from functools import partial
 from textwrap import fill, wrap
-from typing import Any
+from typing import Any, NoReturn
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
@@ -43,6 +45,14 @@ class Terminal(Console):
         super().__init__(stderr=stderr, markup=False, highlight=False, emoji=False)
         if not self.is_terminal:
             self.width = max(self.width, room)
+
+    def on_broken_pipe(self) -> NoReturn:
+        """Raise the error that Rich has caught, as `rans list | head -1` causes; Rich would end the process.
+
+        Raises:
+            BrokenPipeError: always.
+        """
+        raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
 
     def say(self, text: str) -> None:
         """Print a sentence; lines are broken between words on a terminal only, and not in a multi-line text."""

@@ -81,8 +81,8 @@ class Fly:
         from rans.terminal import Terminal
 
         def say(text: str) -> None:
-            # A terminal that is gone ends no flight, and no bag's index; of a closed pipe Rich makes a SystemExit.
-            with contextlib.suppress(OSError, SystemExit):
+            # A terminal that is gone ends no flight, and no bag's index.
+            with contextlib.suppress(OSError):
                 Terminal().say(text)
 
         name = ContestantName.parse(self.agent)

@@ -462,14 +462,18 @@ def test_python_hardly_looks_for_garbage() -> None:
     assert done.stdout.splitlines()[-1] == "True True"
 
 
-def test_a_reader_who_leaves_is_no_error() -> None:
-    """As in ``rans list | head -1``, for output that Python buffers and for output that it does not."""
+@pytest.mark.parametrize("line", ["--version", "list"])
+def test_a_reader_who_leaves_is_no_error(line: str) -> None:
+    """As in ``rans list | head -1``, for output that Python buffers and for output that it does not.
+
+    ``--version`` is printed by Python and ``list`` by Rich, which would end the process itself.
+    """
     for unbuffered in ("", "1"):
         reader, writer = os.pipe()
         os.close(reader)
         environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
         done = subprocess.run(
-            [sys.executable, "-m", "rans", "--version"],
+            [sys.executable, "-m", "rans", line],
             stdout=writer,
             stderr=subprocess.PIPE,
             env=environment,

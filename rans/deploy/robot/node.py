@@ -279,8 +279,7 @@ class Speaker:
 
     def _run(self) -> None:
         while (text := self._queue.get()) is not None:
-            # Of a closed pipe Rich makes a SystemExit.
-            with contextlib.suppress(Exception, SystemExit):
+            with contextlib.suppress(Exception):
                 self._say(text)
 
 
