@@ -32,6 +32,7 @@ from rans.pretrained import pretrained_folder
 from rans.scenario import scenario
 from rans.show.pages.report import report_from_run
 from rans.tasks import GoToPose
+from tests.support.damage import damaged
 from tests.support.robots import AWAY
 from tests.support.training import CONFIG, after, ignore, tiny_trainer
 
@@ -50,26 +51,6 @@ def odd_json(value: Any, chance: random.Random) -> Any:
     if chance.random() < 0.15:
         return {k: x for k, x in value.items() if k != key}
     return value | {key: odd_json(value[key], chance)}
-
-
-def damaged(content: bytes, chance: random.Random) -> bytes:
-    """Bytes with a few of them changed, missing, repeated or of others' kinds."""
-    result = bytearray(content)
-    for _ in range(chance.choice([1, 1, 2, 8])):
-        at = chance.randrange(len(result)) if result else 0
-        length = chance.choice([1, 1, 2, 4, 8, 100])
-        what = chance.randrange(5)
-        if what == 0:
-            result[at : at + length] = chance.randbytes(length)
-        elif what == 1:
-            del result[at : at + length]
-        elif what == 2:
-            result[at:at] = result[at : at + length]
-        elif what == 3:
-            result[at : at + length] = chance.choice([b"\xff", b"\0", b"9"]) * length
-        else:
-            del result[at:]
-    return bytes(result)
 
 
 def mutations(file: Path, count: int, seed: int) -> Iterator[int]:

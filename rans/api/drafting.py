@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rans.api.names import load_spacecraft
 from rans.errors import ConfigError, brief
 from rans.model.actuators import Wheel
+from rans.model.foreign import Foreign, is_foreign, read_foreign
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_draft import (
     actuators_of,
@@ -91,10 +92,23 @@ class Draft:
             save_picture(draw_layout(self.spacecraft), Path(picture))
 
 
+def begun(base: str | Path | Spacecraft | Foreign | None) -> Spacecraft | Foreign | None:
+    """What a new spacecraft begins from: one of RANS, or what a URDF, an SDF or a table of 42 says of one.
+
+    Raises:
+        ConfigError: the spacecraft or file does not exist, or is damaged.
+    """
+    if base is None or isinstance(base, Foreign):
+        return base
+    if not isinstance(base, Spacecraft) and is_foreign(base):
+        return read_foreign(Path(base))
+    return load_spacecraft(base)
+
+
 def init_spacecraft(
     name: str,
     *,
-    base: str | Path | Spacecraft | None = None,
+    base: str | Path | Spacecraft | Foreign | None = None,
     dimension: int | None = None,
     mass: float | None = None,
     inertia: float | Sequence[float] | None = None,
@@ -117,7 +131,8 @@ def init_spacecraft(
 
     Args:
         name: name of the spacecraft.
-        base: spacecraft whose values are kept where none is given; None: all required values must be given.
+        base: spacecraft whose values are kept where none is given, or a file of other software: URDF (.urdf), SDF
+            (.sdf) or a table of the simulator 42 (.txt); None: all required values must be given.
         dimension: 2: the plane; 3: space.
         mass: mass, kg.
         inertia: moment of inertia about the centre of mass, kg m^2: one number, or in space three about the axes of
@@ -137,9 +152,28 @@ def init_spacecraft(
         ConfigError: something is missing, wrong or not physical.
     """
     settings: dict[str, Any] = {"name": name}
-    start = None if base is None else load_spacecraft(base)
     if dimension is not None and dimension not in (2, 3):
         raise ConfigError(f"dimension must be 2 (plane) or 3 (space), got {brief(dimension)}.")
+    start = begun(base)
+    origin = "Written by rans init."
+    if isinstance(start, Foreign):
+        if dimension is None:
+            raise ConfigError(
+                f"{start.source} does not say whether it moves in the plane or in space: give --dimension, 2 or 3."
+            )
+        origin = f"Written by rans init, from {start.source}."
+        mass = start.mass if mass is None else mass
+        if start.inertia is not None and size is None:
+            flat_inertia = _tensor(start.inertia[2][2], dimension)
+            settings["inertia"] = start.inertia if dimension == 3 else flat_inertia
+        if centre_of_mass is None:
+            centre_of_mass = start.centre_of_mass[:dimension]
+        thrusters = thrusters or start.thrusters(dimension)
+        wheels = wheels or start.wheels
+        radius = start.radius if radius is None else radius
+        start = None
+    elif start is not None:
+        origin = f"Written by rans init, from {start.name}."
     if start is not None and dimension not in (None, start.dimension):
         raise ConfigError(
             f"{start.name} has dimension {start.dimension}: another one needs other thrusters; leave out base."
@@ -149,7 +183,7 @@ def init_spacecraft(
         lacking = {
             "dimension": dimension is None,
             "mass": mass is None,
-            "inertia or size": inertia is None and size is None,
+            "inertia or size": inertia is None and size is None and "inertia" not in settings,
             "at least one thruster": not thrusters,
         }
         missing = [what for what, lacks in lacking.items() if lacks]
@@ -186,9 +220,6 @@ def init_spacecraft(
     if thrust_sharing is not None:
         settings["thrust_sharing"] = thrust_sharing
     craft = Spacecraft(dimension=flat, **settings) if start is None else replace(start, **settings)
-    origin = (
-        "Written by rans init." if start is None else f"Written by rans init, from {start.name}."
-    )
     text = commented(craft, origin)
     return Draft(parse_spacecraft(text, name), text)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -16,6 +16,7 @@ from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.api.drafting import Draft
+    from rans.model.foreign import Foreign
     from rans.model.spacecraft import Spacecraft
 
 Answer = TypeVar("Answer")
@@ -32,7 +33,8 @@ class Init:
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
     """File to write."""
     base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None
-    """Begin from this spacecraft (name or TOML file) and keep its values where you give none."""
+    """Begin from this spacecraft (name or TOML file) and keep its values where you give none; or from a file
+    of other software: URDF (.urdf), SDF (.sdf), or a table of the simulator 42 (.txt)."""
     name: str | None = None
     """Name of the spacecraft; by default the file's name."""
     dimension: int | None = None
@@ -120,11 +122,14 @@ class Init:
 
     def _asked(self) -> Draft:
         """Ask for values without an option; a wrong answer is explained and asked for again."""
-        from rans.api.names import load_spacecraft
+        from rans.api.drafting import begun
         from rans.model.actuators import KINDS
+        from rans.model.foreign import Foreign
         from rans.model.spacecraft_draft import numbers, thruster_of, wheel_of
 
-        start: Spacecraft | None = None if self.base is None else load_spacecraft(self.base)
+        base = begun(self.base)
+        foreign = base if isinstance(base, Foreign) else None
+        start: Spacecraft | None = None if isinstance(base, Foreign) else base
         answers: dict[str, Any] = {}
 
         def one(text: str) -> float:
@@ -136,11 +141,12 @@ class Init:
         if dimension is None:
             dimension = ask("Does it move in the plane (2) or in space (3)", _dimension, "2")
             answers["dimension"] = dimension
-        if self.mass is None:
+        if self.mass is None and foreign is None:
             answers["mass"] = ask("Mass, kg", one, start and f"{start.mass:g}")
-        if self.inertia is None and self.size is None:
+        has_inertia = foreign is not None and foreign.inertia is not None
+        if self.inertia is None and self.size is None and not has_inertia:
             answers |= _ask_inertia(dimension, start)
-        if start is None and self.centre_of_mass is None:
+        if start is None and foreign is None and self.centre_of_mass is None:
             zeros = ", ".join(["0"] * dimension)
             answers["centre_of_mass"] = ask(
                 "Centre of mass in the frame in which you measure thrusters, m",
@@ -160,13 +166,15 @@ class Init:
                 answers["least"] = ask("Shortest pulse, in these steps", one, "1")
             if kind == "throttle" and self.least is None:
                 answers["least"] = ask("Least level, a share of full force", one, "0")
-        if start is None and not self.thruster:
+        if foreign is not None and foreign.nozzles and not self.thruster:
+            answers["thrusters"] = _ask_nozzles(foreign, dimension)
+        elif start is None and not self.thruster:
             example = "0.2, 0.1; 1, 0; 1.5" if dimension == 2 else "0.2, 0.1, 0; 1, 0, 0; 1.5"
             print(f"Thrusters: position (m); direction of the force; force (N), such as {example}")
             answers["thrusters"] = _ask_each(
                 "Thruster", lambda text: thruster_of(text, dimension), 1
             )
-        if start is None and not self.wheel:
+        if start is None and foreign is None and not self.wheel:
             print("Reaction wheels: axis; torque (N m); momentum (N m s); inertia (kg m^2)")
             answers["wheels"] = _ask_each("Wheel", wheel_of, 0)
         return self._drafted(answers)
@@ -264,6 +272,31 @@ def _ask_each(noun: str, read: Callable[[str], Answer], least: int) -> tuple[Ans
             results.append(read(text))
         except ConfigError as error:
             print(error)
+
+
+def _ask_nozzles(foreign: Foreign, dimension: int) -> tuple[str, ...]:
+    """Thrusters of a file of other software, with the positions and forces that it does not say."""
+    from rans.model.foreign import Nozzle
+    from rans.model.spacecraft_draft import numbers
+
+    nozzles = []
+    last: str | None = None
+    for nozzle in foreign.nozzles:
+        position = nozzle.position
+        force = nozzle.force
+        if position is None:
+            x, y, *z = ask(
+                f"Position of {nozzle.name}, m",
+                lambda text: numbers(text, "the position", (dimension,)),
+            )
+            position = (x, y, z[0] if z else 0.0)
+        if force is None:
+            (force,) = ask(
+                f"Force of {nozzle.name}, N", lambda text: numbers(text, "the force", (1,)), last
+            )
+            last = f"{force:g}"
+        nozzles.append(Nozzle(nozzle.name, position, nozzle.direction, force))
+    return replace(foreign, nozzles=tuple(nozzles)).thrusters(dimension)
 
 
 def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:

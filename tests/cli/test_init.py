@@ -183,3 +183,58 @@ def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
 def test_without_a_terminal_nothing_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
     assert batch("--mass", "12") == 2
     assert "needs dimension" in capsys.readouterr().err
+
+
+ROBOT = """<robot name="craft"><link name="hull"><inertial><mass value="8"/>
+<inertia ixx="0.2" iyy="0.2" izz="0.3"/></inertial></link>
+{links}</robot>"""
+LINK = """<link name="thruster_{k}"/><joint name="j{k}" type="fixed"><parent link="hull"/>
+<child link="thruster_{k}"/><origin xyz="{x} {y} 0.1" rpy="{rpy}"/></joint>"""
+TURNS = {
+    "x": "0 1.5707963267948966 0",
+    "-x": "0 -1.5707963267948966 0",
+    "y": "-1.5707963267948966 0 0",
+    "-y": "1.5707963267948966 0 0",
+}
+
+
+def robot() -> Path:
+    """A URDF whose six links of thrusters push along their z axes."""
+    places = (
+        (-0.2, 0.1, "x"),
+        (0.2, 0.1, "-x"),
+        (-0.2, -0.1, "x"),
+        (0.2, -0.1, "-x"),
+        (0, -0.2, "y"),
+        (0, 0.2, "-y"),
+    )
+    links = "".join(
+        LINK.format(k=k, x=x, y=y, rpy=TURNS[axis]) for k, (x, y, axis) in enumerate(places)
+    )
+    file = Path("robot.urdf")
+    file.write_text(ROBOT.format(links=links))
+    return file
+
+
+def test_what_a_robots_file_does_not_say_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot()
+    # The name, the plane, on-off, six forces.
+    left = typed(monkeypatch, "mine", "2", "", "1.5", "", "", "", "", "2")
+    assert batch("--from", "robot.urdf") == 0
+    assert list(left) == []
+    craft = load_spacecraft("mine.toml")
+    assert (craft.mass, craft.inertia[2][2], craft.radius) == (8.0, 0.3, 0.2449)
+    assert [thruster.force for thruster in craft.thrusters] == [1.5] * 5 + [2.0]
+    assert craft.thrusters[1].position == (0.2, 0.1, 0.0)
+    assert craft.thrusters[1].direction == (-1.0, 0.0, 0.0)
+    assert "from robot.urdf, its 7 links as one body" in Path("mine.toml").read_text()
+
+
+def test_without_a_terminal_the_missing_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    robot()
+    assert batch("--from", "robot.urdf", "--batch") == 2
+    assert "give --dimension, 2 or 3" in capsys.readouterr().err
+    assert batch("--from", "robot.urdf", "--batch", "--dimension", "2") == 2
+    said = capsys.readouterr().err.replace("\n", " ")
+    assert "--thruster '0.2, 0.1; -1, 0; FORCE'" in " ".join(said.split())
+    assert not Path("mine.toml").exists()

@@ -1,0 +1,543 @@
+"""Spacecraft of other software's files: URDF, SDF, and the spacecraft tables of the simulator 42.
+
+All links of a robot count as one rigid body with its joints at zero. Thrusters are the links that Gazebo's plugins
+``SpacecraftThrusterModel`` name, with their ``max_thrust``, or else links whose names say that they are thrusters.
+As in that plugin the force acts at the link's centre of mass along its z axis. What a file does not say is None.
+
+Sources: wiki.ros.org/urdf/XML, sdformat.org/spec, gz-sim ``SpacecraftThrusterModel.cc``, and ``42init.c`` of
+github.com/ericstoneking/42.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rans.errors import ConfigError, brief, counted
+from rans.files import read_text
+from rans.model.actuators import Wheel
+from rans.model.spacecraft import MOST_THRUSTERS
+
+FORMATS = (".urdf", ".sdf", ".txt")
+"""Suffixes of URDF, SDF and tables of 42."""
+_LARGEST = 2**24
+"""Bytes: descriptions have some ten thousand, their meshes lie in other files."""
+_DECLARES = re.compile(r"<!\s*(ENTITY|ATTLIST|DOCTYPE)", re.IGNORECASE)
+"""Declarations of entities, which can grow without bound."""
+_NOZZLE = re.compile("thruster|nozzle", re.IGNORECASE)
+"""Names of links that are thrusters."""
+_PLUGIN = "SpacecraftThrusterModel"
+_MOST_LINKS = 10_000
+
+
+@dataclass(frozen=True)
+class Nozzle:
+    """A thruster whose force, or position, may be unknown."""
+
+    name: str
+    position: tuple[float, float, float] | None
+    """m, in G; None: the file does not say it."""
+    direction: tuple[float, float, float]
+    """Unit vector of the force, in G."""
+    force: float | None
+    """N; None: the file does not say it."""
+
+    def text(self, dimension: int) -> str:
+        """The thruster as "POSITION; DIRECTION; FORCE" of `rans init`, with two coordinates in the plane."""
+        where = ["POSITION"] if self.position is None else self.position[:dimension]
+        force = "FORCE" if self.force is None else self.force
+        parts = (where, self.direction[:dimension], [force])
+        return "; ".join(", ".join(_number(x) for x in part) for part in parts)
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """What a file of other software says of a spacecraft, in its root frame G."""
+
+    source: str
+    """Name of the file and how it was read, for the first line of the new one."""
+    mass: float
+    """kg."""
+    inertia: tuple[tuple[float, float, float], ...] | None
+    """kg m^2 about the centre of mass, axes of G; None: the file has none."""
+    centre_of_mass: tuple[float, float, float]
+    """m, in G."""
+    nozzles: tuple[Nozzle, ...] = ()
+    wheels: tuple[Wheel, ...] = ()
+
+    @property
+    def radius(self) -> float | None:
+        """Distance of the outermost thruster from the centre of mass, m, for drawings; None without thrusters."""
+        levers = [
+            math.dist(one.position, self.centre_of_mass)
+            for one in self.nozzles
+            if one.position is not None
+        ]
+        return round(max(levers), 4) if any(levers) else None
+
+    def thrusters(self, dimension: int) -> tuple[str, ...]:
+        """All thrusters as "POSITION; DIRECTION; FORCE".
+
+        Raises:
+            ConfigError: a position or force is missing, or a force acts out of the plane of a planar craft.
+        """
+        if dimension == 2:
+            for one in self.nozzles:
+                if abs(one.direction[2]) > 1e-6:
+                    raise ConfigError(
+                        f"{one.name} of {self.source} pushes along z, out of the plane: take --dimension 3, or "
+                        "give the thrusters of the plane with --thruster."
+                    )
+        if any(one.force is None or one.position is None for one in self.nozzles):
+            missing = "force" if all(one.position for one in self.nozzles) else "position"
+            texts = " ".join(f"--thruster '{one.text(dimension)}'" for one in self.nozzles)
+            raise ConfigError(
+                f"{self.source} does not say the {missing} of its thrusters; give each of them, with metres and "
+                f"newtons in place of words in capitals: {texts}"
+            )
+        return tuple(one.text(dimension) for one in self.nozzles)
+
+
+def is_foreign(name: object) -> bool:
+    """Whether a name is that of a file that `read_foreign` reads, by its suffix."""
+    return Path(str(name)).suffix.lower() in FORMATS
+
+
+def read_foreign(file: Path) -> Foreign:
+    """Mass properties, thrusters and wheels of a URDF (.urdf), an SDF (.sdf) or a table of 42 (.txt).
+
+    Raises:
+        ConfigError: the file cannot be read, is damaged, or describes what is not one rigid body.
+    """
+    text = read_text(file, _LARGEST, "the spacecraft file ")
+    try:
+        if file.suffix.lower() == ".txt":
+            found = _table(text, file.name)
+        else:
+            read = _urdf if file.suffix.lower() == ".urdf" else _sdf
+            found = read(_xml(text), file.name)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    if len(found.nozzles) > MOST_THRUSTERS:
+        raise ConfigError(
+            f"{file} has {len(found.nozzles)} thrusters, and a spacecraft at most {MOST_THRUSTERS}."
+        )
+    return found
+
+
+# rigid bodies
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """Rotation R and position p of a frame in another."""
+
+    R: np.ndarray
+    p: np.ndarray
+
+    def then(self, other: _Pose) -> _Pose:
+        return _Pose(self.R @ other.R, self.p + self.R @ other.p)
+
+
+_AT_ORIGIN = _Pose(np.eye(3), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class _Link:
+    """Mass, centre and inertia of a link; pose and inertia in the frames of the file."""
+
+    mass: float
+    inertial: _Pose
+    """Frame of the inertia, at the centre of mass, in the frame of the link."""
+    inertia: np.ndarray
+
+
+def _rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Rotation about fixed x, then y, then z, as URDF and SDF have it."""
+    cr, cp, cy = np.cos([roll, pitch, yaw])
+    sr, sp, sy = np.sin([roll, pitch, yaw])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _lumped(
+    source: str,
+    links: Mapping[str, _Link],
+    poses: Mapping[str, _Pose],
+    forces: Mapping[str, float | None],
+) -> Foreign:
+    """One rigid body of all links, with the parallel-axis theorem; thrusters are links with an entry in forces."""
+    mass = sum(link.mass for link in links.values())
+    if not mass > 0.0:
+        raise ConfigError("no link has a mass; is <inertial> missing?")
+    frames = {name: poses[name].then(link.inertial) for name, link in links.items()}
+    moments = [link.mass * frames[name].p for name, link in links.items()]
+    centre = np.sum(moments, axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for name, link in links.items():
+        frame = frames[name]
+        arm = frame.p - centre
+        inertia += frame.R @ link.inertia @ frame.R.T
+        inertia += link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    nozzles = tuple(
+        Nozzle(name, _triple(frames[name].p), _triple(poses[name].R[:, 2]), force)
+        for name, force in forces.items()
+    )
+    lumped = "" if len(links) == 1 else f", its {len(links)} links as one body with joints at zero"
+    tensor = _tensor(inertia) if inertia.any() else None
+    return Foreign(f"{source}{lumped}", mass, tensor, _triple(centre), nozzles)
+
+
+def _tensor(inertia: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+    symmetric = 0.5 * (inertia + inertia.T)
+    return tuple(_triple(row) for row in symmetric)
+
+
+def _triple(vector: Iterable[float]) -> tuple[float, float, float]:
+    """Three numbers without what rounding left in place of zeros: 1e-12 of metres, kg m^2 or a unit."""
+    x, y, z = (0.0 if abs(a) < 1e-12 else float(f"{a:.12g}") for a in vector)
+    return x, y, z
+
+
+def _number(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.12g}"
+
+
+# XML
+
+
+def _xml(text: str) -> ET.Element:
+    """Root of an XML text that declares nothing."""
+    if _DECLARES.search(text):
+        raise ConfigError("it declares entities or a document type, which robots do not need.")
+    try:
+        root = ET.fromstring(text)
+    except (ET.ParseError, ValueError) as error:
+        raise ConfigError(f"it is no XML, or damaged: {error}.") from error
+    return root
+
+
+def _numbers(text: str | None, count: int, what: str) -> np.ndarray:
+    """As many finite numbers, separated by spaces."""
+    try:
+        values = np.array([float(word) for word in (text or "").split()])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != count or not np.isfinite(values).all() or (abs(values) > 1e9).any():
+        raise ConfigError(
+            f"{what} must be {counted(count, 'finite number')} up to 1e9, got {brief(text)}."
+        )
+    return values
+
+
+def _forces(plugins: Iterable[ET.Element], links: Mapping[str, _Link]) -> dict[str, float | None]:
+    """Links that are thrusters, in the order of their commands, with their forces where a plugin says them."""
+    stated: list[tuple[int, str, float | None]] = []
+    for plugin in plugins:
+        if _PLUGIN not in plugin.get("name", "") + plugin.get("filename", ""):
+            continue
+        # Gazebo's code reads snake_case, its page has camelCase.
+        values = {
+            re.sub("(?<=[a-z])([A-Z])", r"_\1", str(one.tag)).lower(): (one.text or "").strip()
+            for one in plugin
+        }
+        link = values.get("link_name", "")
+        if link not in links:
+            raise ConfigError(f"a plugin {_PLUGIN} names the link {brief(link)}, which is none.")
+        number = values.get("actuator_number", "")
+        thrust = values.get("max_thrust")
+        stated.append(
+            (
+                int(number) if number.isdecimal() else len(stated),
+                link,
+                None if thrust is None else float(_numbers(thrust, 1, f"max_thrust of {link}")[0]),
+            )
+        )
+    if stated:
+        return {link: force for _, link, force in sorted(stated, key=lambda one: one[0])}
+    return {name: None for name in links if _NOZZLE.search(name)}
+
+
+def _inertia(
+    element: ET.Element | None, read: Callable[[ET.Element, str], str | None]
+) -> np.ndarray:
+    """Tensor from ixx, ixy, ixz, iyy, iyz and izz."""
+    if element is None:
+        return np.zeros((3, 3))
+    values = {}
+    for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+        text = read(element, name)
+        # Both formats have zero as the default of products.
+        usual = "0" if name[1] != name[2] else None
+        values[name] = float(_numbers(usual if text is None else text, 1, name)[0])
+    xx, xy, xz, yy, yz, zz = values.values()
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+# URDF
+
+
+def _urdf(root: ET.Element, name: str) -> Foreign:
+    """Mass properties and thrusters of a URDF in the frame of its root link."""
+    if root.tag != "robot":
+        raise ConfigError(f"a URDF's root is <robot>, got <{brief(root.tag)[1:-1]}>.")
+    if any("xacro" in str(one.tag) for one in root.iter()):
+        raise ConfigError(f"it is a xacro file: run `xacro {name} > robot.urdf` first.")
+    links = _distinct(root, "link", _urdf_link)
+    joints = {}
+    for joint in root.findall("joint"):
+        ends = [
+            end.get("link", "") if (end := joint.find(side)) is not None else ""
+            for side in ("parent", "child")
+        ]
+        parent, child = ends
+        if parent not in links or child not in links:
+            raise ConfigError(
+                f"the joint {brief(joint.get('name'))} joins {brief(parent)} and {brief(child)}, which must be "
+                "links."
+            )
+        if child in joints:
+            raise ConfigError(f"the link {brief(child)} is the child of two joints.")
+        joints[child] = (parent, _urdf_origin(joint))
+    roots = [link for link in links if link not in joints]
+    if len(roots) != 1:
+        raise ConfigError(f"it must have one root link, got {brief(roots)}.")
+    poses = {roots[0]: _AT_ORIGIN}
+    waiting = dict(joints)
+    while waiting:
+        ready = [child for child, (parent, _) in waiting.items() if parent in poses]
+        if not ready:
+            raise ConfigError(f"the joints of {brief(sorted(waiting))} form a ring.")
+        for child in ready:
+            parent, origin = waiting.pop(child)
+            poses[child] = poses[parent].then(origin)
+    return _lumped(name, links, poses, _forces(root.iterfind("gazebo/plugin"), links))
+
+
+def _urdf_link(link: ET.Element) -> _Link:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return _Link(0.0, _AT_ORIGIN, np.zeros((3, 3)))
+    mass = inertial.find("mass")
+    value = None if mass is None else mass.get("value")
+    what = f"the mass of {brief(link.get('name'))}"
+    return _Link(
+        float(_numbers(value, 1, what)[0]),
+        _urdf_origin(inertial),
+        _inertia(inertial.find("inertia"), lambda element, entry: element.get(entry)),
+    )
+
+
+def _urdf_origin(element: ET.Element) -> _Pose:
+    origin = element.find("origin")
+    if origin is None:
+        return _AT_ORIGIN
+    what = f"an origin in {brief(element.get('name') or element.tag)}"
+    zeros = "0 0 0"
+    rpy = _numbers(origin.get("rpy", zeros), 3, f"rpy of {what}")
+    return _Pose(_rpy(*rpy), _numbers(origin.get("xyz", zeros), 3, f"xyz of {what}"))
+
+
+def _distinct(root: ET.Element, tag: str, read: Callable[[ET.Element], _Link]) -> dict[str, _Link]:
+    """Elements by their names, which must differ."""
+    result: dict[str, _Link] = {}
+    for element in root.findall(tag):
+        name = element.get("name", "")
+        if not name or name in result:
+            raise ConfigError(f"every {tag} needs a name of its own, got {brief(name)} again.")
+        result[name] = read(element)
+    if not result or len(result) > _MOST_LINKS:
+        raise ConfigError(f"it must have 1 to {_MOST_LINKS:,} links, got {len(result):,}.")
+    return result
+
+
+# SDF
+
+
+def _sdf(root: ET.Element, name: str) -> Foreign:
+    """Mass properties and thrusters of an SDF's only model, in the frame of the model."""
+    if root.tag != "sdf":
+        raise ConfigError(f"an SDF's root is <sdf>, got <{brief(root.tag)[1:-1]}>.")
+    models = [*root.findall("model"), *root.findall("world/model")]
+    if len(models) != 1:
+        hint = (
+            "; it includes another file: name that one"
+            if root.find(".//include") is not None
+            else ""
+        )
+        raise ConfigError(f"it must have one model, got {len(models)}{hint}.")
+    (model,) = models
+    for tag in ("include", "model"):
+        if model.find(tag) is not None:
+            raise ConfigError(f"its model has an <{tag}> within, and only links are read.")
+    links = _distinct(model, "link", _sdf_link)
+
+    # Poses are relative to a frame that each names, or to its usual one.
+    placed: dict[str, tuple[str, _Pose]] = {}
+    for tag, usual in (("link", ""), ("joint", "child"), ("frame", "attached_to")):
+        for element in model.findall(tag):
+            own = element.get("name", "")
+            if tag == "joint":
+                child = element.find(usual)
+                beside = "" if child is None else (child.text or "").strip()
+            else:
+                beside = element.get(usual, "") if usual else ""
+            pose = element.find("pose")
+            relative = "" if pose is None else pose.get("relative_to", "")
+            if own in placed:
+                raise ConfigError(f"two links, joints or frames have the name {brief(own)}.")
+            placed[own] = (relative or beside or "__model__", _sdf_pose(pose, own))
+    poses = {"__model__": _AT_ORIGIN}
+    waiting = dict(placed)
+    while waiting:
+        ready = [own for own, (other, _) in waiting.items() if other in poses]
+        if not ready:
+            own, (other, _) = next(iter(waiting.items()))
+            raise ConfigError(
+                f"the pose of {brief(own)} is relative to {brief(other)}, which is none or depends on it."
+            )
+        for own in ready:
+            other, pose = waiting.pop(own)
+            poses[own] = poses[other].then(pose)
+    return _lumped(name, links, poses, _forces(model.iterfind("plugin"), links))
+
+
+def _sdf_link(link: ET.Element) -> _Link:
+    inertial = link.find("inertial")
+    name = link.get("name", "")
+    if inertial is None:  # SDF's default
+        return _Link(1.0, _AT_ORIGIN, np.eye(3))
+    if inertial.get("auto", "false").strip().lower() in ("true", "1"):
+        raise ConfigError(
+            f"the inertia of {brief(name)} is computed from its shape (auto), which is not read; write it out."
+        )
+    pose = inertial.find("pose")
+    if pose is not None and pose.get("relative_to"):
+        raise ConfigError(f"the pose of the inertia of {brief(name)} may not be relative_to.")
+    inertia = inertial.find("inertia")
+    tensor = np.eye(3)  # SDF's default
+    if inertia is not None:
+        tensor = _inertia(inertia, lambda element, entry: element.findtext(entry))
+    mass = inertial.findtext("mass", "1")
+    return _Link(
+        float(_numbers(mass, 1, f"the mass of {brief(name)}")[0]), _sdf_pose(pose, name), tensor
+    )
+
+
+def _sdf_pose(pose: ET.Element | None, name: str) -> _Pose:
+    if pose is None:
+        return _AT_ORIGIN
+    what = f"the pose of {brief(name)}"
+    if pose.get("rotation_format", "euler_rpy") == "quat_xyzw":
+        x, y, z, *quaternion = _numbers(pose.text, 7, what)
+        length = math.hypot(*quaternion)
+        if not length > 0.0:
+            raise ConfigError(f"{what} has a quaternion of zeros.")
+        i, j, k, w = np.array(quaternion) / length
+        across = np.array([[0.0, -k, j], [k, 0.0, -i], [-j, i, 0.0]])
+        return _Pose(np.eye(3) + 2.0 * w * across + 2.0 * across @ across, np.array([x, y, z]))
+    text = pose.text if (pose.text or "").strip() else "0 0 0 0 0 0"
+    x, y, z, *angles = _numbers(text, 6, what)
+    if pose.get("degrees", "false").strip().lower() in ("true", "1"):
+        angles = list(np.radians(angles))
+    return _Pose(_rpy(*angles), np.array([x, y, z]))
+
+
+# tables of 42
+
+
+class _Lines:
+    """Lines "value ! comment" of a section, by the beginnings of their comments."""
+
+    def __init__(self, section: str) -> None:
+        self.section = section
+        self.rows: list[tuple[int, str, str]] = []
+
+    def all(self, comment: str) -> list[tuple[int, str]]:
+        """Line numbers and values whose comments begin so."""
+        return [(k, value) for k, value, said in self.rows if said.startswith(comment)]
+
+    def numbers(self, comment: str, count: int, entry: int = 0) -> np.ndarray:
+        """Numbers of the line of an entry."""
+        rows = self.all(comment)
+        if len(rows) <= entry:
+            raise ConfigError(
+                f"its {self.section} parameters have {counted(len(rows), 'line')} {comment!r} instead of at least "
+                f"{entry + 1}."
+            )
+        line, value = rows[entry]
+        return _numbers(value, count, f"line {line}, {comment},")
+
+    def count(self, comment: str) -> int:
+        """Whole number of a line; 0 if there is none."""
+        if not self.all(comment):
+            return 0
+        value = float(self.numbers(comment, 1)[0])
+        if value != int(value) or not 0 <= value <= 1000:
+            raise ConfigError(f"{comment} must be a whole number up to 1000, got {value:g}.")
+        return int(value)
+
+
+def _table(text: str, name: str) -> Foreign:
+    """Mass properties, thrusters and wheels of a spacecraft file of 42 (InOut/SC_*.txt) with one body."""
+    lines = text.split("\n")
+    if "42" not in lines[0] or "description" not in lines[0].lower():
+        raise ConfigError(
+            "a .txt file must be a spacecraft file of 42, whose first line has '42: Spacecraft Description File', "
+            f"got {brief(lines[0])}."
+        )
+    sections = {word: _Lines(word) for word in ("body", "wheel", "thruster")}
+    current: _Lines | None = None
+    for number, line in enumerate(lines, 1):
+        title = re.match(r"\*+\s*(\w[\w\s]*?)\s*\*+\s*$", line)
+        if title:
+            current = sections.get(title[1].lower().removesuffix(" parameters"))
+        elif current is not None and "!" in line:
+            value, _, comment = line.partition("!")
+            current.rows.append((number, value.strip(), comment.strip().lower()))
+    body, wheel, thruster = sections.values()
+    bodies = body.count("number of bodies")
+    if bodies != 1:
+        raise ConfigError(f"it must have one body, got {bodies}: joints are not read.")
+    x, y, z = body.numbers("moments of inertia", 3)
+    # 42's products are integrals of x y dm; the entries of the tensor are their negatives.
+    xy, xz, yz = -body.numbers("products of inertia", 3)
+    nozzles = []
+    for k in range(thruster.count("number of thrusters")):
+        position = None
+        if thruster.all("location"):
+            position = _triple(thruster.numbers("location", 3, k))
+        axis = thruster.numbers("thrust axis", 3, k)
+        length = float(np.linalg.norm(axis))
+        if not length > 0.0:
+            raise ConfigError(f"the thrust axis of thruster {k} is zero.")
+        force = float(thruster.numbers("thrust force", 1, k)[0])
+        nozzles.append(Nozzle(f"thruster {k}", position, _triple(axis / length), force))
+    wheels = []
+    for k in range(wheel.count("number of wheels")):
+        axis = wheel.numbers("wheel axis", 3, k)
+        length = float(np.linalg.norm(axis))
+        if not length > 0.0:
+            raise ConfigError(f"the axis of wheel {k} is zero.")
+        torque, momentum = wheel.numbers("max torque", 2, k)
+        inertia = float(wheel.numbers("wheel rotor inertia", 1, k)[0])
+        wheels.append(Wheel(_triple(axis / length), float(torque), float(momentum), inertia))
+    return Foreign(
+        name,
+        float(body.numbers("mass", 1)[0]),
+        _tensor(np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]])),
+        _triple(body.numbers("location of mass center", 3)),
+        tuple(nozzles),
+        tuple(wheels),
+    )
