@@ -175,6 +175,7 @@ class Compare:
 def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     from rans.evaluation.measure.statistics import figure
     from rans.show.pages.comparison_page import TEXT, page
+    from rans.show.pages.screen import Screen
     from rans.show.tables import front_tables
     from rans.show.tables.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
@@ -184,7 +185,9 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
         console.say("Interrupted before the first contestant had flown: nothing was written.")
         return
     write_json(folder / "compare.json", to_json(comparison, TEXT))
-    page(comparison, command_line()).write(folder / "compare.html")
+    result = page(comparison, command_line())
+    result.write(folder / "compare.html")
+    write_json(folder / "screen-compare.json", Screen.of(result).to_json())
     if board:
         keys = list(dict.fromkeys(key for row in board.values() for key in row))
         if not full:

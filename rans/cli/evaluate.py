@@ -214,6 +214,8 @@ class Evaluate:
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine with the same options are kept."""
         from rans.evaluation.measure.aggregate import save_episodes
+        from rans.show.pages.race import replay
+        from rans.show.pages.screen import Screen
 
         folder, suffix = self._output(run)
         file = self._file(run)
@@ -224,6 +226,8 @@ class Evaluate:
                 before = {}
             write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
+        screen = Screen(race=replay(flight, run.controller.name))
+        write_json(inside(folder, f"screen-evaluation{suffix}.json"), screen.to_json())
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
 

@@ -26,5 +26,6 @@ class Report:
         file = self.run_folder / "report.html"
         report.write(file)
         Terminal().print(report.summary())
+        Terminal().say(report.hero)
         Terminal().say(f"The report is {file}.")
         return 0

@@ -17,7 +17,7 @@ from rans.evaluation.measure.statistics import Estimate
 from rans.flight import Flight
 from rans.show.figures import panels
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREY, INK, PLAIN, label, series_style
+from rans.show.figures.panels import FOUND, GREY, INK, PLAIN, label, series_style
 from rans.show.tables.comparison_tables import RETURN, Scores
 from rans.tasks.quantities import QUANTITIES
 
@@ -71,7 +71,7 @@ def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str])
     highest = max(1, *(count.max() for count in counts.values()))
     for k, name in enumerate(names):
         if name in counts:
-            colour = INK if name == "best found" else series_style(k)[0]
+            colour = FOUND if name == "best found" else series_style(k)[0]
             axes.bar(
                 bins[:-1],
                 0.85 * counts[name] / highest,
@@ -143,8 +143,11 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
 
 
 @styled
-def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
-    """Paths and open thrusters of everybody from one start: name, flight and the episode in it."""
+def side_by_side(flights: Sequence[tuple[str, Flight, int]], contestants: int) -> Figure:
+    """Paths and open thrusters of everybody from one start: name, flight and the episode in it.
+
+    Contestants are first, in the order of their colours; controls that were found follow them.
+    """
     figure = Figure(figsize=(max(7.0, 3.0 * len(flights)), 5.4), layout="constrained")
     columns = figure.add_gridspec(1, len(flights))
     limits = dict(zip(("xlim", "ylim", "zlim"), _common_limits(flights), strict=False))
@@ -152,7 +155,8 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
         column = figure.add_subfigure(columns[0, k])
         cells = column.add_gridspec(2, 1, height_ratios=(1.5, 1.0))
         above, below = (column.add_subfigure(cells[row]) for row in (0, 1))
-        panels.path(above, flight, episode)
+        colour = series_style(k)[0] if k < contestants else FOUND
+        panels.path(above, flight, episode, colour)
         axes: Any = above.axes[0]
         axes.set_title(textwrap.fill(name, 26))
         axes.set_aspect("equal", adjustable="box")
@@ -160,7 +164,7 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
         if axes.get_legend() and k:
             axes.get_legend().remove()
         timeline = below.subplots()
-        panels.timeline(timeline, flight, episode)
+        panels.timeline(timeline, flight, episode, colour)
         timeline.set(title="", xlim=(0.0, max(flight.times[-1] for _, flight, _ in flights)))
     return figure
 

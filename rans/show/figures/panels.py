@@ -29,11 +29,27 @@ GREY = "#7B8794"
 LINES = "#E4E7EB"
 """Colours of Okabe and Ito ("Color Universal Design", 2008), and neutral ones, which dark pages change."""
 
-_MARKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
+FOUND = "#A0603C"
+RELAXED = "#7A6FD0"
+"""Colours of the best controls found and of relaxed optima, which no contestant has."""
+
+_MARKS = (
+    (BLUE, "o"),
+    (ORANGE, "s"),
+    (GREEN, "D"),
+    (PURPLE, "^"),
+    (RED, "v"),
+    (SKY, "P"),
+    ("#999933", "o"),
+    ("#AA4499", "s"),
+    ("#44AA99", "D"),
+    ("#CC6677", "^"),
+)
+"""After the colours above, the last four are of Paul Tol ("Colour Schemes", 2021)."""
 
 
 def series_style(k: int) -> tuple[str, str]:
-    """Colour and marker of contestant k; from the seventh on they repeat."""
+    """Colour and marker of contestant k, the same in every chart; from the eleventh on they repeat."""
     return _MARKS[k % len(_MARKS)]
 
 
@@ -205,7 +221,7 @@ def from_goal(flight: Flight) -> list[np.ndarray]:
     return [np.asarray(x) for x in (flight.states.p - flight.goals.p).columns()]
 
 
-def path(figure: SubFigure, flight: Flight, episode: int) -> None:
+def path(figure: SubFigure, flight: Flight, episode: int, colour: str = BLUE) -> None:
     """The way of one episode with the direction of the body's x axis once a second."""
     path = [x[:, episode] for x in from_goal(flight)]
     every = max(1, round(1.0 / flight.timing.control_period))
@@ -213,14 +229,14 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     arrows = [x[::every] for x in (*path, *nose)]
     axes: Any = figure.add_subplot(projection="3d" if len(path) == 3 else None)
     if len(path) == 3:
-        axes.quiver(*arrows, length=0.3, color=ORANGE, linewidth=1.0)
+        axes.quiver(*arrows, length=0.3, color=GREY, linewidth=1.0)
         axes.set_zlabel("z, m")
     else:
-        axes.quiver(*arrows, color=ORANGE, angles="xy", scale=14.0, width=0.005, zorder=3)
-    axes.plot([], [], color=ORANGE, label="body's x axis, once a second")
+        axes.quiver(*arrows, color=GREY, angles="xy", scale=14.0, width=0.005, zorder=3)
+    axes.plot([], [], color=GREY, label="body's x axis, once a second")
     _scenery(axes, flight, episode)
-    axes.plot(*path, color=BLUE, zorder=2)
-    axes.plot(*([x[0]] for x in path), "o", color=GREY, label="start")
+    axes.plot(*path, color=colour, zorder=2)
+    axes.plot(*([x[0]] for x in path), "o", color=INK, label="start")
     if "position" in flight.errors():
         axes.plot(*([0.0] for _ in path), "+", color=RED, markersize=10, label="goal")
     axes.set_aspect("equal", adjustable="datalim")
@@ -275,10 +291,10 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     label(axes, "(b) errors", "", "error / tolerance")
 
 
-def timeline(axes: Axes, flight: Flight, episode: int) -> None:
+def timeline(axes: Axes, flight: Flight, episode: int, colour: str = BLUE) -> None:
     """When each thruster of one episode was open."""
     command = flight.openings[:, episode].T
-    shades = LinearSegmentedColormap.from_list("open", [f"{BLUE}00", BLUE])
+    shades = LinearSegmentedColormap.from_list("open", [f"{colour}00", colour])
     axes.imshow(
         command,
         aspect="auto",

@@ -13,7 +13,7 @@ from rans.evaluation.compare.front import Front, point
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.statistics import Bootstrap
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
-from rans.show.figures.panels import RED, series_style
+from rans.show.figures.panels import FOUND, RELAXED, series_style
 from rans.show.pages.chart import Chart, Mark, Series
 
 INK = "var(--ink)"
@@ -73,7 +73,7 @@ def _certified(comparison: Comparison) -> Iterator[Series]:
                 Mark(h, y, f"best on/off controls found by {h:.3g} s: {y:.3g} N s")
                 for h, y in zip(horizons, upper, strict=True)
             ],
-            RED,
+            FOUND,
             "ring",
         )
 
@@ -93,7 +93,7 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
             marks.append(Mark(x, y, f"relaxed optimum of {name}: {x:.3g} s, {y:.3g} N s"))
     if marks:
         suffix = ", where found" if lost else ""
-        yield Series(f"relaxed thrust, exact goal (no controller{suffix})", marks, INK, "x")
+        yield Series(f"relaxed thrust, exact goal (no controller{suffix})", marks, RELAXED, "x")
 
 
 def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
@@ -119,8 +119,22 @@ def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: in
     return Series(name, [mark], colour, marker)
 
 
-def front_chart(front: Front, curve: Sequence[Entry] = ()) -> Chart:
-    """Everybody's mean time and impulse above the bounds; the curve is of a controller's weights."""
+def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Entry] = ()) -> Chart:
+    """Everybody's mean time and impulse above the bounds; the curve is of a controller's weights.
+
+    Those among the entries of the comparison have their colours.
+    """
+    styles = {entry.name: series_style(k) for k, entry in enumerate(entries)}
+    further = len(styles)
+
+    def style(names: Sequence[str]) -> tuple[str, str]:
+        nonlocal further
+        for name in names:
+            if name in styles:
+                return styles[name]
+        further += 1
+        return series_style(further - 1)
+
     series = []
     shaded = []
     if bounds := front.front():
@@ -148,8 +162,8 @@ def front_chart(front: Front, curve: Sequence[Entry] = ()) -> Chart:
         name = f"LQR, {counted(len(curve), 'weight')}"
         series.append(Series(name, [*map(_placed, curve)], GREY, ".", "solid"))
     lines = front.lines()
-    for k, (agent, line) in enumerate(lines.items()):
-        colour, marker = series_style(k)
+    for agent, line in lines.items():
+        colour, marker = style([entry.name for entry in line])
         name = f"{agent}, trade-off at {counted(len(line), 'position')}"
         series.append(Series(name, [*map(_placed, line)], colour, marker, "solid"))
         multiples = [(entry, own) for entry in line if (own := front.multiple(entry))]
@@ -164,8 +178,8 @@ def front_chart(front: Front, curve: Sequence[Entry] = ()) -> Chart:
         if marks:
             name = f"certified least impulse when {agent} was there, from each start"
             series.append(Series(name, marks, colour, "x"))
-    for k, rival in enumerate(front.others(), len(lines)):
-        colour, marker = series_style(k)
+    for rival in front.others():
+        colour, marker = style([rival.name])
         arrived = point(rival).there
         name = rival.name if arrived == 1.0 else f"{rival.name} ({100.0 * arrived:.3g} % get there)"
         series.append(Series(name, [_placed(rival)], colour, marker))

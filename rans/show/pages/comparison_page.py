@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.drawing import draw_layout
 from rans.errors import counted
 from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
@@ -16,6 +17,7 @@ from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
 from rans.show.figures import landing_figures, mission_figures
+from rans.show.figures.panels import FOUND, series_style
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
 from rans.show.pages.race import Race, Track, race
@@ -67,17 +69,19 @@ def page(comparison: Comparison, command: str = "") -> Page:
     if comparison.entries:
         hero, tiles = _headline(comparison)
         if (replay := _race(comparison)) is not None:
-            sections.insert(0, Section("Replay", race=replay))
+            sections.insert(0, Section("Replay", race=replay, first=True))
+        # What answers "against what" stands before the tables.
+        sections[-1:-1] = _plane(comparison)
         if comparison.front:
             sections.append(_front(comparison, comparison.front))
         sections += [
             *_mission(comparison),
-            *_plane(comparison),
             *_gaps(comparison),
             _starts(comparison),
             *_final_errors(comparison),
             _returns(comparison),
             *_differences(comparison),
+            _craft(comparison),
         ]
     if comparison.relaxed:
         columns = (
@@ -112,6 +116,13 @@ def page(comparison: Comparison, command: str = "") -> Page:
         hero=hero,
         tiles=tiles,
     )
+
+
+def _craft(comparison: Comparison) -> Section:
+    """What flies."""
+    craft = comparison.contest.craft
+    picture = Picture.of(draw_layout(craft), f"Forces of the thrusters of {craft.name}.")
+    return Section("Spacecraft", pictures=[picture])
 
 
 def _final_errors(comparison: Comparison) -> Iterator[Section]:
@@ -222,15 +233,20 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
                 f"{_amount(theirs[time], 's')} with "
                 f"{theirs['impulse of the episode, N s'].value:.3g} N s"
             )
-    # Tiles: scores beside the rival's, then ratios to certified bounds.
-    tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in own if key in _TILES]
+    # Tiles of the first row: scores beside the rival's, and after the time the ratio to the certified bound.
+    chosen = [key for key in _TILES if key in own]
+    tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in chosen]
+    bounds: list[Tile] = []
     if comparison.mission is not None and len(over := comparison.mission.ratios(first)):
-        tiles.append(
+        bounds.append(
             Tile(
                 f"over the certified least {comparison.mission.spending}",
                 f"{over.mean():.3f} x",
                 f"of {counted(len(over), 'start')}",
             )
+        )
+        hero += (
+            f"; its {comparison.mission.spending} is {over.mean():.3f} times the certified least"
         )
     measured = tables.gaps(comparison)
     if measured:
@@ -238,10 +254,17 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
         over = float(np.median(ratios[first.name])) if ratios[first.name].size else np.inf
         starts = counted(len(comparison.certified_starts()), "start")
         ratio = f"{over:.3g} x" if np.isfinite(over) else "never"
-        tiles.append(Tile(f"over the certified least {event}", ratio, f"of {starts}"))
-    return f"{hero}.", tiles
+        bounds.append(Tile(f"over the certified least {event}", ratio, f"of {starts}"))
+        if np.isfinite(over):
+            hero += f"; its {event} is {over:.3g} times the certified least of {starts}"
+    # A row of the page has room for six.
+    after_time = 1 + max((k for k, key in enumerate(chosen) if key == time), default=-1)
+    tiles[after_time:after_time] = bounds
+    return f"{hero}.", tiles[:_ROW]
 
 
+_ROW = 6
+"""Tiles of a row on a wide screen."""
 _TILES = {
     "settled, %": "settled",
     "settling time, s": "settling time",
@@ -249,11 +272,8 @@ _TILES = {
     "limit broken, %": "limit broken",
     "time of success, s": "time of success",
     "impulse of the episode, N s": "impulse of the episode",
-    "duty cycle, %": "duty cycle",
     "position error, cm": "position error",
     "attitude error, deg": "attitude error",
-    "velocity error, cm/s": "velocity error",
-    "spin error, deg/s": "spin error",
 }
 """Scores that are tiles, and what these call them."""
 
@@ -266,7 +286,7 @@ def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None
     return Tile(
         _TILES[key],
         _amount(value, unit),
-        "; ".join(filter(None, (interval, comparison_text))),
+        "\n".join(filter(None, (interval, comparison_text))),
     )
 
 
@@ -312,7 +332,7 @@ def _race(comparison: Comparison) -> Race | None:
         for name, flight, episode in _flights(comparison, k):
             if name == "least time found":
                 called = "certified optimum" if proven else name
-                yield Track(called, flight, episode, float(flight.times[-1]))
+                yield Track(called, flight, episode, float(flight.times[-1]), FOUND)
 
     return race(
         contest.craft,
@@ -330,11 +350,12 @@ def _summary(comparison: Comparison) -> Section:
         findings.append(Finding("No flight beats a certified bound.", not comparison.impossible()))
     headings = dict.fromkeys(key for row in board.values() for key in row)
     rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
+    colours = {entry.name: series_style(k)[0] for k, entry in enumerate(comparison.entries)}
     tuning = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
     result = (
         [
-            Table(("score", *board), rows, "Scores over all starts"),
-            Table(("contestant", "knows", "tuning"), tuning, "What it took"),
+            Table(("score", *board), rows, "Scores over all starts", colours),
+            Table(("contestant", "knows", "tuning"), tuning, "Information and tuning"),
         ]
         if rows
         else []
@@ -357,7 +378,7 @@ def _front(comparison: Comparison, front: Front) -> Section:
         text,
         [Table(*front_tables.table(front))],
         findings=findings,
-        charts=[front_chart(front, comparison.curve)],
+        charts=[front_chart(front, comparison.curve, comparison.entries)],
     )
 
 
@@ -368,14 +389,14 @@ def _plane(comparison: Comparison) -> Iterator[Section]:
     text = (
         (
             "In the shaded range no controller's median can be. The bars are medians of what each start needs "
-            "at least to be there at the marked time: from no start does less suffice, but who is quick from "
-            "some starts and late from others may have a median below a bar. The dotted line only guides the "
-            "eye."
+            "at least to be there at the marked time. No flight needs less than the bound of its own start; a "
+            "median of many starts can still lie below a bar, if the contestant is early from some of them and "
+            "late from others. The dotted line only guides the eye."
         )
         if comparison.certified_starts()
         else ""
     )
-    yield Section("Time and thrust", text, charts=[plane_chart(comparison)])
+    yield Section("Time and impulse", text, charts=[plane_chart(comparison)], first=True)
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:
@@ -433,7 +454,11 @@ def _starts(comparison: Comparison) -> Section:
     ranking = sorted(candidates, key=lambda k: comparison.entries[0].arrival[k])
     chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
     pictures = [
-        Picture.of(figures.side_by_side([*_flights(comparison, k)]), f"Start {k}.") for k in chosen
+        Picture.of(
+            figures.side_by_side([*_flights(comparison, k)], len(comparison.entries)),
+            f"Start {k}.",
+        )
+        for k in chosen
     ]
     text = (
         f"The median and the slowest start of {comparison.entries[0].name}, everybody side by side."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -29,6 +30,8 @@ class Table:
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]
     caption: str = ""
+    colours: Mapping[str, str] = field(default_factory=dict)
+    """CSS colours of columns, by their names: those of contestants in the charts."""
 
     def numeric(self, k: int) -> bool:
         """Whether a column holds numbers, which stand right; a dash stands where its column does."""
@@ -100,6 +103,8 @@ class Section:
     """A replay."""
     charts: Sequence[Chart] = ()
     """Charts whose marks say their values."""
+    first: bool = False
+    """Whether it belongs to the sheet that is printed, see `Page.sheet`."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,8 @@ class Page:
     hero: str = ""
     """The result in one sentence, above everything else."""
     tiles: Sequence[Tile] = ()
+    sheet: bool = False
+    """Whether it prints as one sheet: the result, the verdict and the sections that are first."""
 
     @property
     def findings(self) -> list[Finding]:
@@ -170,6 +177,7 @@ class Page:
             lstrip_blocks=True,
         )
         environment.filters["show"] = show
+        environment.filters["interval"] = _interval
         written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         return environment.get_template("page.html.j2").render(page=self, written=written)
 
@@ -185,6 +193,15 @@ def show(value: Any) -> str:
     if isinstance(value, float):
         return "never" if value == math.inf else f"{value:.4g}"
     return str(value)
+
+
+_WITH_INTERVAL = re.compile(r"(\S{1,12}) (\([^()]{1,36}\))")
+
+
+def _interval(text: str) -> tuple[str, str]:
+    """A cell as its value and the interval behind it, which may stand on a line of its own."""
+    match = _WITH_INTERVAL.fullmatch(text)
+    return (match[1], match[2]) if match else (text, "")
 
 
 def header(about: Mapping[str, Any]) -> dict[str, str]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rans.evaluation.measure.metrics import arrival_times
 from rans.flight import Flight
 from rans.model.dynamics import State
 from rans.model.fields import Vec2, Vec3
@@ -28,6 +29,8 @@ class Track(NamedTuple):
     """Number of the episode within the flight."""
     arrival: float
     """First time in the goal set, s; infinite if never."""
+    colour: str = ""
+    """"" for that of its place among the contestants."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,26 @@ def race(
     )
 
 
+def replay(flight: Flight, name: str) -> Race | None:
+    """The median episode of a flight and its slowest ones; None for tasks without a goal position."""
+    if "position" not in flight.errors():
+        return None
+    times = arrival_times(flight)
+    ranking = np.argsort(times, kind="stable")
+    chosen = dict.fromkeys([int(ranking[(len(ranking) - 1) // 2]), *map(int, ranking[:-4:-1])])
+
+    def label(k: int) -> str:
+        when = f"{times[k]:.1f} s" if np.isfinite(times[k]) else "never there"
+        return f"episode {k}: {when}"
+
+    return race(
+        flight.craft,
+        [(label(k), [Track(name, flight, k, float(times[k]))]) for k in chosen],
+        f"The median episode of {name}, then its slowest. Strips have a row a thruster, filled while it is open."
+        + ("" if flight.craft.dimension == 2 else " Drag to turn the view."),
+    )
+
+
 def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, Any]:
     first = tracks[0]
     period = first.flight.timing.control_period
@@ -90,7 +113,7 @@ def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, 
         "tracks": [
             {
                 "name": track.name,
-                "colour": series_style(k)[0],
+                "colour": track.colour or series_style(k)[0],
                 "arrival": track.arrival if math.isfinite(track.arrival) else None,
                 "u": _levels(track, stride, craft.thruster_count),
                 **_motion(track.flight.states, track.episode, stride),

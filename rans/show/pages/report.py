@@ -10,11 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rans.drawing import draw_layout
 from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure
 from rans.evaluation.stress.outcome import WANTED
 from rans.files import inside, number, read_bytes, read_json, read_json_lines, read_text
+from rans.model.spacecraft_file import read_spacecraft
 from rans.show.figures.panels import series_style
 from rans.show.pages.assure_counts import counts, is_over, verdict
 from rans.show.pages.chart import Chart, Mark, Series
@@ -29,10 +31,13 @@ from rans.show.pages.page import (
     named,
     show,
 )
+from rans.show.pages.screen import Screen
 
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
 
+_ROW = 6
+"""Tiles of a row on a wide screen."""
 _MOST_POINTS = 100
 """Of a learning curve."""
 _KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
@@ -74,12 +79,93 @@ def report_from_run(run: Path) -> Page:
         del builders["metrics.jsonl"]  # of all members, one after the other
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
-        raise ConfigError(f"{run} holds no results to report; is it a run folder?")
-    header = _read(run / "config.json", _header) or _read(run / "validation.json", _header) or {}
+        raise ConfigError(
+            f"{run} holds no results to report: rans train, evaluate, compare, stress, assure and prove write them."
+        )
+    header = (
+        _read(run / "config.json", _header)
+        or _read(run / "validation.json", _header)
+        or _read(run / "compare.json", _header)
+        or {}
+    )
     sections += filter(None, [_read(run / "config.json", _configuration)])
+    hero, tiles = _first_screen(run, evaluations, assurances, sections)
+    sections[:0] = _pictured(run, evaluations)
+    return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles, sheet=True)
+
+
+def _first_screen(
+    run: Path, evaluations: Sequence[Path], assurances: Sequence[Path], sections: Sequence[Section]
+) -> tuple[str, list[Tile]]:
+    """The result in a sentence, and tiles: how good, against what, how sure."""
+    screen = _read(run / "screen-compare.json", Screen.from_json)
+    compared = _read(run / "compare.json", _compared)
     measured = [measurement for file in evaluations for measurement in _read(file, _measured) or ()]
-    hero, tiles = headline(measured[0]) if measured else ("", [])
-    return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles)
+    sure = [tile for file in assurances for tile in _read(file, _failure_probability) or ()]
+    tiles: list[Tile] = []
+    if screen and screen.hero:
+        hero = screen.hero
+        tiles += screen.tiles
+    elif measured:
+        hero, tiles = headline(measured[0])
+        hero = " ".join(filter(None, (hero, compared)))
+    elif compared:
+        hero = compared
+    else:
+        # The first section says the result of what else there is, and its table at the end of a training.
+        first = sections[0]
+        said = next((f.text for s in sections for f in s.findings if f.passed is not False), "")
+        failed = next((f.text for s in sections for f in s.findings if f.passed is False), "")
+        hero = failed or said or f"{first.title}: {'; '.join(map(' '.join, first.summary))}."
+        tiles += [Tile(what, value) for what, value in first.summary]
+    # What a decision still lacks has its command.
+    missing = []
+    if measured and not compared:
+        missing.append(Tile("comparison", "not yet", f"rans compare {run.name}"))
+    if (measured or compared) and not sure and (run / "config.json").is_file():
+        missing.append(Tile("failure probability", "not yet", f"rans assure {run.name}"))
+    sure = sure[:1]
+    return hero, [*tiles[: _ROW - len(sure) - len(missing)], *sure, *missing]
+
+
+def _pictured(run: Path, evaluations: Sequence[Path]) -> Iterator[Section]:
+    """Replay, time and impulse, paths and spacecraft, of whatever has been flown."""
+    screen = _read(run / "screen-compare.json", Screen.from_json) or Screen()
+    replay = screen.race
+    for file in evaluations:
+        flown = _read(run / f"screen-{file.name}", Screen.from_json)
+        if replay is None and flown is not None:
+            replay = flown.race
+    if replay is not None:
+        yield Section("Replay", race=replay, first=True)
+    if screen.charts:
+        yield Section("Time and impulse", charts=screen.charts[:1], first=True)
+    pictures = list(screen.pictures)
+    craft = inside(run, "spacecraft.toml")
+    if not pictures and craft.is_file():
+        drawn = read_spacecraft(craft)
+        pictures.append(Picture.of(draw_layout(drawn), f"Forces of the thrusters of {drawn.name}."))
+    if pictures:
+        title = "Paths and spacecraft" if screen.pictures else "Spacecraft"
+        yield Section(title, pictures=pictures, first=True)
+    page = inside(run, "fly.html")
+    if page.is_file():
+        yield Section("Fly it yourself", link=page.name)
+
+
+def _compared(comparison: Mapping[str, Any]) -> str:
+    """The result of a comparison whose page is not beside it, in a sentence."""
+    rows = [row for row in comparison["summary"] if row.get("kind") != "bound"]
+    return "; ".join(f"{row['contestant']} {_outcome(row)}" for row in rows[:3]) + "." * bool(rows)
+
+
+def _failure_probability(result: Mapping[str, Any]) -> list[Tile]:
+    bound = result["bounds"]["any"]
+    sure = 100.0 * result["about"]["confidence"]
+    flights = (
+        f"{bound['failures']:,} of {bound['flights']:,} flights failed\n{sure:.6g} % confidence"
+    )
+    return [Tile("failure probability", f"at most {bound['at most']:.3g}", flights)]
 
 
 def headline(measured: Metrics) -> tuple[str, list[Tile]]:
@@ -397,7 +483,7 @@ def _find_metrics(result: Any) -> Iterator[Metrics]:
 
 
 def _header(content: Mapping[str, Any]) -> dict[str, str]:
-    """Description of how a run was made, from ``config.json`` or ``validation.json``."""
+    """Description of how a run was made, from its own file or that of its first result."""
     training = {key: content[key] for key in ("seed", "device", "environment") if key in content}
     return header(content.get("about", {}) | training)
 

@@ -12,7 +12,7 @@ from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime
-from rans.show.figures.panels import BLUE, ORANGE, RED
+from rans.show.figures.panels import BLUE, FOUND, ORANGE
 from rans.show.pages.chart import Chart, Series
 from rans.show.pages.comparison_charts import plane_chart
 from tests.support.comparisons import NOBODY, comparison, entry
@@ -87,4 +87,4 @@ def test_who_comes_next_has_another_look() -> None:
         (BLUE, "o"),
         (ORANGE, "s"),
     ]
-    assert looks["best on/off controls found, replayed"].colour == RED
+    assert looks["best on/off controls found, replayed"].colour == FOUND

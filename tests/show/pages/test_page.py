@@ -18,7 +18,7 @@ NOTE = Finding("noted")
     ("findings", "passed", "verdict", "box"),
     [
         ([], None, "Nothing was checked here.", None),
-        ([NOTE], None, "Nothing was checked here.", "verdict"),
+        ([NOTE], None, "Nothing was checked here.", None),
         ([GOOD, NOTE], True, "Everything checked has passed.", "verdict good"),
         ([GOOD, BAD, NOTE], False, "Something has failed.", "verdict bad"),
         ([BAD], False, "Something has failed.", "verdict bad"),
@@ -57,7 +57,27 @@ def test_a_study_that_checked_nothing_passes_nothing() -> None:
 def test_headings_are_headings_and_numbers_stand_right() -> None:
     html = Page("x", [Section("s", tables=[Table(("name", "value"), [("a", 1.5)])])]).html()
     assert '<th scope="col">name</th><th scope="col" class="number">value</th>' in html
-    assert '<td>a</td><td class="number">1.5</td>' in html
+    assert '<td data-column="name">a</td>' in html
+    assert '<td data-column="value" class="number">1.5</td>' in html
+
+
+def test_an_interval_may_stand_on_a_line_of_its_own() -> None:
+    table = Table(
+        ("score", "agent"), [("time", "5.8 (5.4 to 6)"), ("text", "far (1) and wide (2)")]
+    )
+    html = Page("x", [Section("s", tables=[table])]).html()
+    assert '5.8 <span class="interval">(5.4 to 6)</span>' in html
+    assert ">far (1) and wide (2)</td>" in html
+
+
+def test_notes_are_at_the_end() -> None:
+    html = Page("x", [Section("s", "The result.", findings=[GOOD, NOTE])], {"seed": "3"}).html()
+    assert (
+        html.index("fine")
+        < html.index("The result.")
+        < html.index("noted")
+        < html.index("How it was made")
+    )
 
 
 def test_a_dash_stands_where_its_column_does() -> None:
@@ -65,7 +85,8 @@ def test_a_dash_stands_where_its_column_does() -> None:
         ("text", "number", "nothing"), [("1 of 2", 1.5, None), (None, None, None), ("a", 2, None)]
     )
     assert [table.numeric(k) for k in range(3)] == [False, True, True]
-    assert '<td>–</td><td class="number">–</td>' in Page("x", [Section("s", tables=[table])]).html()  # noqa: RUF001
+    html = Page("x", [Section("s", tables=[table])]).html()
+    assert '<td data-column="text">–</td><td data-column="number" class="number">–</td>' in html  # noqa: RUF001
 
 
 def test_numbers_as_texts() -> None:
