@@ -1,6 +1,6 @@
 """A task that rewards entering keep-out zones: it trains agents to break the safety filter.
 
-``rans train campaigns.ram:Ram --guard`` trains one behind the filter, and
+``rans train campaigns.ram:Ram --set guard=true`` trains one behind the filter, and
 ``python -m campaigns.guard --missions avoid-2d --policies RUN`` flies it.
 """
 

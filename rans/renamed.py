@@ -14,6 +14,9 @@ from rans.errors import ConfigError, brief
 
 T = TypeVar("T")
 
+DEPRECATED = "is deprecated and will be removed in the next version"
+"""Words of every warning of a former name."""
+
 
 def renamed(**former: str) -> Callable[[type[T]], type[T]]:
     """Decorator of a dataclass whose fields had other names in the previous version.
@@ -155,7 +158,7 @@ def _read(old: str, new: str, owner: Any) -> Any:
 
 def _warn(cls: type, old: str, advice: str) -> None:
     warnings.warn(
-        f"{cls.__name__}.{old} is deprecated and will be removed in the next version: {advice}.",
+        f"{cls.__name__}.{old} {DEPRECATED}: {advice}.",
         DeprecationWarning,
         stacklevel=3,
     )

@@ -130,7 +130,7 @@ def test_what_is_short_is_shown_whole() -> None:
 def test_numbers_that_no_machine_holds(capsys: pytest.CaptureFixture[str], change: str) -> None:
     key = change.partition("=")[0].rpartition(".")[2]
     sentence = said(
-        capsys, "train", "go-to-pose", "--device", "cpu", "--run", "run", "--set", change
+        capsys, "train", "go-to-pose", "--device", "cpu", "--output", "run", "--set", change
     )
     assert f"{key} must be" in sentence
     assert not Path("run").exists()
@@ -184,7 +184,7 @@ def test_nothing_is_put_in_the_place_of_a_device(capsys: pytest.CaptureFixture[s
         ["evaluate", "lqr:go-to-pose-2d@odd.toml"],
         ["follow", "lqr:track-velocity-2d", "--path", "odd.csv"],
         ["train", "go-to-pose", "--spacecraft", "odd.toml"],
-        ["train", "--config", "odd.json"],
+        ["train", "odd.json"],
         ["train", "go-to-pose", "--conditions", "odd.toml"],
     ],
 )

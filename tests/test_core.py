@@ -30,7 +30,7 @@ sys.exit(main(sys.argv[2:]))
 )
 TINY = (
     "--set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 --set timing.episode_steps=20 "
-    "--total-timesteps 64"
+    "--set total_timesteps=64"
 )
 
 WITHOUT_POSIX = """
@@ -87,7 +87,7 @@ def test_the_core_works_alone(tmp_path: Path) -> None:
 import gymnasium, numpy, rans
 from rans.cli import main
 for line in (
-    "train go-to-pose {TINY} --run run",
+    "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
     "export run --output agent --episodes 4 --margins 0",
     "export run --format numpy --output numpy --episodes 4 --margins 0",
@@ -125,7 +125,7 @@ from rans.errors import ConfigError
 from rans.files import Lock, append_text, read_bytes, replace_file
 from rans.processes import beside
 for line in (
-    "train go-to-pose {TINY} --run run",
+    "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
     "export run --output agent --episodes 4 --margins 0",
 ):

@@ -285,7 +285,7 @@ def train(trainer, *_):
     raise KeyboardInterrupt
 
 Trainer.train = train
-assert main(["train", "go-to-pose", "--device", "cpu", "--run", {!r}]) == 130
+assert main(["train", "go-to-pose", "--device", "cpu", "--output", {!r}]) == 130
 assert "torch._dynamo" not in sys.modules  # torch's compiler takes 0.6 s to load
 """
 """Until the first step, and the files that it leaves."""

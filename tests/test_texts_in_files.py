@@ -119,8 +119,8 @@ IMITATION = replace(
 
 RUN = [
     command("train --resume run"),
-    command("train --config run/config.json --run out"),
-    command("sweep --config run/config.json --seeds 1 --output out"),
+    command("train run/config.json --output out"),
+    command("sweep run/config.json --seeds 1 --output out"),
     command("report run"),
     lambda: rans.load_agent("run"),
 ]
@@ -175,7 +175,7 @@ RECIPE = {
 def test_recipe(here: Path) -> None:
     for _, changed in texts(copy.deepcopy(RECIPE)):
         Path("recipe.toml").write_text(toml(changed))
-        call(command("train recipe.toml --set total_timesteps=1 --set ppo.n_envs=1 --run out"))
+        call(command("train recipe.toml --set total_timesteps=1 --set ppo.n_envs=1 --output out"))
         call(lambda: rans.train("recipe.toml", total_timesteps=1, n_envs=1, run="out"))
         shutil.rmtree("out", ignore_errors=True)
 

@@ -94,7 +94,7 @@ def file_case(number: int, folder: Path) -> Sequence[Command]:
                 to_table(dataclasses.replace(TINY, task="multi-task", settings=settings))
             )
         _write(folder / "config.json", damaged_text(text, chance), chance)
-        return [("train", "--config", "config.json", "--run", "run", "--total-timesteps", "512")]
+        return [("train", "config.json", "--output", "run", "--set", "total_timesteps=512")]
     _write(folder / "odd.toml", damaged_text(chance.choice(_shipped(kind)), chance), chance)
     if kind == "conditions":
         return [
@@ -282,8 +282,10 @@ def _suited(field: str) -> Sequence[str]:
 def _within_reason(words: Sequence[str]) -> Command:
     """Trainings and searches are cut to seconds by what is not tried here: they would only be long."""
     name = words[0]
-    if name in ("train", "sweep") and "--total-timesteps" not in words:
-        return (*words, "--total-timesteps", "512")
+    if name in ("train", "sweep") and not any(
+        word.startswith("total_timesteps=") for word in words
+    ):
+        return (*words, "--set", "total_timesteps=512")
     return tuple(words)
 
 

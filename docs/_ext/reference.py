@@ -21,6 +21,7 @@ import rans
 from rans.api.judging import FAULT_COLUMNS
 from rans.cli import COMMANDS
 from rans.cli.help import EXAMPLES, GROUPS, GUIDES
+from rans.cli.options import EVERYWHERE, is_in_help
 from rans.display import default, meanings
 from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -123,7 +124,9 @@ def commands_page() -> str:
         "# Commands",
         "",
         "`rans COMMAND --help` prints the same in the terminal. Most commands have a function of the same "
-        "name in [Python](../python.md).",
+        "name in [Python](../python.md). Every command also takes:",
+        "",
+        table(("option", "meaning"), [(f"`{name}`", text) for name, text in EVERYWHERE.items()]),
     ]
     grouped = [name for names in GROUPS.values() for name in names]
     rest = tuple(name for name in COMMANDS if name not in grouped)
@@ -146,6 +149,8 @@ def _command(name: str) -> Iterable[str]:
     texts = meanings(command)
     rows = []
     for field in dataclasses.fields(command):
+        if not is_in_help(hints[field.name]):
+            continue
         given, positional = _value(field.name, hints[field.name])
         option = given if positional else f"--{field.name.replace('_', '-')} {given}".rstrip()
         value = default(field)

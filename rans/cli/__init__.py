@@ -11,6 +11,7 @@ import unicodedata
 import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -26,6 +27,7 @@ from rans.errors import (
 )
 from rans.files import first_line, has_written
 from rans.registry import trust_files
+from rans.renamed import DEPRECATED
 
 STARTED = time.monotonic()
 """Start of this process, s, from which commands report their wall time."""
@@ -78,6 +80,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warnings_once()
+            # Python hides deprecation from users of a program, but ours type the former names themselves
+            warnings.filterwarnings("always", f".* {DEPRECATED}", DeprecationWarning)
             code = _run(arguments)
             sys.stdout.flush()
             return code
@@ -149,7 +153,7 @@ def _run(arguments: list[str]) -> int:
             raise ConfigError(f"an option has control characters: {brief(word)}.")
     _warn_of_repeated_options(arguments)
     command = _parse(arguments or ["--help"])
-    if getattr(command, "trust", False):
+    if "--trust" in arguments:
         trust_files()
     seed = getattr(command, "seed", None)
     if isinstance(seed, int) and seed < 0:
@@ -182,7 +186,11 @@ def _parse(arguments: list[str]) -> Any:
     """Parse the arguments and import only the module of the command: ``rans train`` does not load Drake."""
     import tyro
 
+    if "--trust" in arguments:
+        command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
+        return replace(command, trust=True) if hasattr(command, "trust") else command
     from rans.cli.numbers import registry
+    from rans.cli.options import warn_of_former, with_numbers_named
 
     if not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise ConfigError(
@@ -205,6 +213,8 @@ def _parse(arguments: list[str]) -> Any:
         print(overview(_ABOUT, commands))
         raise SystemExit(0)
     if arguments[0] in commands:  # messages then name the help of this command
+        warn_of_former(arguments[0], commands[arguments[0]], arguments[1:])
+        arguments = with_numbers_named(arguments)
         parse = partial(
             tyro.cli,
             commands[arguments[0]],

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.cli.options import Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
@@ -64,9 +65,8 @@ class Assure:
     """Discard an interrupted campaign and begin again."""
     output: Path | None = None
     """Folder of the results; by default that of the agent."""
-    trust: bool = False
-    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
-    its author."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
+from rans.cli.options import Trust
 from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
@@ -84,9 +85,8 @@ class Compare:
     """Folder of the results; by default that of the first contestant."""
     full: bool = False
     """Print all scores and the certified gaps, not only the most important scores. The page always has all."""
-    trust: bool = False
-    """Allow code: open sb3: files that RANS did not write (pickles, which can run any code), and run the
-    module that a run folder names as its task. Only if you know their authors."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
 
     def run(self) -> int:
         """Print the table of scores."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.cli.options import Trust
 from rans.errors import is_installed
 from rans.files import (
     command_line,
@@ -76,9 +77,8 @@ class Evaluate:
     fewer always do (docs/plain.md)."""
     full: bool = False
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
-    trust: bool = False
-    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
-    its author."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""

@@ -44,9 +44,6 @@ class Export:
     guard: bool = False
     """Not available: exported files contain the agent without the safety filter, which needs RANS. The contract
     names the filter, and `rans fly` on the folder applies it (docs/missions/guard.md)."""
-    trust: bool = False
-    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
-    its author."""
 
     def run(self) -> int:
         """Write the export and print its files."""

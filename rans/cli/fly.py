@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
+from rans.cli.options import Trust
 from rans.errors import ConfigError, positive
 
 Bus = Literal["dds", "zenoh", "udp"]
@@ -64,8 +65,8 @@ class Fly:
     """Seconds without a state after which the flight ends."""
     output: Path | None = None
     """New folder for the bag and the exported agent; by default runs/flights/AGENT-TIME."""
-    trust: bool = False
-    """Run the agent.py of an exported folder; only if you trust its author."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault."""

@@ -36,9 +36,6 @@ class Follow:
     """Seed of the starts."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
-    trust: bool = False
-    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
-    its author."""
 
     def run(self) -> int:
         """Print a table of the path errors."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from rans.cli.options import EVERYWHERE, is_in_help
 from rans.display import meanings
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
@@ -162,8 +163,17 @@ def overview(about: str, commands: Mapping[str, type]) -> str:
             first = f"  {name:<11}"
             text = f"{first}{_summary(commands[name])}"
             lines += _filled(text, width, " " * len(first))
+    lines += ["", *_everywhere(width)]
     lines += ["", *_filled("`rans COMMAND --help` has options and examples.", width)]
     return "\n".join(lines)
+
+
+def _everywhere(width: int) -> list[str]:
+    """Lines about the options that every command takes."""
+    lines = ["In every command:"]
+    for option, text in EVERYWHERE.items():
+        lines += _filled(f"  {option}  {text}", width, " " * 11)
+    return lines
 
 
 def _summary(command: type) -> str:
@@ -196,16 +206,20 @@ def _parted(text: str) -> str:
 
 def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
     """Result of ``parse``; its printed help is wrapped and followed by examples."""
+    before = {command: dict(command.__annotations__) for command in commands.values()}
     explain(commands.values(), joined=True)
     page = _Page()
     try:
         with redirect_stdout(page):
             return parse()
     finally:
+        for command, annotations in before.items():
+            command.__annotations__ = annotations
         page.seek(0)
         width = shutil.get_terminal_size().columns
         text = "\n".join(_lines(page.read(), width))
         print(re.sub(r"\n{3,}", "\n\n", text))
+        print("\n".join(["", *_everywhere(width)]))
         for name in commands:
             _print_examples(name, width)
 
@@ -231,6 +245,7 @@ def explain(commands: Iterable[type], joined: bool = False) -> None:
         joined: whether short commands in backticks have "~" for spaces, which `with_help` undoes.
     """
     from typing_extensions import Doc
+    from tyro.conf import Suppress
 
     for described in commands:
         hints = get_type_hints(described, include_extras=True)
@@ -245,6 +260,9 @@ def explain(commands: Iterable[type], joined: bool = False) -> None:
             else hint
             for name, hint in hints.items()
         }
+        for name, hint in hints.items():
+            if not is_in_help(hint):
+                described.__annotations__[name] = Suppress[hint]
 
 
 def _tyro_options(name: str, hint: Any) -> list[Any]:

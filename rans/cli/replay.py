@@ -20,8 +20,6 @@ class Replay:
     """MCAP file that `rans fly` wrote."""
     agent: Path | None = None
     """Folder of the exported agent; by default the one that flew."""
-    trust: bool = False
-    """Allow code: run the agent.py next to the bag. Only if you know its author."""
 
     def run(self) -> int:
         """Print the number of equal commands; the exit code is 0 if all are equal."""

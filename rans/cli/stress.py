@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from rans.cli import check_count
+from rans.cli.options import Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.scenario import EVALUATION_SEED
@@ -60,9 +61,8 @@ class Stress:
     """Processes; by default one per processor."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
-    trust: bool = False
-    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
-    its author."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
 
     def run(self) -> int:
         """Print the largest tolerated size of each disturbance."""

@@ -15,6 +15,7 @@ from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
+from rans.cli.options import Former
 from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.errors import ConfigError, counted
 from rans.files import command_line
@@ -37,33 +38,35 @@ class Sweep:
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
-    """Task to learn (see `rans list TASKS`), or the name of an agent that comes with RANS."""
+    """Task to learn (see `rans list TASKS`), the name of an agent that comes with RANS, or the config.json of a
+    run."""
     seeds: int = 8
     """Number of seeds, counted from 0."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
-    """Values of an entry of the config, e.g. --set ppo.learning_rate=1e-3,3e-4 --set ppo.n_steps=32."""
+    """Values of an entry of the config (see `rans list TRAINING`), as in
+    `--set ppo.gamma=0.98,0.99` or `--set total_timesteps=5e6`; may be repeated."""
     spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
-    device: str | None = None
-    """cpu or cuda; by default a GPU if there is one."""
-    total_timesteps: int | None = None
-    """End each member after this many environment steps, solved or not."""
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
+    floating-platform."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
     TOML file; by default everything is nominal."""
-    output: Annotated[Path | None, arg(aliases=["--run"])] = None
+    device: str | None = None
+    """cpu or cuda; by default a GPU if there is one."""
+    output: Path | None = None
     """Folder for the results; by default a new one under runs/."""
-    config: Path | None = None
-    """Start from the config.json of a run in place of the task's preset."""
     resume: Path | None = None
     """Continue the sweep in this folder from its last checkpoints."""
-    algorithm: str | None = None
-    """Learner, as for `rans train`."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
     """Loggers that also get the metrics of the best agent, at the end."""
-    trust: bool = False
-    """Allow code: run the Python module that --resume, --config or a recipe names as the task (MODULE:NAME).
-    Only if you know its author."""
+    run_folder: Annotated[Path | None, arg(name="run"), Former("write --output FOLDER")] = None
+    """Folder for the results."""
+    total_timesteps: Annotated[int | None, Former("write --set total_timesteps=N")] = None
+    """Environment steps after which each member ends."""
+    config: Annotated[Path | None, Former("name the file in place of the task")] = None
+    """config.json of a run."""
+    algorithm: Annotated[str | None, Former("write --set algorithm=NAME")] = None
+    """Learner."""
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
@@ -113,7 +116,7 @@ class Sweep:
         from rans.fast.learn.sweep import read_configs
 
         if self.resume is not None:
-            if replace(self, resume=None, trust=False, log=()) != Sweep():
+            if replace(self, resume=None, log=()) != Sweep():
                 raise ConfigError(
                     "--resume reads everything from the sweep's folder; give no other options."
                 )
@@ -122,10 +125,11 @@ class Sweep:
                 configs, self.resume, command, join(configs[0].device, apart=True), parts
             )
         config, *_ = configs = list(self._configs())
-        if self.output is not None and self.output.exists():
-            raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
+        output = self.output or self.run_folder
+        if output is not None and output.exists():
+            raise ConfigError(f"{output} exists already; choose another folder with --output.")
         world = join(config.device, apart=True)
-        folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
+        folder = output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
         return Trainings(configs, world.from_first(folder), command_line(), world)
 
     def _configs(self) -> Iterator[TrainConfig]:
@@ -141,10 +145,10 @@ class Sweep:
                 yield Train(
                     self.task,
                     self.spacecraft,
-                    seed,
-                    self.device,
-                    self.total_timesteps,
                     self.conditions,
+                    seed=seed,
+                    device=self.device,
+                    total_timesteps=self.total_timesteps,
                     set=changes,
                     config=self.config,
                     algorithm=self.algorithm,

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
+from rans.cli.options import Former
 from rans.errors import ConfigError, RansError, brief, is_installed
 from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
@@ -49,48 +50,50 @@ class Train:
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
     """Task to learn (see `rans list TASKS`); the name of an agent that comes with RANS, such as
-    go-to-pose-2d, to repeat its whole training; or a recipe of your own, a .toml file (docs/training.md)."""
+    go-to-pose-2d, to repeat its whole training; a recipe of your own, a .toml file (docs/training.md); or the
+    config.json of another run."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
     floating-platform."""
-    seed: int | None = None
-    """Random seed; on a CPU the same seed gives the same agent, bit for bit. By default 0."""
-    device: str | None = None
-    """cpu or cuda; by default a GPU if there is one."""
-    total_timesteps: int | None = None
-    """End after this many environment steps, solved or not."""
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
     TOML file; by default everything is nominal."""
-    set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """Change an entry of the config, as in `--set ppo.n_steps=32`; may be repeated."""
-    output: Annotated[Path | None, arg(aliases=["--run"])] = None
-    """Folder for the run; by default a new one under runs/."""
-    config: Path | None = None
-    """Start from the config.json of another run in place of a task's preset."""
-    resume: Path | None = None
-    """Continue the training in this run folder from its last checkpoint, or start it if there is none."""
-    algorithm: str | None = None
-    """Learner: ppo (the default), or one of an installed package (docs/learners.md)."""
     quality: Literal["quick", "good", "best"] | None = None
     """Length of the training: quick (the default; seconds, until the task is solved), good (minutes on two
     cores; less impulse and smaller errors) or best (a GPU, or hours); also for your own spacecraft and
     conditions."""
+    set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
+    """Change an entry of the config (see `rans list TRAINING`), as in `--set total_timesteps=5e6`,
+    `--set guard=true` or `--set algorithm=NAME`; may be repeated."""
+    seed: int | None = None
+    """Random seed; on a CPU the same seed gives the same agent, bit for bit. By default 0."""
+    device: str | None = None
+    """cpu or cuda; by default a GPU if there is one."""
+    output: Path | None = None
+    """Folder for the run; by default a new one under runs/."""
+    resume: Path | None = None
+    """Continue the training in this run folder from its last checkpoint, or start it if there is none."""
     view: bool = False
     """Show the newest agent in the browser during the training."""
-    guard: bool = False
-    """Train behind the safety filter for the spacecraft and task, on a CPU (docs/missions/guard.md)."""
-    plain: bool = False
-    """Run the task's code as it is written, without compiling it, so that a breakpoint in it stops; many
-    times slower, with the same results up to rounding (docs/plain.md)."""
-    terms: bool = False
-    """Print the return of each reward term too."""
-    log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
-    """Loggers that also get the metrics: hparams (TensorBoard's table of hyper-parameters), wandb (Weights &
-    Biases), mlflow."""
-    trust: bool = False
-    """Allow code: run the Python module that --resume, --config or a recipe names as the task (MODULE:NAME).
-    Only if you know its author."""
+    log: Annotated[
+        tuple[Literal["terms", "hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")
+    ] = ()
+    """Where metrics also go: terms (the return of each reward term, in the terminal), hparams (TensorBoard's
+    table of hyper-parameters), wandb (Weights & Biases), mlflow."""
+    run_folder: Annotated[Path | None, arg(name="run"), Former("write --output FOLDER")] = None
+    """Folder for the run."""
+    total_timesteps: Annotated[int | None, Former("write --set total_timesteps=N")] = None
+    """Environment steps after which training ends."""
+    config: Annotated[Path | None, Former("name the file in place of the task")] = None
+    """config.json of another run."""
+    algorithm: Annotated[str | None, Former("write --set algorithm=NAME")] = None
+    """Learner."""
+    guard: Annotated[bool, Former("write --set guard=true")] = False
+    """Train behind the safety filter."""
+    plain: Annotated[bool, Former("write --set plain=true")] = False
+    """Run the task's code without compiling it."""
+    terms: Annotated[bool, Former("write --log terms")] = False
+    """Print the return of each reward term."""
 
     def _trainer(self) -> Trainer:
         """Trainer that is ready to train; a new run folder is created after its config has been checked."""
@@ -100,23 +103,26 @@ class Train:
         from rans.fast.learn.trainer import Trainer
 
         if self.resume is not None:
-            allowed = {"view": False, "terms": False, "log": (), "trust": False, "plain": False}
+            plain = self.plain or self.set == ("plain=true",)
+            allowed = {"view": False, "terms": False, "log": (), "plain": False}
+            if plain:
+                allowed["set"] = ()
             if replace(self, resume=None, **allowed) != Train():
                 file = self.resume / "config.json"
                 raise ConfigError(
                     "--resume reads everything from the run folder; give no other options. To "
                     f"train longer, raise total_timesteps in {file} (and set solved_share to "
-                    f"null, if it is solved); to change more, start again with --config {file}."
+                    f"null, if it is solved); to change more, start again with rans train {file}."
                 )
             run = RunFolder(self.resume)
             config = run.config()
-            config = replace(config, plain=self.plain or config.plain)
+            config = replace(config, plain=plain or config.plain)
             craft = run.spacecraft()
             world = join(config.device)
         else:
             config = self.resolved()
             world = join(config.device)
-            run = RunFolder(world.from_first(self.output or run_path(config)))
+            run = RunFolder(world.from_first(self.output or self.run_folder or run_path(config)))
             craft = load_spacecraft(config.spacecraft)
         trainer = Trainer(
             [config],
@@ -139,30 +145,38 @@ class Train:
         from rans.fast.learn.recipes import training, training_of_quality
         from rans.fast.learn.run_folder import read_config
 
+        task = None if self.task is None else typed(self.task)
+        file = self.config
+        if task is not None and task.endswith(".json"):
+            task, file = None, Path(task)
         if self.task is not None and self.config is not None:
             raise ConfigError(
                 f"--config {self.config} says what to train; leave out {brief(self.task)}."
             )
         if self.task is None and self.config is None:
-            raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
-        if self.config is not None:
+            raise ConfigError(
+                "say what to train: a task, such as go-to-pose, or the config.json of a run."
+            )
+        if file is not None:
             if self.quality is not None:
-                raise ConfigError(
-                    f"--config {self.config} says how long to train: leave out --quality."
-                )
-            begun = read_config(self.config)
+                raise ConfigError(f"{file} says how long to train: leave out --quality.")
+            begun = read_config(file)
         elif self.quality is None:
-            begun = training(typed(str(self.task)), typed(self.spacecraft), self.device)
+            begun = training(str(task), typed(self.spacecraft), self.device)
         else:
             begun = training_of_quality(
-                typed(str(self.task)),
+                str(task),
                 typed(self.spacecraft),
                 self.quality,
                 self.device,
                 self.conditions is not None,
             )
-        if self.algorithm is not None:
-            begun = with_algorithm(begun, typed(self.algorithm))
+        # First, as an algorithm has settings and hyper-parameters of its own, which others change.
+        algorithms = [
+            change.partition("=")[2] for change in self.set if change.startswith("algorithm=")
+        ]
+        for algorithm in filter(None, (self.algorithm, *algorithms)):
+            begun = with_algorithm(begun, typed(algorithm.strip('"')))
         table = json.loads(json.dumps(to_table(begun)))
         for name in ("spacecraft", "seed", "device", "total_timesteps"):
             if (option := getattr(self, name)) is not None:
@@ -177,14 +191,11 @@ class Train:
         if twice := [key for k, key in enumerate(keys) if key in keys[:k]]:
             raise ConfigError(f"--set {twice[0]} is given twice: leave one of them out.")
         for change in self.set:
-            _change(table, change)
+            if change.partition("=")[0] != "algorithm":
+                _change(table, change)
         config = from_table(table)
-        if (
-            self.config is not None
-            and self.spacecraft is None
-            and config.spacecraft == begun.spacecraft
-        ):
-            _check_unchanged(config.spacecraft, self.config)
+        if file is not None and self.spacecraft is None and config.spacecraft == begun.spacecraft:
+            _check_unchanged(config.spacecraft, file)
         return config
 
     def run(self) -> int:
@@ -204,7 +215,8 @@ class Train:
     def _train(self, curve: Callable[[Rows], str] | None) -> int:
         from rans.fast.learn.loggers import check, loggers
 
-        check(self.log)
+        elsewhere = tuple(name for name in self.log if name != "terms")
+        check(elsewhere)
         trainer = self._trainer()
         begun = trainer.steps
         if not trainer.processes.is_first:
@@ -212,8 +224,10 @@ class Train:
                 trainer.train(lambda _: None, lambda: stop.requested)
             return stop.code
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
-        showing = TrainingProgress(trainer.config.total_timesteps, self.terms)
-        others = loggers(self.log, trainer.config, trainer.run.path)
+        showing = TrainingProgress(
+            trainer.config.total_timesteps, self.terms or "terms" in self.log
+        )
+        others = loggers(elsewhere, trainer.config, trainer.run.path)
         with watched, showing as progress, StopGently() as stop:
             trainer.train(
                 lambda members: [
@@ -250,7 +264,8 @@ class Train:
                 words += ["--spacecraft", self.spacecraft]
             if self.conditions is not None:
                 words += ["--conditions", self.conditions]
-            words += guard
+            if guard:
+                words += ["--set", "guard=true"]
             better = shlex.join([*words, "--quality", "good"])
             commands.append(f"{better}   # a better agent, in minutes")
         return commands
@@ -297,7 +312,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         advice = (
             f"No seed solves it: {reasons[0]}."
             if reasons
-            else "Another --seed may solve it, or more steps (--total-timesteps, --quality good)."
+            else "Another --seed may solve it, or more steps (--set total_timesteps=N, --quality good)."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
+from rans.cli.options import Trust
 from rans.errors import ConfigError
-from rans.registry import trust_files
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages
 
@@ -61,9 +61,8 @@ class View:
     page: Path | None = None
     """Write a page in which the agent flies in the browser, offline, and return. In it one can move the goal,
     let thrusters fail, and add delay and noise."""
-    trust: bool = False
-    """Allow code: run the Python module that a run folder names as its task (MODULE:NAME). Only if you know
-    its author."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
 
     def run(self) -> int:
         """Serve the page, or write the requested files."""
@@ -144,8 +143,6 @@ class View:
         """Optimal trajectories of the requested starts."""
         from rans.evaluation.compare.optima import flights
 
-        if self.trust:
-            trust_files()
         last = self.episode + self.episodes
         every = flights(folder)
         results = [flight for start, flight in every if self.episode <= start < last]

@@ -19,7 +19,7 @@ from rans.scenario import SELECTION_SEED
 def test_trains_from_every_seed_and_judges_each(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = "--device", "cpu", "--total-timesteps", "20000"
+    options = "--device", "cpu", "--set", "total_timesteps=20000"
     asked = Seeds("go-to-position", options, (3,), at_once=1, starts=4, flights=4, output=tmp_path)
     assert asked.run() == 0
     told = tmp_path / "go-to-position-seed3" / "metrics.jsonl"

@@ -27,7 +27,7 @@ COMMANDS = {
     f"assure {AGENT} --episodes 300 --worst 0": ["flights", "any failure", "not finite", "0.0152"],
     f"assure {AGENT} --failure-below 1e-4 --plan": [],
     f"evaluate {AGENT} --episodes 4": [],
-    "sweep go-to-pose --seeds 1 --total-timesteps 8192 --output a/folder/whose/name/is/rather/long/for": [],
+    "sweep go-to-pose --seeds 1 --set total_timesteps=8192 --output a/folder/whose/name/is/rather/long/for": [],
     "validate --quick --layer thrusters --output shown": [],
 }
 """Each with cells or words that must be whole."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 import io
+import json
 import os
 import random
 import re
+import shlex
 import subprocess
 import sys
 import warnings
@@ -15,6 +16,7 @@ from collections import deque
 from contextlib import redirect_stdout
 from importlib.metadata import version
 from pathlib import Path
+from typing import get_type_hints
 from xml.etree import ElementTree
 
 import pytest
@@ -23,9 +25,12 @@ from torch._inductor.exc import InductorError
 
 from rans import cli
 from rans.cli import COMMANDS, check_count, main
+from rans.cli.help import EXAMPLES
+from rans.cli.options import former, is_in_help, with_numbers_named
 from rans.display import meanings
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
+from tests.support.command_runs import tiny
 
 MISSPELT = ["--sed", "--no-such-option", "-x", "--", "--seed=", "--=", "---"]
 OPTIONS = [
@@ -34,7 +39,7 @@ OPTIONS = [
     "--engine",
     "--set",
     "--device",
-    "--total-timesteps",
+    "--resume",
     "--num-envs",
     "--picture",
     "--quick",
@@ -305,10 +310,48 @@ def test_every_command_explains_its_options(
     printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())
     described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
     assert f"usage: rans {command}" in printed
-    for explanation in re.findall(r'\n    """(.*?)"""', inspect.getsource(described), re.DOTALL)[
-        1:
-    ]:
-        assert " ".join(explanation.replace("`", "").split()) in printed
+    hints = get_type_hints(described, include_extras=True)
+    for field, explanation in meanings(described).items():
+        if is_in_help(hints[field]):
+            assert " ".join(explanation.replace("`", "").split()) in printed
+        elif former(hints[field]) is not None:
+            assert f"--{field.replace('_', '-')} " not in printed
+
+
+def test_a_former_option_is_accepted_with_the_present_one_in_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    former = ["--total-timesteps=64", "--run", str(run), "--plain"]
+    assert main([*tiny(), *former]) == 0
+    told = capsys.readouterr().err
+    for option, present in (
+        ("--total-timesteps", "write --set total_timesteps=N"),
+        ("--run", "write --output FOLDER"),
+        ("--plain", "write --set plain=true"),
+    ):
+        assert f"rans: warning: {option} of rans train is deprecated" in told
+        assert f": {present}." in told
+    config = json.loads((run / "config.json").read_text())
+    assert config["total_timesteps"] == 64
+    assert config["plain"] is True
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_and_pages_of_help_name_no_former_option(command: str) -> None:
+    for line in EXAMPLES[command]:
+        words = shlex.split(line)
+        cli._parse(words[words.index("rans") + 1 :])  # whose warning would be an error
+
+
+def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
+    assert with_numbers_named(["--guard", "0.01", "--seed", "3"]) == [
+        "--guard",
+        "--guard-slack=0.01",
+        "--seed",
+        "3",
+    ]
+    assert with_numbers_named(["--guard", "runs/first"]) == ["--guard", "runs/first"]
 
 
 def test_bash_completes_options_and_not_the_words_that_explain_them(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*tiny(ppo__gamma="0.9,0.98"), "--seeds", "2", "--total-timesteps", "256"]) == 0
+    assert main([*tiny(ppo__gamma="0.9,0.98"), "--seeds", "2", "--set", "total_timesteps=256"]) == 0
     folder = Path("runs/sweep-go-to-pose-floating-platform")
     captured = capsys.readouterr()
     assert "Done: 0 of 4 members solved, " in captured.out
@@ -119,7 +119,7 @@ def test_an_interrupt_keeps_what_there_is(
     monkeypatch.setattr(
         "rans.show.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)]
     )
-    assert main([*tiny(report_interval="1"), "--seeds", "2", "--run", "sweep"]) == 130
+    assert main([*tiny(report_interval="1"), "--seeds", "2", "--output", "sweep"]) == 130
     assert "Stopped: 0 of 2 members solved" in capsys.readouterr().out
     # Interrupted in the first report, it reports once more.
     assert [row["steps"] for row in RunFolder(Path("sweep/best")).metrics()] == [128, 256]
@@ -135,14 +135,13 @@ def test_an_interrupt_keeps_what_there_is(
         (["go-to-pose", "--set", "ppo.gama=0.9"], "the config has no 'ppo.gama'"),
         (["hover"], "no task and no recipe named 'hover'"),
         ([], "say what to train"),
-        (["go-to-pose", "--config", "config.json"], "leave out 'go-to-pose'"),
         (["go-to-pose", "--set", "seed=1,2"], "would train the same 8 times; add --seeds 1"),
         pytest.param(
             ["go-to-pose", "--seeds", "1", "--set", "seed=" + "[" * 50_000],
             "config.seed: expected int, got '[[[",
             id="deeper than JSON goes",
         ),
-        (["go-to-pose", "--run", "."], ". exists already"),
+        (["go-to-pose", "--output", "."], ". exists already"),
         (["go-to-pose", "--conditions", "labb"], "named 'labb' (did you mean lab?)"),
     ],
 )
@@ -157,7 +156,7 @@ def test_wrong_arguments(
 
 def test_a_sweep_that_goes_on_replaces_its_best_agent() -> None:
     """Nothing of what was the best before is left among it."""
-    assert main([*tiny(), "--seeds", "1", "--total-timesteps", "128", "--run", "sweep"]) == 0
+    assert main([*tiny(), "--seeds", "1", "--set", "total_timesteps=128", "--output", "sweep"]) == 0
     Path("sweep/best/of-before").write_text("")
     assert main(["sweep", "--resume", "sweep"]) == 0
     assert (

@@ -51,7 +51,7 @@ def test_the_compiler_starts_no_workers_unless_told_to(monkeypatch: pytest.Monke
 
 
 def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*tiny(), "--total-timesteps", "1000"]) == 0
+    assert main([*tiny(), "--set", "total_timesteps=1000"]) == 0
     captured = capsys.readouterr()
     run = Path("runs/go-to-pose-floating-platform-seed0")
     assert captured.out.startswith("Done after 1,024 steps: ")
@@ -69,7 +69,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
         ".lock",
     }
     assert (run / "learning_curve.svg").read_text().startswith("<?xml")
-    assert main([*tiny(), "--total-timesteps", "1000"]) == 0
+    assert main([*tiny(), "--set", "total_timesteps=1000"]) == 0
     assert Path("runs/go-to-pose-floating-platform-seed0-2").is_dir()
 
 
@@ -84,8 +84,8 @@ def test_the_config_gives_the_same_agent() -> None:
         report_interval=3,
         total_timesteps=10**9,
     )
-    assert main([*easy, "--seed", "3", "--run", "first"]) == 0
-    assert main(["train", "--config", "first/config.json", "--run", "again"]) == 0
+    assert main([*easy, "--seed", "3", "--output", "first"]) == 0
+    assert main(["train", "first/config.json", "--output", "again"]) == 0
     assert read_config(Path("again/config.json")) == read_config(Path("first/config.json"))
     assert torch.equal(trained("first"), trained("again"))
     rows = [[row["steps"] for row in RunFolder(Path(run)).metrics()] for run in ("first", "again")]
@@ -95,12 +95,12 @@ def test_the_config_gives_the_same_agent() -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_options_change_a_config() -> None:
     """Options beat the file, and --set beats options."""
-    assert main([*tiny(), "--total-timesteps", "100", "--run", "first"]) == 0
+    assert main([*tiny(), "--set", "total_timesteps=100", "--output", "first"]) == 0
     options = [
         "--seed",
         "4",
-        "--total-timesteps",
-        "200",
+        "--set",
+        "total_timesteps=200",
         "--spacecraft",
         "floating-platform-air-tank",
     ]
@@ -113,7 +113,7 @@ def test_options_change_a_config() -> None:
                 *options,
                 "--set",
                 "ppo.gamma=0.9",
-                "--run",
+                "--output",
                 "second",
             ]
         )
@@ -135,33 +135,40 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(
     then = "first/spacecraft.toml"
     craft.write_text(spacecraft_text("floating-platform"))
     assert (
-        main([*tiny(), "--total-timesteps", "100", "--spacecraft", str(craft), "--run", "first"])
+        main(
+            [
+                *tiny(),
+                "--set",
+                "total_timesteps=100",
+                "--spacecraft",
+                str(craft),
+                "--output",
+                "first",
+            ]
+        )
         == 0
     )
-    assert main(["train", "--config", "first/config.json", "--run", "same"]) == 0
+    assert main(["train", "first/config.json", "--output", "same"]) == 0
     craft.write_text(craft.read_text().replace("mass = 5.32", "mass = 9.0"))
     capsys.readouterr()
-    said = refused(capsys, "--config", "first/config.json", "--run", "other")
+    said = refused(capsys, "first/config.json", "--output", "other")
     assert "my craft.toml has changed since" in said
     assert f"--spacecraft {then} uses that of the run" in said
     assert "--spacecraft 'my craft.toml' the present one" in said
     for given, mass in ((then, 5.32), (str(craft), 9.0)):
         run = f"of-{mass}"
-        assert (
-            main(["train", "--config", "first/config.json", "--spacecraft", given, "--run", run])
-            == 0
-        )
+        assert main(["train", "first/config.json", "--spacecraft", given, "--output", run]) == 0
         assert RunFolder(Path(run)).spacecraft().mass == mass
     craft.unlink()
     capsys.readouterr()
-    said = refused(capsys, "--config", "first/config.json", "--run", "other")
+    said = refused(capsys, "first/config.json", "--output", "other")
     assert "cannot read the spacecraft file my craft.toml" in said
     assert f"--spacecraft {then} uses that of the run" in said
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*tiny(), "--total-timesteps", "512", "--run", "run"]) == 0
+    assert main([*tiny(), "--set", "total_timesteps=512", "--output", "run"]) == 0
     config = Path("run/config.json")
     config.write_text(
         config.read_text().replace('"total_timesteps": 512', '"total_timesteps": 1024')
@@ -170,7 +177,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert "Done after 1,024 steps" in capsys.readouterr().out
     assert main(["train", "--resume", "run"]) == 0
     assert "Nothing was left to train: run has 1,024 steps" in capsys.readouterr().out
-    assert main([*tiny(), "--total-timesteps", "1024", "--run", "whole"]) == 0
+    assert main([*tiny(), "--set", "total_timesteps=1024", "--output", "whole"]) == 0
     assert torch.equal(trained("run"), trained("whole"))
 
 
@@ -207,9 +214,8 @@ def test_wrong_changes(capsys: pytest.CaptureFixture[str], change: str, message:
 
 def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert "say what to train" in refused(capsys)
-    assert "leave out 'go-to-pose'" in refused(capsys, "go-to-pose", "--config", "x.json")
     assert "no task and no recipe named 'hover'" in refused(capsys, "hover")
-    assert "cannot read x.json" in refused(capsys, "--config", "x.json")
+    assert "cannot read x.json" in refused(capsys, "x.json")
     assert "nowhere.toml" in refused(capsys, "go-to-pose", "--spacecraft", "nowhere.toml")
     assert "device must be cpu or cuda, got 'tpu'" in refused(
         capsys, "go-to-pose", "--device", "tpu"
@@ -217,11 +223,10 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nowhere is not a run folder" in refused(capsys, "--resume", "nowhere")
     for option in (
         ["--seed", "0"],
-        ["--total-timesteps", "9"],
+        ["--set", "total_timesteps=9"],
         ["--device", "cpu"],
-        ["--run", "x"],
+        ["--output", "x"],
         ["--spacecraft", "floating-platform"],
-        ["--config", "x"],
         ["--set", "seed=1"],
         ["go-to-pose"],
     ):
@@ -229,21 +234,21 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nowhere is not a run folder" in refused(capsys, "--view", "--resume", "nowhere")
     Path("file").write_text("")
     assert "cannot write into file/run: file is a file" in refused(
-        capsys, *tiny()[1:], "--run", "file/run"
+        capsys, *tiny()[1:], "--output", "file/run"
     )
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_run_is_not_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*tiny(), "--total-timesteps", "100", "--run", "run"]) == 0
+    assert main([*tiny(), "--set", "total_timesteps=100", "--output", "run"]) == 0
     before = {file: file.read_bytes() for file in Path("run").glob("*.*")}
     capsys.readouterr()
-    assert "continue it with --resume run" in refused(capsys, *tiny()[1:], "--run", "run")
+    assert "continue it with --resume run" in refused(capsys, *tiny()[1:], "--output", "run")
     assert before == {file: file.read_bytes() for file in Path("run").glob("*.*")}
 
 
 def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = [*tiny(ppo__reward_scale=1e38)[1:], "--run", "run"]
+    arguments = [*tiny(ppo__reward_scale=1e38)[1:], "--output", "run"]
     text = refused(capsys, *arguments)
     assert "not finite after 128 steps" in text
     assert "State and weights are in run/nonfinite.safetensors." in text
@@ -256,7 +261,7 @@ def test_a_signal_stops_it_gently() -> None:
 
     SIGTERM; `tests.cli.test_view` sends SIGINT.
     """
-    arguments = [*tiny(total_timesteps=10**9), "--run", "run with space"]
+    arguments = [*tiny(total_timesteps=10**9), "--output", "run with space"]
     with command(*arguments, PATH="/nowhere", CXX="nothing") as process:
         assert process.stderr is not None
         first = process.stderr.readline()
@@ -305,7 +310,10 @@ def test_one_that_ends_leaves_no_alarm() -> None:
 def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
     _, _, *options = tiny()
     assert (
-        main(["train", "go-to-pose-2d-shared", *options, "--total-timesteps=200", "--seed=3"]) == 0
+        main(
+            ["train", "go-to-pose-2d-shared", *options, "--set", "total_timesteps=200", "--seed=3"]
+        )
+        == 0
     )
     config = read_config(Path("runs/go-to-pose-floating-platform-shared-seed3/config.json"))
     assert (config.spacecraft, config.seed, config.ppo.n_envs) == (

@@ -158,7 +158,7 @@ def test_the_watcher_ends_with_the_training() -> None:
 @contextlib.contextmanager
 def watched_training() -> Iterator[tuple[subprocess.Popen[str], int]]:
     """A training that trains, and the number of the process that shows it."""
-    with command(*tiny(total_timesteps=10**9), "--run", "run", "--view") as process:
+    with command(*tiny(total_timesteps=10**9), "--output", "run", "--view") as process:
         assert process.stderr is not None
         first = process.stderr.readline()
         assert re.search(r"shown at http://localhost:\d+ from the first checkpoint on", first), (

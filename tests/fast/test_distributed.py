@@ -254,7 +254,7 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
         "--",
         "mortal.py",
         *tiny(total_timesteps=10**9),
-        "--run",
+        "--output",
         "run",
     ]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}

@@ -236,7 +236,16 @@ def test_plain_and_compiled_exclude_each_other() -> None:
 def test_the_command_trains_plainly_and_its_config_says_so(tmp_path: Path) -> None:
     run = tmp_path / "run"
     small = ["--set", "ppo.n_envs=8", "--set", "ppo.n_steps=16", "--set", "ppo.batch_size=64"]
-    given = ["--total-timesteps", "128", "--device", "cpu", "--plain", "--output", str(run)]
+    given = [
+        "--set",
+        "total_timesteps=128",
+        "--device",
+        "cpu",
+        "--set",
+        "plain=true",
+        "--output",
+        str(run),
+    ]
     assert main(["train", "go-to-pose", *small, *given]) == 0
     assert json.loads((run / "config.json").read_text())["plain"] is True
 

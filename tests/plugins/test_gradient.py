@@ -295,13 +295,13 @@ def test_the_command_trains_and_evaluates_such_an_agent(
     run = tmp_path / "run"
     small = ["--set", "ppo.n_envs=8", "--set", "ppo.n_steps=16", "--set", "ppo.batch_size=64"]
     where = ["--spacecraft", str(craft), "--device", "cpu", "--output", str(run)]
-    given = ["--algorithm", "gradient", "--total-timesteps", "256"]
+    given = ["--set", "algorithm=gradient", "--set", "total_timesteps=256"]
     assert main(["train", "go-to-pose", *small, *where, *given]) == 0
     assert "gradients through the motion" in " ".join(capsys.readouterr().out.split())
     assert json.loads((run / "config.json").read_text())["algorithm"] == "gradient"
     assert main(["evaluate", str(run), "--episodes", "8"]) == 0
     platform = ["--device", "cpu", "--output", str(tmp_path / "other")]
-    assert main(["train", "go-to-pose", *platform, "--algorithm", "gradient"]) == 2
+    assert main(["train", "go-to-pose", *platform, "--set", "algorithm=gradient"]) == 2
     assert "needs thrusters that are throttled" in " ".join(capsys.readouterr().err.split())
 
 

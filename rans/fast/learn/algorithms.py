@@ -27,7 +27,7 @@ class Algorithm(ABC):
     """Learning algorithm: its settings, and how its learner is created.
 
     A class derived from it is registered by an entry point of the group ``rans.learners``, or by
-    ``LEARNERS.register(NAME)`` in one process. ``rans train --algorithm NAME`` then uses it (docs/learners.md).
+    ``LEARNERS.register(NAME)`` in one process. ``rans train --set algorithm=NAME`` then uses it (docs/learners.md).
     """
 
     settings: ClassVar[type] = NoSettings
@@ -83,7 +83,7 @@ LEARNERS = Registry(
     _checked,
     "; gradient and imitation are packages of the repository, pip install ./examples/plugins/NAME",
 )
-"""Class of every learning algorithm by its name in ``rans train --algorithm``."""
+"""Class of every learning algorithm by its name in ``rans train --set algorithm=NAME``."""
 
 
 def own_settings(algorithm: str, table: Mapping[str, Any]) -> Any:

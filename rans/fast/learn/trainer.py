@@ -374,7 +374,7 @@ class Trainer:
         elif self.run.agent_file.exists():
             raise ConfigError(
                 f"{self.run.path} holds an agent without a checkpoint to go on from, as a sweep, "
-                "an export or an early version of RANS leaves it; train it anew with --config "
+                "an export or an early version of RANS leaves it; train it anew from "
                 f"{self.run.config_file}."
             )
         if self.processes.is_first:

@@ -1,1 +1,1 @@
-"""Learner of RANS by the gradient of the simulation: `rans train --algorithm gradient`."""
+"""Learner of RANS by the gradient of the simulation: `rans train --set algorithm=gradient`."""

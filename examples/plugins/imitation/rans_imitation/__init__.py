@@ -1,1 +1,1 @@
-"""Learner of RANS from the commands of an expert: `rans train --algorithm imitation`."""
+"""Learner of RANS from the commands of an expert: `rans train --set algorithm=imitation`."""
