@@ -83,6 +83,7 @@ FLOWN = (
     "go-to-pose-2d",
     "go-to-pose-2d-robust",
     "go-to-pose-2d-pingu",
+    "any-craft-2d",
     "avoid-2d",
     "dock-port-2d",
     "track-velocity-2d",

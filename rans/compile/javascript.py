@@ -18,8 +18,8 @@ from rans.policy.capabilities import Capabilities
 from rans.policy.program import inputs
 from rans.policy.scalars import Stage
 
-JAVASCRIPT = Capabilities(recurrent=True)
-"""Kinds of policies that are printed here: any of dense layers."""
+JAVASCRIPT = Capabilities(backbones=("dense", "allocated"), recurrent=True)
+"""Kinds of policies that are printed here: any of dense layers. Allocation is the page's own script."""
 
 _LONGEST = 120
 """Characters of an expression that is written where it is used, once."""

@@ -6,6 +6,7 @@ Constants are the authority (`rans.policy.authority`) and what each effector doe
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL
 from rans.policy.allocation import balanced
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
+from rans.randomization.layouts import LayoutRanges, authority_margin
 
 
 class Range(NamedTuple):
@@ -29,6 +31,11 @@ class Range(NamedTuple):
     low: float
     high: float
 
+    def text(self) -> str:
+        """The range in words."""
+        bounded = f"from {self.low:g} to {self.high:g}"
+        return f"above {self.low:g}" if math.isinf(self.high) else bounded
+
 
 RANGES = (
     Range("control period", "s", 0.1, 0.2),
@@ -36,6 +43,8 @@ RANGES = (
     Range("least angular authority", "rad/s^2", 0.15, 8.0),
 )
 """Ranges of the craft that the shipped agent was trained on (`rans.fast.learn.demands.DemandSettings`)."""
+MARGIN = Range("authority margin", "", LayoutRanges.least_authority, math.inf)
+"""Range of `rans.randomization.layouts.authority_margin`."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
@@ -86,7 +95,7 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
 
 
 def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
-    """The same policy for another craft and control period (s); warns where these are outside of `RANGES`.
+    """The same policy for another craft and control period (s); warns outside of `RANGES` and `MARGIN`.
 
     Raises:
         ConfigError: see `authority`; or the network is that of one craft only.
@@ -97,12 +106,15 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
             "the agent flies its own spacecraft only: name any-craft-2d for another one."
         )
     own = authority(craft, period)
-    for number, allowed in zip((period, min(own[1:5]), min(own[5:])), RANGES, strict=True):
+    margin = authority_margin(_accelerations(craft))
+    numbers = (period, min(own[1:5]), min(own[5:]), margin)
+    for number, allowed in zip(numbers, (*RANGES, MARGIN), strict=True):
         if not allowed.low * (1 - _LEEWAY) <= number <= allowed.high * (1 + _LEEWAY):
+            figure = f"{number:.3g} {allowed.unit}".rstrip()
             warnings.warn(
-                f"{craft.name} has a {allowed.name} of {number:.3g} {allowed.unit}, and the agent for any craft "
-                f"was trained from {allowed.low:g} to {allowed.high:g}: it may not reach its goals. `rans train` "
-                "makes an agent for this craft alone.",
+                f"{craft.name} has a {allowed.name} of {figure}, and the agent for any craft was "
+                f"trained {allowed.text()}: it may not reach its goals. `rans train` makes an agent for this "
+                "craft alone.",
                 stacklevel=2,
             )
     weight, bias = old.last.folded(*network.layer("action_net"))

@@ -130,7 +130,8 @@ class Architecture:
     def preprocessed(self, observation: Columns) -> list[Field]:
         """Columns of a network, of those of an observation."""
         if self.authority:
-            return of_authority.of_observation(self.layout, observation, self.authority)
+            own = of_authority.Authority.of_numbers(self.authority)
+            return of_authority.of_observation(self.layout, observation, own)
         return self.layout.in_body(observation)
 
     def ahead(self, columns: Columns) -> Columns | None:

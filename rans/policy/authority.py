@@ -144,12 +144,10 @@ def layout(observed: Layout) -> Layout:
     return Layout((Block(Scalar, WIDTH),))
 
 
-def of_observation(
-    observed: Layout, row: Sequence[Field], authority: Sequence[float]
-) -> list[Field]:
-    """Columns of an observation, with the numbers of `Authority.of_numbers`."""
+def of_observation(observed: Layout, row: Sequence[Field], authority: Authority) -> list[Field]:
+    """Columns of an observation."""
     x, y, spin, _, along, across, cosine, sine = observed.in_body(row)
-    return columns((along, across), (cosine, sine), (x, y), spin, Authority.of_numbers(authority))
+    return columns((along, across), (cosine, sine), (x, y), spin, authority)
 
 
 def heading_error(cosine: Field, sine: Field) -> Field:

@@ -17,7 +17,7 @@ from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.policy.any_craft import RANGES, authority, for_craft
 
-_TURN = 0.6
+LARGEST_TURN = 0.6
 """Largest change of the spin in a control period, rad/s, over the angular authority; else the period is shorter."""
 _FARTHEST = 4.0
 """Distance of the farthest start, m."""
@@ -31,7 +31,7 @@ def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
     """Control period and length of an episode for a craft: slow craft are given longer ones."""
     short, long = RANGES[0].low, RANGES[0].high
     *linear, forth, back = authority(craft, long)[1:]
-    period = long if min(forth, back) * long <= _TURN and not craft.is_continuous else short
+    period = long if min(forth, back) * long <= LARGEST_TURN and not craft.is_continuous else short
     needed = _SLACK * 2.0 * math.sqrt(_FARTHEST / min(linear)) + _REST
     usual_time = usual.episode_steps * usual.control_period
     steps = math.ceil(max(usual_time, needed) / period)

@@ -1,7 +1,7 @@
 // One flight, driven by the printed functions: its goal, thrusters, sensors and delay may change while it lasts.
 const LAYERS = Object.fromEntries(Object.entries(WEIGHTS).map(([name, layer]) => {
   const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
-  return [name, {weights: new (DATA.bits === 16 ? Int16Array : Int8Array)(bytes(layer.weights)), scales: new Float32Array(bytes(layer.scales)),
+  return [name, {weights: new ({8: Int8Array, 16: Int16Array, 32: Int32Array}[DATA.bits])(bytes(layer.weights)), scales: new Float32Array(bytes(layer.scales)),
     biases: new Float32Array(bytes(layer.biases))}];
 }));
 
@@ -30,9 +30,8 @@ class Flight {
     this.command = new Array(DATA.commands).fill(0);
     this.over = "";
     this.past = [];
+    this.time = 0;
   }
-
-  get time() { return this.past.length * DATA.period; }
   get seen() { return describe(this.carried); }
   pose(offset = 0) { return this.carried.slice(offset, offset + (DATA.planar ? 3 : 7)); }
   get goal() { return this.pose(DATA.goal); }
@@ -49,8 +48,9 @@ class Flight {
   // Flies one control period and returns the poses within it; nothing moves once the flight is over.
   step() {
     if (this.over) return [this.pose()];
-    const {carried, memory, waiting, command, over} = this;
-    this.past.push({carried, memory, waiting: [...waiting], command, over});
+    const {carried, memory, waiting, command, over, time} = this;
+    this.past.push({carried, memory, waiting: [...waiting], command, over, time});
+    this.time = time + DATA.period;
     const answer = act(carried, DATA.noise.map(scale => this.noise * scale * normal()), memory);
     this.memory = answer.memory;
     // Of a period that begins with an older command, the mean: the impulse is the same, its instant is not.
@@ -64,6 +64,13 @@ class Flight {
     this.over = after.over[1] ? "won" : after.over[0] ? "failed" : "";
     const size = after.poses.length / DATA.checks;
     return Array.from({length: DATA.checks}, (_, k) => after.poses.slice(k * size, (k + 1) * size));
+  }
+
+  // Another number of thrusters from now on: all work, and no command is on its way.
+  refit() {
+    this.faults = DATA.thrusters.map(() => "ok");
+    const shut = {waiting: [], command: new Array(DATA.commands).fill(0)};
+    for (const one of [this, ...this.past]) Object.assign(one, shut);
   }
 
   rewind(periods) {

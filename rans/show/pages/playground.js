@@ -247,7 +247,7 @@ function history() {
   pen.globalAlpha = 1; pen.strokeStyle = ink("--line"); pen.lineWidth = 1; pen.strokeRect(left, split, width - left - 8, row * count);
 }
 
-function draw() {
+let draw = () => {
   frame();
   const [pen, width, height] = ready(field), pose = frames[0];
   floor(pen, width, height);
@@ -257,8 +257,8 @@ function draw() {
   goal(pen);
   craft(pen, pose);
   history();
-}
-function told() {
+};
+let told = () => {
   const {errors, reached} = flight.seen;
   const parts = [`Start ${flight.number}`, `${flight.time.toFixed(1)} s`];
   DATA.errors.forEach(({name, factor, unit}, n) => {
@@ -276,7 +276,7 @@ function told() {
     button.setAttribute("aria-label", `Thruster ${k}: ${fault === "ok" ? "works" : fault}`);
   });
   for (const one of sliders) one.show();
-}
+};
 
 function advance_flight() {
   frames = flight.step();
@@ -324,12 +324,15 @@ at("back").onclick = () => rewound(Math.round(5 / DATA.period));
 at("again").onclick = () => { flight.restart(); begin_anew(); };
 at("next").onclick = () => { flight.restart(flight.number + 1); begin_anew(); };
 at("repair").onclick = () => { flight.faults.fill("ok"); told(); draw(); };
-DATA.thrusters.forEach((_, k) => {
-  const button = document.createElement("button");
-  button.type = "button";
-  button.onclick = () => cycle(k);
-  at("valves").append(button);
-});
+function valves() {
+  at("valves").replaceChildren(...DATA.thrusters.map((_, k) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.onclick = () => cycle(k);
+    return button;
+  }));
+}
+valves();
 
 // A slider: where it stands, its label and range, how its value is read and set, and how it is written.
 function slider(parent, label, [low, high, each], get, set, write) {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -20,17 +20,24 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rans.compile.javascript import JAVASCRIPT, activations, function, substep_functions
 from rans.compile.substeps import Substeps
-from rans.effectors.commands import of_outputs
-from rans.episode import Episode, World, step
+from rans.effectors.commands import is_identity, of_outputs
+from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.any_craft import LARGEST_TURN
 from rans.evaluation.fly.tuned import task_name
 from rans.files import write_text
 from rans.model.body import Body
 from rans.model.coordinates import around
 from rans.model.fields import Field, leaves, unflatten
 from rans.model.random import Draws, seed_words
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
+from rans.policy.allocation import MOST_SUBSETS, PASSES, PRICE
+from rans.policy.any_craft import MARGIN, RANGES, is_for_any_craft
+from rans.policy.architecture import Architecture
+from rans.policy.authority import Authority, of_observation
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.traced import parameters, policy_program
@@ -43,8 +50,10 @@ from rans.tasks.shapes import Ball, Cone, Shape
 
 _LONGEST_DELAY = 5
 """Control periods up to which the page's delay may be set."""
-_WEIGHTS = 80_000
-"""Number of weights up to which they have 16 bits: 213 kB as base64. More of them have 8 bits."""
+_BITS = {10_000: 32, 80_000: 16, math.inf: 8}
+"""Bits of a weight by the number of weights up to which they have as many: 53 kB or 213 kB as base64, or more."""
+_MOST_DRAWN = 12
+"""Largest number of thrusters that a visitor may draw: all their subsets are compared."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +84,10 @@ class Playground:
         return template.render(
             title=self.title,
             bits=self.data.get("bits"),
+            draws=bool(self.data.get("drawing")),
             script=self.script,
             page=_text("playground.js"),
+            editor=_text("drawing.js"),
         )
 
     def write(self, file: Path) -> None:
@@ -113,20 +124,31 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     tables = parameters(controller.network)
     try:
         traced = _Traced(world)
-        text = [
-            traced.begin(),
-            traced.act(controller, tables),
-            traced.advance(),
-            traced.describe(),
-        ]
+        text = [traced.begin(), traced.describe()]
+        # A craft that a visitor may draw has other thrusters, mass and inertia, and another control period.
+        draws = _may_draw(setup.craft, architecture)
+        if architecture.backbone == "allocated":
+            text += [traced.demand(controller, tables), _text("allocation.js")]
+            text.append(traced.in_ranges())
+        else:
+            text.append(traced.act(controller, tables))
+        if draws:
+            text += [_pushes(setup), _text("drawn_craft.js")]
+        else:
+            text.append(traced.advance())
     except UNTRACEABLE as error:
         raise ConfigError(
             f"the task {task_name(setup.task)} does more than arithmetic on fields, which no page computes: "
             f"{error} `rans view --play` flies it."
         ) from error
     names = [name for name in tables if name.endswith(".weight")]
-    bits = 16 if sum(tables[name].size for name in names) <= _WEIGHTS else 8
+    size = sum(tables[name].size for name in names)
+    bits = next(bits for most, bits in _BITS.items() if size <= most)
     data = _data(traced, run, seed, episode) | {"bits": bits}
+    if architecture.backbone == "allocated":
+        data["allocation"] = _allocation_data(architecture)
+    if draws:
+        data["drawing"] = _drawing_data(run)
     layers = {
         name.removesuffix(".weight"): _packed(
             tables[name], tables[name.removesuffix("weight") + "bias"], bits
@@ -173,13 +195,7 @@ class _Traced:
         Errors are those of the measured state, coordinates around the true one.
         """
         world = self.world
-        errors = inputs("error", len(noise_scale(world.craft)))
-        measured = replace(
-            around(self.episode.state, tuple(errors)),
-            notes=self.episode.state.notes,
-            stores=self.episode.state.stores,
-        )
-        observation = world.observe(replace(self.episode, state=measured, reading=None))
+        errors, observation = self._observed()
         architecture = agent.network.architecture
         program = policy_program(architecture)
         memory = inputs("memory", architecture.memory)
@@ -201,6 +217,59 @@ class _Traced:
         arguments = {"carried": self.carried, "errors": errors, "memory": memory}
         return function("act", arguments, results, stages)
 
+    def _observed(self) -> tuple[list[Symbol], Any]:
+        """Errors of the measured state, coordinates around the true one, and the observation with them."""
+        errors = inputs("error", len(noise_scale(self.world.craft)))
+        measured = replace(
+            around(self.episode.state, tuple(errors)),
+            notes=self.episode.state.notes,
+            stores=self.episode.state.stores,
+        )
+        return errors, self.world.observe(replace(self.episode, state=measured, reading=None))
+
+    def demand(self, agent: Agent, tables: Mapping[str, np.ndarray]) -> str:
+        """``demand(carried, errors, authority)``: change of twist to be allocated, in units of the authority.
+
+        The authority is a control period, six accelerations, and the least linear and angular one of them.
+        """
+        errors, observation = self._observed()
+        architecture = agent.network.architecture
+        program = policy_program(architecture)
+        period, *ways, least_linear, least_angular = numbers = inputs("authority", 9)
+        columns = (
+            of_observation(
+                architecture.layout,
+                observation,
+                Authority(period, ways[:4], ways[4:], least_linear, least_angular),
+            )
+            if architecture.authority
+            else architecture.preprocessed(observation)
+        )
+        values: dict[str, Any] = {"body": columns} | {
+            name: tables[name].tolist()
+            for name in ("mean", "scale", "zoom")
+            if name in program.parameters
+        }
+        (head,) = (
+            name
+            for step in program.steps
+            if step.operation == "Dense" and "head.weight" in step.inputs
+            for name in step.outputs
+        )
+        outputs, stages = symbols(program, values, [head])
+        arguments = {"carried": self.carried, "errors": errors, "authority": numbers}
+        return function("demand", arguments, {"demand": outputs[head]}, stages)
+
+    def in_ranges(self) -> str:
+        """``in_ranges(outputs)``: commands in the craft's ranges for numbers from 0 to 1."""
+        craft = self.world.craft
+        outputs = inputs("output", craft.command_count)
+        if is_identity(craft):
+            return "const in_ranges = outputs => ({command: outputs});"
+        return function(
+            "in_ranges", {"outputs": outputs}, {"command": of_outputs(craft, tuple(outputs))}
+        )
+
     def advance(self) -> str:
         """``advance(carried, command, gain, leak)``: what is carried a control period later, and poses on the way.
 
@@ -211,6 +280,38 @@ class _Traced:
         command = inputs("command", craft.command_count)
         gain = inputs("gain", craft.thruster_count)
         leak = inputs("leak", craft.thruster_count)
+        body = replace(Body.of(craft), gain=tuple(gain), leak=tuple(leak))
+        arguments = {"command": command, "gain": gain, "leak": leak}
+        return "\n".join(self._advanced("advance", arguments, command, body))
+
+    def push(self, number: int) -> tuple[str, str]:
+        """Functions of substeps, and ``push0(carried, wrench, body)`` or of another number.
+
+        It is as `advance`, of a craft of `_probe` with this wrench in B. The body is its mass, kg, and its moment
+        of inertia, kg m^2.
+        """
+        wrench = inputs("wrench", 3)
+        mass, moment = inputs("body", 2)
+        gains: list[Field] = [*wrench, 1.0, 1.0, 1.0]
+        gains[1] = gains[1] - gains[2]
+        body = replace(
+            Body.of(self.world.craft),
+            mass=mass,
+            inertia=(moment,),
+            gain=tuple(gains),
+        )
+        arguments = {"wrench": wrench, "body": [mass, moment]}
+        return self._advanced(f"push{number}", arguments, [1.0] * 3 + [0.0] * 3, body)
+
+    def _advanced(
+        self,
+        name: str,
+        arguments: Mapping[str, Sequence[Symbol]],
+        command: Sequence[Field],
+        body: Body,
+    ) -> tuple[str, str]:
+        """Functions of substeps, and one of this name: what is carried a period later, and poses on the way."""
+        world = self.world
         poses: list[Field] = []
         substeps = Substeps()
 
@@ -219,14 +320,12 @@ class _Traced:
             poses.extend(x for state in states for x in leaves((state.p, state.attitude)))
             return states
 
-        body = replace(Body.of(craft), gain=tuple(gain), leak=tuple(leak))
         outcome = step(world, replace(self.episode, body=body), tuple(command), None, move)
         after = replace(outcome.episode, body=None)
         over = [outcome.failed, False if outcome.done is None else outcome.done]
-        arguments = {"carried": self.carried, "command": command, "gain": gain, "leak": leak}
         results = {"carried": leaves(after), "poses": poses, "over": over}
-        text = function("advance", arguments, results, substeps.calls)
-        return f"{substep_functions(substeps)}\n{text}"
+        text = function(name, {"carried": self.carried, **arguments}, results, substeps.calls)
+        return substep_functions(substeps), text
 
     def describe(self) -> str:
         """``describe(carried)``: errors, whether all are within their tolerances, and scenery."""
@@ -248,6 +347,98 @@ class _Traced:
         """Shapes of the task that the page draws."""
         shapes = self.world.task.scenery(self.episode.goal)
         return [shape for shape in shapes if isinstance(shape, Ball | Cone)]
+
+
+def _may_draw(craft: Spacecraft, architecture: Architecture) -> bool:
+    """Whether a visitor may change the craft: the agent flies any, and forces are constant for a period."""
+    others = craft.wheels or craft.propellant or craft.further_effectors
+    return is_for_any_craft(architecture) and craft.actuators.kind == "on-off" and not others
+
+
+def _timings(own: Timing) -> tuple[Timing, ...]:
+    """Timing of the page's craft, then those of drawn craft with the long and with the short control period."""
+    drawn = (replace(own, control_period=period) for period in (RANGES[0].high, RANGES[0].low))
+    return (own, *drawn)
+
+
+def _probe(craft: Spacecraft) -> Spacecraft:
+    """A craft whose first three thrusters, open for F_x, F_y - torque and torque, give any wrench.
+
+    The other three stay shut; without them it could not be pushed every way, which is worth a warning.
+    """
+    centre = (0.0, 0.0, 0.0)
+    ways = ((centre, (1.0, 0.0)), (centre, (0.0, 1.0)), ((1.0, 0.0, 0.0), (0.0, 1.0)))
+    return replace(
+        craft,
+        centre_of_mass=(0.0, 0.0, 0.0),
+        thrust_sharing="none",
+        thrusters=tuple(
+            Thruster(place, (sign * x, sign * y, 0.0), 1.0)
+            for sign in (1.0, -1.0)
+            for place, (x, y) in ways
+        ),
+    )
+
+
+def _pushes(setup: Setup) -> str:
+    """The functions of `_Traced.push` for every one of `_timings`, and ``PUSHES``, a list of them."""
+    printed = [
+        _Traced(interactive_world(setup._replace(craft=_probe(setup.craft), timing=timing))).push(
+            number
+        )
+        for number, timing in enumerate(_timings(setup.timing))
+    ]
+    # Durations are arguments of substeps, which are the same for all periods.
+    (substeps,) = {substeps for substeps, _ in printed}
+    names = ", ".join(f"push{number}" for number in range(len(printed)))
+    return "\n".join((substeps, *(text for _, text in printed), f"const PUSHES = [{names}];"))
+
+
+def _allocation_data(architecture: Architecture) -> dict[str, Any]:
+    """What the page's allocation must know: tokens and authority of the craft, and its constants."""
+    period, *ways = architecture.authority or (0.0,) * 7
+    return {
+        "tokens": architecture.tokens,
+        "authority": [period, *ways, min(ways[:4]), min(ways[4:])],
+        "price": PRICE,
+        "passes": PASSES,
+        "subsets": MOST_SUBSETS,
+    }
+
+
+def _drawing_data(run: LoadedRun) -> dict[str, Any]:
+    """What a visitor may change, and the ranges of the training; lengths in m, angles in rad."""
+    craft = run.craft
+    centre = np.array(craft.centre_of_mass)
+    return {
+        "craft": {
+            "name": craft.name,
+            "mass": craft.mass,
+            "inertia": craft.inertia[2][2],
+            "shared": craft.thrust_sharing == "split",
+            "thrusters": [
+                {
+                    "at": (np.array(thruster.position) - centre)[:2].tolist(),
+                    "angle": math.atan2(thruster.direction[1], thruster.direction[0]),
+                    "force": thruster.force,
+                }
+                for thruster in craft.thrusters
+            ],
+        },
+        "most": _MOST_DRAWN,
+        "turn": LARGEST_TURN,
+        "timings": [
+            {"period": timing.control_period, "checks": timing.checks}
+            for timing in (
+                interactive_world(run.judged._replace(timing=own)).timing
+                for own in _timings(run.timing)
+            )
+        ],
+        "ranges": [
+            {"name": name, "unit": unit, "low": low, "high": None if math.isinf(high) else high}
+            for name, unit, low, high in (*RANGES, MARGIN)
+        ],
+    }
 
 
 def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str, Any]:
@@ -312,7 +503,8 @@ def _packed(weights: np.ndarray, biases: np.ndarray, bits: int) -> dict[str, str
     """A layer as base64: weights (o, i) as whole shares of the largest of their row, the rest in float32."""
     largest = np.maximum(np.abs(weights).max(axis=1), 1e-30)
     steps = 2 ** (bits - 1) - 1
-    integers = np.round(weights / largest[:, None] * steps).astype(f"<i{bits // 8}")
+    whole = np.round(weights.astype(float) / largest[:, None] * steps)
+    integers = whole.astype(f"<i{bits // 8}")
     parts = {
         "weights": integers,
         "scales": (largest / steps).astype("<f4"),

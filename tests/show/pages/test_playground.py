@@ -21,12 +21,17 @@ from rans.deploy.contract import flown, golden
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.any_craft import for_spacecraft, timing_for
 from rans.flight import Controller
 from rans.model.fields import leaves, wrap
 from rans.model.random import hash4
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.trace import Symbol
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.any_craft import authority
 from rans.randomization.conditions import Conditions, ThrusterConditions
+from rans.randomization.layouts import authority_margin, draw_layout
 from rans.show.pages.playground import Playground, playground
 from rans.show.scene.interactive import InteractiveFlight
 
@@ -38,13 +43,16 @@ AGENTS = (
     "go-to-position-2d-robust",
     "go-to-pose-2d-pingu",
     "go-to-pose-3d-astrobee-iss",
+    "any-craft-2d",
+    pytest.param("any-craft-2d@pingu", marks=pytest.mark.slow),
 )
-"""Without a memory, with filters, with a history of observations, with throttled thrusters, in space."""
+"""Without a memory, with filters, with a history of observations, with throttled thrusters, in space, with
+allocation to on/off thrusters, and to throttled ones and a wheel."""
 SEED = 7
 
 
 def run_of(name: str) -> LoadedRun:
-    (run,) = flyers((f"pretrained:{name}",), None, False)
+    (run,) = flyers((name if "@" in name else f"pretrained:{name}",), None, False)
     return run
 
 
@@ -239,7 +247,97 @@ console.log(JSON.stringify([between, once, flight.carried]));"""
     assert once == again
 
 
-@pytest.mark.parametrize("name", ["go-to-pose-2d", "go-to-pose-3d", "go-to-pose-3d-cubesat-3u"])
+def drawn(columns: np.ndarray, shared: bool) -> tuple[dict[str, Any], Spacecraft]:
+    """A craft with these columns of F_x, F_y and torque: as the page's script has it, and as a spacecraft."""
+    force = np.hypot(columns[:, 0], columns[:, 1])
+    angle = np.arctan2(columns[:, 1], columns[:, 0])
+    # The point of the line of action that is nearest to the centre, and a lever of 0.3 m for a lever of 1.
+    place = 0.3 * (columns[:, 2] / force**2 * np.stack([-columns[:, 1], columns[:, 0]])).T
+    mass, inertia = 6.0, 0.4
+    thrusters = [
+        {"at": p, "angle": a, "force": f}
+        for p, a, f in zip(place.tolist(), angle.tolist(), force.tolist(), strict=True)
+    ]
+    script = {"mass": mass, "inertia": inertia, "shared": shared, "thrusters": thrusters}
+    craft = Spacecraft.planar(
+        "drawn",
+        mass,
+        inertia,
+        [
+            (one["at"], (math.cos(one["angle"]), math.sin(one["angle"])), one["force"])
+            for one in thrusters
+        ],
+        thrust_sharing="split" if shared else "none",
+    )
+    return script, craft
+
+
+@needs_node
+@pytest.mark.parametrize(("number", "shared"), [(0, False), (1, False), (2, False), (3, True)])
+def test_a_drawn_craft_flies_as_it_does_in_python(
+    number: int, shared: bool, tmp_path: Path
+) -> None:
+    """Random layouts with a dead thruster on the way: authority, the same commands and states, and its file."""
+    columns = draw_layout(np.random.default_rng((5, number)))
+    script, craft = drawn(columns, shared)
+    run = run_of("any-craft-2d")
+    page = playground(run, SEED)
+    asked = f"""{page.script}
+const craft = {json.dumps(script)}, {{ways, numbers, period}} = assessed(craft), told = [];
+use(craft);
+const flight = new Flight(5);
+flight.refit();
+for (let k = 0; k < 40; ++k) {{
+  if (k === 10) flight.faults[0] = "dead";
+  flight.step();
+  told.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
+}}
+console.log(JSON.stringify({{ways, margin: numbers[3], period, told, toml: toml(craft)}}));"""
+    found = answer(asked, tmp_path)
+
+    timing = timing_for(craft, run.timing)
+    assert found["period"] == timing.control_period
+    np.testing.assert_allclose(found["ways"], authority(craft, 0.1)[1:], rtol=1e-9)
+    assert found["margin"] == pytest.approx(authority_margin(columns), rel=1e-9)
+    flight = InteractiveFlight([for_spacecraft(run, craft, timing)], SEED, 5)
+    for k, row in enumerate(found["told"]):
+        if k == 10:
+            flight.dead.add(0)
+        flight.step()
+        np.testing.assert_array_equal(row["command"], flight.command)
+        state = np.ravel(leaves(flight.state))
+        np.testing.assert_allclose(row["state"], state, rtol=0, atol=1e-9)
+
+    # The file that a visitor takes along is that of the same craft.
+    file = tmp_path / "mine.toml"
+    file.write_text(found["toml"])
+    np.testing.assert_allclose(
+        load_spacecraft(file).wrench_map, craft.wrench_map, rtol=0, atol=1e-12
+    )
+
+
+@needs_node
+def test_a_craft_outside_of_the_training_is_told_so(tmp_path: Path) -> None:
+    """A tenth of the mass has ten times the authority, 5.32 m/s^2; two thrusters cannot push every way."""
+    page = playground(run_of("any-craft-2d"), SEED)
+    script = f"""{page.script}
+const light = clone(DATA.drawing.craft), poor = clone(DATA.drawing.craft);
+light.mass /= 10;
+poor.thrusters = poor.thrusters.slice(0, 2);
+use(poor);
+const flight = new Flight(5);
+flight.refit();
+for (let k = 0; k < 5; ++k) flight.step();
+console.log(JSON.stringify([...[DATA.drawing.craft, light, poor].map(verdict), flight.command]));"""
+    inside, outside, missing, command = answer(script, tmp_path)
+    assert [one["kind"] for one in (inside, outside, missing)] == ["ok", "outside", "bad"]
+    assert "5.32 m/s²; the agent was trained from 0.015 to 0.7" in outside["text"]
+    assert command == [0, 0]
+
+
+@pytest.mark.parametrize(
+    "name", ["go-to-pose-2d", "go-to-pose-3d", "go-to-pose-3d-cubesat-3u", "any-craft-2d"]
+)
 def test_the_page_is_small_and_fetches_nothing(name: str, tmp_path: Path) -> None:
     """Many weights, more than have 16 bits in so little, and many substeps in space."""
     page = playground(run_of(name), SEED)

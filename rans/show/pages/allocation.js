@@ -1,0 +1,114 @@
+// Authority and control allocation of planar thrusters: rans.policy.allocation and rans.policy.allocated, number by number.
+const ON_OFF = 0, SHARED = 1, CONTINUOUS = 2, WHEEL = 3;  // kinds of effectors, the last number of a token
+
+// Largest changes along +x, -x, +y, -y, +turn and -turn, all other axes being balanced; 0: the axis cannot be pushed alone.
+function balanced(columns, shared) {
+  const size = [0, 1, 2].map(k => Math.max(0, ...columns.map(column => Math.abs(column[k]))));
+  if (!size.every(x => x > 0)) return [0, 0, 0, 0, 0, 0];
+  const scaled = columns.map(column => column.map((x, k) => x / size[k]));
+  const corners = [[0, 0, 0], ...scaled];
+  const edges = shared ? corners.flatMap(a => corners.map(b => a.map((x, k) => x - b[k]))) : scaled;
+  const facets = normals(edges).map(normal => {
+    const along = scaled.map(column => Math.max(0, product(normal, column)));
+    return {normal, support: shared ? Math.max(0, ...along) : along.reduce((sum, x) => sum + x, 0)};
+  });
+  return [0, 1, 2].flatMap(axis => [1, -1].map(sign => {
+    const ahead = facets.filter(({normal}) => sign * normal[axis] > 1e-9);
+    const reach = ahead.length ? Math.min(...ahead.map(({normal, support}) => support / (sign * normal[axis]))) : 0;
+    return Math.max(0, reach) * size[axis];
+  }));
+}
+// Least support of the twists over all directions, without units: rans.randomization.layouts.authority_margin.
+function margin(columns) {
+  const count = Math.max(1, columns.length);
+  const force = columns.reduce((sum, [x, y]) => sum + Math.hypot(x, y), 0) / count;
+  const torque = Math.sqrt(columns.reduce((sum, column) => sum + column[2] ** 2, 0) / count);
+  if (!(force > 0 && torque > 0)) return 0;
+  const scaled = columns.map(([x, y, turn]) => [x / force, y / force, turn / torque]);
+  const supports = normals(scaled).map(normal => scaled.reduce((sum, column) => sum + Math.max(0, product(normal, column)), 0));
+  return supports.length ? Math.min(...supports) : 0;
+}
+// Unit normals, both ways, of the planes along two of these edges.
+function normals(edges) {
+  const found = [];
+  edges.forEach(([a, b, c], k) => edges.slice(k + 1).forEach(([x, y, z]) => {
+    const normal = [b * z - c * y, c * x - a * z, a * y - b * x], length = Math.hypot(...normal);
+    if (length > 1e-9) found.push(normal.map(u => u / length), normal.map(u => -u / length));
+  }));
+  return found;
+}
+const product = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
+// The order in which a layout is the same however its thrusters are numbered.
+const inOrder = columns => columns.map((_, k) => k).sort((k, n) => {
+  const axis = [0, 1, 2].find(i => columns[k][i] !== columns[n][i]);
+  return axis === undefined ? 0 : columns[k][axis] - columns[n][axis];
+});
+
+// Useful ways to open on/off thrusters: which are open, what they change, and the linear function of a demand.
+function subsets(columns, shared) {
+  const order = inOrder(columns), count = columns.length;
+  let most = count;
+  const fewer = limit => { let sum = 0, ways = 1; for (let k = 0; k <= limit; ++k) { sum += ways; ways = ways * (count - k) / (k + 1); } return sum; };
+  while (fewer(most) > DATA.allocation.subsets) --most;
+  const rows = [];
+  for (let mask = 0; mask < 2 ** count; ++mask) {
+    const opened = order.map((_, n) => mask >> n & 1), number = opened.reduce((sum, x) => sum + x, 0);
+    if (number > most) continue;
+    const twist = [0, 0, 0];
+    let thrust = 0;
+    order.forEach((k, n) => {
+      const part = shared ? opened[n] / Math.max(number, 1) : opened[n];
+      columns[k].forEach((x, axis) => { twist[axis] += part * x; });
+      thrust += part * Math.hypot(columns[k][0], columns[k][1]);
+    });
+    rows.push({opened, twist, thrust});
+  }
+  // Of equal twists the cheapest, which comes first.
+  const first = new Map();
+  rows.map((_, n) => n).sort((k, n) => rows[k].thrust - rows[n].thrust || k - n).forEach(n => {
+    const name = rows[n].twist.map(x => Math.round(x / 1e-6) + 0).join();
+    if (!first.has(name)) first.set(name, n);
+  });
+  return [...first.values()].sort((k, n) => k - n).map(n => {
+    const {opened, twist, thrust} = rows[n], placed = new Array(count).fill(0);
+    order.forEach((k, place) => { placed[k] = opened[place]; });
+    return {opened: placed, twist, offset: -product(twist, twist) - DATA.allocation.price * thrust};
+  });
+}
+
+// Shares of continuous thrusters by coordinate descent, and what is left of the demand.
+function shares(demand, columns) {
+  const order = inOrder(columns), share = columns.map(() => 0);
+  let left = [...demand];
+  for (let pass = 0; pass < DATA.allocation.passes; ++pass) for (const k of order) {
+    const column = columns[k], square = product(column, column);
+    if (!square) continue;
+    const step = column.reduce((sum, x, axis) => sum + x / square * left[axis], 0) - 0.5 * DATA.allocation.price * Math.hypot(column[0], column[1]) / square;
+    const after = Math.min(1, Math.max(0, share[k] + step)), change = after - share[k];
+    left = left.map((e, axis) => e - column[axis] * change);
+    share[k] = after;
+  }
+  return {share, left};
+}
+
+// Commands, 0 to 1, for a demand: a function made once for the tokens of a craft. Wheels, which come last, turn by what thrusters leave.
+function allocation(tokens) {
+  const columns = kinds => tokens.filter(token => kinds.includes(token[3])).map(token => token.slice(0, 3));
+  const switched = columns([ON_OFF, SHARED]), throttled = columns([CONTINUOUS]), torques = columns([WHEEL]).map(column => column[2]);
+  const table = subsets(switched, tokens.length > 0 && tokens[0][3] === SHARED), total = torques.reduce((sum, x) => sum + Math.abs(x), 0);
+  return demand => {
+    let best = table[0], most = -Infinity;
+    for (const row of table) {
+      const value = 2 * product(demand, row.twist) + row.offset;
+      if (value > most) [best, most] = [row, value];
+    }
+    const {share, left} = shares(demand.map((x, axis) => x - best.twist[axis]), throttled);
+    const wheels = torques.map(torque => Math.min(1, Math.max(0, left[2] * 0.5 * Math.sign(torque) / total + 0.5)));
+    return [...best.opened, ...share, ...wheels];
+  };
+}
+let allocated = allocation(DATA.allocation.tokens), authority = DATA.allocation.authority;
+function act(carried, errors, memory) {
+  return {command: in_ranges(allocated(demand(carried, errors, authority).demand)).command, memory};
+}
