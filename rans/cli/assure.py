@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.cli.options import Trust
+from rans.cli.options import Former, Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
@@ -49,8 +49,6 @@ class Assure:
     """Confidence of every bound."""
     plan: bool = False
     """Print how many flights the campaign takes, and fly nothing."""
-    worst: int = 4
-    """Failed flights of each kind to repeat in Drake: this many of the worst, and as many of the first."""
     rare: int = 0
     """Also estimate the probability of rarer failures, by subset simulation with this many flights (at least
     1600) a factor of ten: a probability of 1e-6 takes six times as many."""
@@ -59,14 +57,18 @@ class Assure:
     as lab."""
     seed: int = ASSURANCE_SEED
     """Seed of starts, goals and conditions."""
-    device: str = "auto"
-    """auto (a GPU if there is one), cpu or cuda."""
     restart: bool = False
     """Discard an interrupted campaign and begin again."""
     output: Path | None = None
     """Folder of the results; by default that of the agent."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
+    worst: Annotated[int, Former("leave it out: 4 of each kind are repeated")] = 4
+    """Failed flights of each kind to repeat in Drake: this many of the worst, and as many of the first."""
+    device: Annotated[
+        str, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
+    ] = "auto"
+    """auto (a GPU if there is one), cpu or cuda."""
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""

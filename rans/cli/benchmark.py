@@ -11,6 +11,7 @@ from tyro.conf import arg
 
 from rans.api import laboratory
 from rans.api.names import load_spacecraft
+from rans.cli.options import Former
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.terminal import Terminal, table, writing_at_end
@@ -43,15 +44,15 @@ class Benchmark:
     """Batch sizes; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
     peers: bool = False
     """Measure other simulators and trainers too, and say which cannot be measured. Missing ones are installed
-    with pip, each into an environment of its own."""
-    peer_folder: Path | None = None
-    """Folder of these environments, up to 1.5 GB each; by default in the user's cache."""
+    with pip, each into an environment of its own of up to 1.5 GB, in the user's cache (XDG_CACHE_HOME)."""
     quick: bool = False
     """Rough figures in seconds: one small batch, few repeats, nothing compiled on a CPU."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
-    """JSON file to write all values to, with a figure next to it."""
-    full: bool = False
-    """Also print warm-up times and notes; the JSON file always has them."""
+    """JSON file to write all values to, warm-up times and notes too, with a figure next to it."""
+    peer_folder: Annotated[Path | None, Former("set XDG_CACHE_HOME")] = None
+    """Folder of the environments of other packages."""
+    full: Annotated[bool, Former("write --output FILE, which has everything")] = False
+    """Also print warm-up times and notes."""
 
     def run(self) -> int:
         """Print ratios first, then the measurements; after an interrupt, those so far."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import Trust
+from rans.cli.options import Former, Trust
 from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
@@ -63,22 +63,16 @@ class Compare:
     engine: Literal["fast", "drake"] = "fast"
     """Engine of the motion: the equations of RANS, or Drake as an independent reference."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
-    three standard deviations of the conditions' noise."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
+    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
+    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
     certified: int = 4
     """Starts whose bounds are certified, if optimal joins: half a minute of processor time each in the plane,
     minutes in space. They are kept for the next run."""
     front: bool = False
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
-    front."""
-    positions: int = 9
-    """Number of values of the trade-off input at which such an agent flies for the front, evenly from 0
-    (fast) to 1 (fuel-efficient); other tables have the first and the last."""
-    budget: float = 300.0
-    """Seconds of processor time for bounds of the front. They are kept for the next run."""
+    front. A number after it, as in `--front 900`, is the processor time for the bounds, s; by default 300. They are
+    kept for the next run."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     output: Path | None = None
@@ -87,6 +81,13 @@ class Compare:
     """Print all scores and the certified gaps, not only the most important scores. The page always has all."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
+    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    """Least margin that the safety filter keeps."""
+    positions: Annotated[int, Former("leave it out: the curve of an agent has 9 points")] = 9
+    """Number of values of the trade-off input at which such an agent flies, evenly from 0 to 1: enough for a smooth
+    curve, and few enough to fly in the time of the other contestants."""
+    budget: Annotated[float, Former("write --front SECONDS")] = 300.0
+    """Seconds of processor time for bounds of the front."""
 
     def run(self) -> int:
         """Print the table of scores."""
@@ -168,7 +169,7 @@ class Compare:
                 f"--positions must be >= 2, the ends of the trade-off, got {self.positions}."
             )
         if not self.budget >= 0:
-            raise ConfigError(f"--budget must be >= 0 s, got {self.budget}.")
+            raise ConfigError(f"--front takes processor time >= 0 s, got {self.budget}.")
         check_count("--episodes", self.episodes)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.cli.options import Trust
+from rans.cli.options import Former, Trust
 from rans.errors import is_installed
 from rans.files import (
     command_line,
@@ -45,10 +45,7 @@ class Evaluate:
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """A run folder, pretrained:NAME, either of these after lookahead:, or CONTROLLER:TASK-2d or -3d, with
-    @SPACECRAFT if you like."""
-    spacecraft: str | None = None
-    """Spacecraft, by its name or TOML file, for an agent for any craft: any-craft-2d flies it without training.
-    The same as any-craft-2d@SPACECRAFT, which every command takes."""
+    @SPACECRAFT if you like; any-craft-2d@mine.toml flies a craft of your own without training."""
     protocol: Literal["own", "paper", "original"] = "own"
     """own: the conditions of the training and the task's evaluation starts. paper: the paper's floating
     platform, 250 steps, starts 3 to 4 m away, 1 N for each thruster. original: the same with a total of 1 N."""
@@ -67,18 +64,19 @@ class Evaluate:
     trajectories: bool = False
     """Also write all states and commands into episodes.npz."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
-    three standard deviations of the conditions' noise."""
-    plain: bool = False
-    """Do not compile, so that a breakpoint stops: fly more than 65,536 episodes by plain torch operations too, as
-    fewer always do (docs/plain.md)."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
+    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
+    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
     full: bool = False
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
+    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    """Least margin that the safety filter keeps."""
+    spacecraft: Annotated[str | None, Former("write any-craft-2d@SPACECRAFT")] = None
+    """Spacecraft for an agent for any craft."""
+    plain: Annotated[bool, Former("fly at most 65,536 episodes, which are never compiled")] = False
+    """Do not compile the flights."""
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
@@ -130,7 +128,7 @@ class Evaluate:
         more = [] if self.full else ["--full"]
         guard = ["--guard"] if self.guard else []
         if self.guard_slack is not None:
-            guard += ["--guard-slack", f"{self.guard_slack:g}"]
+            guard += [f"{self.guard_slack:g}"]
         command = shlex.join(["rans", "evaluate", self.contestant, *guard, *more])
         Terminal().suggest(
             f"{command}   # all metrics" if more else f"{command} --engine drake",

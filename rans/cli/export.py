@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.cli.options import Former
 from rans.errors import ConfigError, brief
 from rans.files import read_json
 from rans.pretrained import pretrained_folder, pretrained_names
@@ -28,22 +29,22 @@ class Export:
     """
 
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
-    """Run folder of the agent, or the name of one that comes with RANS."""
+    """Run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported for that
+    craft."""
     output: Path
     """Folder to write; its name becomes the agent's name."""
-    spacecraft: str | None = None
-    """Spacecraft, by its name or TOML file, for which any-craft-2d is exported; the same as
-    any-craft-2d@SPACECRAFT."""
     format: Form = "rans"
-    """Format of the agent."""
+    """Format of the agent. None has the safety filter, which needs RANS: the contract names it, and `rans fly` on
+    the folder applies it (docs/missions/guard.md)."""
     episodes: int = 1024
     """Number of evaluation flights for the model card."""
     margins: int = 256
     """Number of flights at each latency, mass and sensor noise around the conditions of the training, from which
     the contract states the intervals in which the agent holds its goal. 0: it does not state them."""
-    guard: bool = False
-    """Not available: exported files contain the agent without the safety filter, which needs RANS. The contract
-    names the filter, and `rans fly` on the folder applies it (docs/missions/guard.md)."""
+    spacecraft: Annotated[str | None, Former("write any-craft-2d@SPACECRAFT")] = None
+    """Spacecraft for which an agent for any craft is exported."""
+    guard: Annotated[bool, Former("leave it out: exported files have no safety filter")] = False
+    """Not available: the contract names the filter, and `rans fly` on the folder applies it."""
 
     def run(self) -> int:
         """Write the export and print its files."""

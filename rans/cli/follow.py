@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.cli.options import Former
 from rans.files import ready_folder, write_json, write_text
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal
@@ -28,14 +29,19 @@ class Follow:
     """Path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m."""
     speed: float = 0.25
     """Speed along the path, m/s."""
-    look_ahead: float = 0.25
-    """Look-ahead radius, m: the commanded velocity points to the farthest point of the path within it."""
-    flights: int = 16
+    episodes: int = 16
     """Number of flights; each starts at rest near the first point of the path, with another attitude."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
+    look_ahead: Annotated[
+        float, Former("leave it out, or call rans.follow(..., look_ahead=...) in Python")
+    ] = 0.25
+    """Look-ahead radius, m, of the paper's planner: the commanded velocity points to the farthest point of the path
+    within it."""
+    flights: Annotated[int | None, Former("write --episodes N")] = None
+    """Number of flights."""
 
     def run(self) -> int:
         """Print a table of the path errors."""
@@ -46,7 +52,8 @@ class Follow:
         from rans.show.figures.path_figures import following_figure
         from rans.show.figures.svg import svg
 
-        check_count("--flights", self.flights)
+        episodes = self.episodes if self.flights is None else self.flights
+        check_count("--episodes", episodes)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
         contestant(self.contestant)  # reject a wrong name before a folder is created
         file = ready_folder(ContestantName.parse(self.contestant).output_folder)
@@ -56,7 +63,7 @@ class Follow:
             self.path,
             speed=self.speed,
             look_ahead=self.look_ahead,
-            flights=self.flights,
+            flights=episodes,
             seed=self.seed,
             engine=self.engine,
         )

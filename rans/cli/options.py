@@ -34,7 +34,11 @@ EVERYWHERE = {
 }
 """Options of every command with their help."""
 
-_WITH_NUMBER = {"--guard": "--guard-slack", "--certify": "--certify-seconds"}
+_WITH_NUMBER = {
+    "--guard": "--guard-slack",
+    "--front": "--budget",
+    "--certify": "--certify-seconds",
+}
 """Options after which a number may stand, with the names of the fields for it."""
 
 
@@ -63,7 +67,7 @@ def warn_of_former(name: str, command: type, arguments: Iterable[str]) -> None:
 
 
 def with_numbers_named(arguments: Sequence[str]) -> list[str]:
-    """Arguments in which numbers after --guard or --certify have options of their own."""
+    """Arguments in which numbers after such options have options of their own."""
     result: list[str] = []
     for before, word in zip(["", *arguments], arguments, strict=False):
         option = _WITH_NUMBER.get(before)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import Trust
+from rans.cli.options import Former, Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.scenario import EVALUATION_SEED
@@ -44,25 +44,28 @@ class Stress:
     """Fly under these disturbances only, such as latency "noise of position"; by default under all, and with
     failed thrusters."""
     episodes: int = 256
-    """Number of flights at each magnitude and in each set of conditions."""
-    slow_episodes: int = 32
-    """Number of flights of slow controllers, such as mpc, at each magnitude and in each set of conditions."""
+    """Number of flights at each magnitude and in each set of conditions; an eighth of it for slow controllers such
+    as mpc."""
     seed: int = EVALUATION_SEED
     """Seed of starts, goals and disturbances."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
-    three standard deviations of the conditions' noise."""
-    worst: int = 3
-    """Number of worst episodes to list for each contestant."""
-    workers: int | None = None
-    """Processes; by default one per processor."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
+    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
+    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
+    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    """Least margin that the safety filter keeps."""
+    slow_episodes: Annotated[
+        int | None, Former("give --episodes eight times as many: slow controllers fly an eighth")
+    ] = None
+    """Number of flights of slow controllers."""
+    worst: Annotated[int, Former("leave it out: stress.html lists 3 for each contestant")] = 3
+    """Number of worst episodes to list for each contestant."""
+    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
+    """Processes; by default one per processor."""
 
     def run(self) -> int:
         """Print the largest tolerated size of each disturbance."""
@@ -78,6 +81,8 @@ class Stress:
             check_count(f"--{name.replace('_', '-')}", getattr(self, name))
         if self.worst < 0:
             raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
+        # MPC takes about eight times as long as the contestants that are not slow
+        slow = max(1, self.episodes // 8) if self.slow_episodes is None else self.slow_episodes
         contest = contest_of(
             self.contestants[0],
             self.episodes,
@@ -92,7 +97,7 @@ class Stress:
             self.contestants,
             conditions_by_name(sets),
             self.only,
-            self.slow_episodes,
+            slow,
             self.trust,
         )
         folder = ready_folder(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import Trust
+from rans.cli.options import Former, Trust
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages
@@ -44,17 +44,12 @@ class View:
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002, and
-    three standard deviations of the conditions' noise."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
+    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
+    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
     save: Path | None = None
-    """Write a page that replays the flights offline and without RANS, and return."""
-    frames: Path | None = None
-    """Write ten frames of the first flight as one picture, and return."""
-    video: Path | None = None
-    """Write all flights, side by side, as a film (.mp4 or .gif), and return."""
+    """Write the flights to a file, and return: .html is a page that replays them offline and without RANS, .mp4 or
+    .gif a film of all side by side, .png or .jpg one picture of ten instants of the first."""
     play: bool = False
     """Fly the first contestant in real time with controls: move the goal, make a thruster dead or stuck, add
     delay and noise, switch to the next contestant, pause, step, go back."""
@@ -63,6 +58,12 @@ class View:
     let thrusters fail, and add delay and noise."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
+    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    """Least margin that the safety filter keeps."""
+    frames: Annotated[Path | None, Former("write --save FILE.png")] = None
+    """Picture of ten instants of the first flight."""
+    video: Annotated[Path | None, Former("write --save FILE.mp4")] = None
+    """Film of all flights."""
 
     def run(self) -> int:
         """Serve the page, or write the requested files."""
@@ -76,18 +77,17 @@ class View:
             raise ConfigError(
                 f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}."
             )
-        if self.save is not None and self.save.suffix != ".html":
-            raise ConfigError(
-                f"--save writes a page, whose name must end in .html, got {str(self.save)!r}."
-            )
+        kind = None if self.save is None else _kind(self.save)
+        video = self.save if kind == "film" else self.video
+        frames = self.save if kind == "picture" else self.frames
         if self.page is not None and self.page.suffix != ".html":
             raise ConfigError(
                 f"--page writes a page, whose name must end in .html, got {str(self.page)!r}."
             )
-        if self.video is not None:
+        if video is not None:
             from rans.show.scene.video import check_video
 
-            check_video(self.video)
+            check_video(video)
         folders = [one for one in self.contestants if (Path(one) / "optimal.npz").is_file()]
         others = tuple(one for one in self.contestants if one not in folders)
         runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
@@ -97,14 +97,14 @@ class View:
             return self._play(runs)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
         flights += [flight for one in folders for flight in self._optima(Path(one))]
-        if self.frames is not None:
+        if frames is not None:
             from rans.show.scene.frames import save_frames
 
-            save_frames(flights[0], 0, self.frames)
-            Terminal().say(f"Ten frames of {flights[0].controller} are in {self.frames}.")
-        if self.video is not None:
-            self._film(flights, self.video)
-        if self.save is not None or self.frames is self.video is None:
+            save_frames(flights[0], 0, frames)
+            Terminal().say(f"Ten frames of {flights[0].controller} are in {frames}.")
+        if video is not None:
+            self._film(flights, video)
+        if kind == "page" or frames is video is None:
             self._show(flights)
         return 0
 
@@ -184,3 +184,27 @@ class View:
             save_video(flights, file, stages(bars))
         names = dict.fromkeys(flight.controller for flight in flights)
         Terminal().say(f"{file} is a video of {', '.join(names)}.")
+
+
+def _kind(file: Path) -> Literal["page", "film", "picture"]:
+    """Kind of a file of flights by the ending of its name.
+
+    Raises:
+        ConfigError: the ending is of none.
+    """
+    endings: dict[str, Literal["page", "film", "picture"]] = {
+        ".html": "page",
+        ".mp4": "film",
+        ".gif": "film",
+        ".png": "picture",
+        ".jpg": "picture",
+        ".jpeg": "picture",
+        ".webp": "picture",
+    }
+    kind = endings.get(file.suffix.lower())
+    if kind is None:
+        raise ConfigError(
+            "--save writes a page (.html), a film (.mp4 or .gif) or a picture (.png or .jpg), by the ending of "
+            f"the file's name, got {str(file)!r}."
+        )
+    return kind

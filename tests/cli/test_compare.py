@@ -151,7 +151,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             ["lqr:go-to-pose-2d", "--front", "--positions", "1"],
             "--positions must be >= 2, the ends of the trade-off",
         ),
-        (["lqr:go-to-pose-2d", "--front", "--budget", "nan"], "--budget must be >= 0 s, got nan"),
+        (["lqr:go-to-pose-2d", "--front", "nan"], "--front takes processor time >= 0 s, got nan"),
     ],
 )
 def test_mistakes_end_in_a_sentence(

@@ -30,7 +30,7 @@ def test_writes_table_numbers_and_figure(
 ) -> None:
     file = tmp_path / "corner.csv"
     file.write_text("x,y\n0,0\n1,0\n1,1\n")
-    assert Follow(str(run), str(file), speed=0.5, flights=3).run() == 0
+    assert Follow(str(run), str(file), speed=0.5, episodes=3).run() == 0
     printed = capsys.readouterr().out
     assert "cross-track RMS" in printed
     (written,) = run.glob("follow-corner-*.json")
@@ -46,7 +46,7 @@ def test_writes_table_numbers_and_figure(
 def test_the_same_seed_gives_the_same_flights(run: Path) -> None:
     results = []
     for seed in (1, 1, 2):
-        assert Follow(str(run), "circle", speed=0.7, flights=2, seed=seed).run() == 0
+        assert Follow(str(run), "circle", speed=0.7, episodes=2, seed=seed).run() == 0
         results.append(json.loads((run / "follow-circle.json").read_text())["quantities"])
     assert results[0] == results[1] != results[2]
 
@@ -71,7 +71,7 @@ def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
         ({"speed": -1.0}, "the speed must be"),
         ({"speed": 2.0}, "the speed must be at most the 0.75 m/s"),
         ({"look_ahead": 0.0}, "the look-ahead must be"),
-        ({"flights": 0}, "--flights must be >= 1 and < 2\\^31, got 0"),
+        ({"episodes": 0}, "--episodes must be >= 1 and < 2\\^31, got 0"),
         ({"path": "helix"}, "the path helix is spatial"),
     ],
 )

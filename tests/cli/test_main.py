@@ -117,7 +117,7 @@ def test_letters_that_the_output_does_not_know() -> None:
         (["train", "--seed"], "a whole number"),
         (["sweep", "--seeds"], "a whole number"),
         (["assure", "x", "--failure-below"], "a number"),
-        (["compare", "x", "--budget"], "a number"),
+        (["compare", "x", "--certified"], "a whole number"),
         (["benchmark", "--num-envs", "16"], "a whole number"),
     ],
 )
@@ -256,19 +256,19 @@ def test_help_of_an_option_is_one_paragraph() -> None:
     )
 
 
-@pytest.mark.parametrize("second", [["--positions", "4"], ["--positions=4"]])
+@pytest.mark.parametrize("second", [["--certified", "4"], ["--certified=4"]])
 def test_an_option_twice_is_told(
     second: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last counts, as everywhere: whoever has an alias may go on."""
     assert (
         main(
-            ["compare", "pretrained:nobody", "--positions", "3", *second, "--output", str(tmp_path)]
+            ["compare", "pretrained:nobody", "--certified", "3", *second, "--output", str(tmp_path)]
         )
         == 2
     )
     assert (
-        "warning: '--positions' is given twice; the last value is used" in capsys.readouterr().err
+        "warning: '--certified' is given twice; the last value is used" in capsys.readouterr().err
     )
 
 

@@ -88,7 +88,6 @@ def test_interrupted_it_writes_what_was_flown(
         ([], "name at least one contestant"),
         (["runs/nobody"], "runs/nobody"),
         ([FIRST, "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
-        ([FIRST, "--slow-episodes", "0"], "--slow-episodes must be >= 1 and < 2^31, got 0"),
         (
             [FIRST, "--seed", "18446744073709551616"],
             "rans: the seed must be a whole number of at most 64 bits",

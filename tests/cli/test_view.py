@@ -115,9 +115,9 @@ def test_it_serves_until_it_is_interrupted() -> None:
         (["nowhere"], "nowhere is not a run folder"),
         (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
         (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
-        (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
-        (["lqr:go-to-pose-2d", "--video", "film.avi"], "must end in .mp4 or .gif, got 'film.avi'"),
-        (["lqr:go-to-pose-2d", "--save", ""], "must end in .html, got '.'"),
+        (["lqr:go-to-pose-2d", "--save", "frames.xyz"], "or a picture (.png or .jpg)"),
+        (["lqr:go-to-pose-2d", "--save", "film.avi"], "a film (.mp4 or .gif)"),
+        (["lqr:go-to-pose-2d", "--save", ""], "writes a page (.html)"),
     ],
 )
 def test_wrong_use_is_a_sentence(
@@ -204,7 +204,7 @@ def test_every_option_reaches_the_flights(
         "8",
         "--engine",
         "drake",
-        "--frames",
+        "--save",
         "ten.png",
         "--episode",
         "4",

@@ -228,7 +228,7 @@ class Comparison(NotebookRepr):
         self.failures += front.impossible()
         if not front.starts():
             self.notes.append(
-                f"No start has all bounds of the front after {seconds:g} s: give it a larger --budget."
+                f"No start has all bounds of the front after {seconds:g} s: give it more, as in --front 900."
             )
 
 

@@ -231,7 +231,7 @@ def test_a_front_between_flights_and_proofs(
     told.trace({}, seconds=0.0)
     assert (
         told.notes[-1]
-        == "No start has all bounds of the front after 0 s: give it a larger --budget."
+        == "No start has all bounds of the front after 0 s: give it more, as in --front 900."
     )
     rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
     rough.trace({}, 1e3)
