@@ -86,6 +86,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
     from rans.evaluation.fly.pilot import Pilot
+    from rans.evaluation.measure.passive import passive_safety
     from rans.fast.engine import Engine
     from rans.fast.envs.sb3 import SB3VecEnv
     from rans.fast.envs.single import SpacecraftEnv
@@ -124,6 +125,7 @@ _LAZY = {
     "Controller": "rans.flight",
     "Flight": "rans.flight",
     "fly": "rans.api.flying",
+    "passive_safety": "rans.evaluation.measure.passive",
     "LQR": "rans.optimal.control.lqr",
     "LandingGuidance": "rans.optimal.control.landing_guidance",
     "Switching": "rans.optimal.control.switching",
@@ -217,6 +219,7 @@ __all__ = [
     "Timing",
     "Flight",
     "fly",
+    "passive_safety",
     "trust_files",
     "Engine",
     "PPO",

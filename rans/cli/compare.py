@@ -30,6 +30,7 @@ _FIRST = (
     "settled",
     "mission won",
     "limit broken",
+    "unsafe coasts",
     "settling time",
     "time of success",
     "impulse",

@@ -15,6 +15,7 @@ from rans.errors import ConfigError
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, where
+from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.renamed import AcceptsFormerNames
@@ -142,6 +143,11 @@ class Task(Settings, metaclass=AcceptsFormerNames):
         They are the shapes whose margins `constraints` returns and whose entries `observation_terms` contains.
         """
         return ()
+
+    @property
+    def coast_zone(self) -> CoastZone | None:
+        """Zone around W's origin that craft keep out of when all thrusters shut; None: there is none."""
+        return None
 
     def done(self, state: State, goal: State) -> Field | None:
         """Whether the mission is accomplished, which ends the episode; None: it lasts until it is truncated."""

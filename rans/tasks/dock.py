@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3, Vector, cos, sin
+from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.orbital import OrbitalMission
@@ -53,6 +54,11 @@ class Dock(OrbitalMission):
     flag = 5
     spacecraft: ClassVar[str | None] = "afrl-deputy"
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, checks=10)
+
+    @property
+    def coast_zone(self) -> CoastZone:
+        """A ball of 5 m, until the craft is within 20 m of the target: our choice."""
+        return CoastZone(5.0, 20.0)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The speed limit."""

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from rans.guidance.arrival import TIME_ROUNDING
 from rans.model.dynamics import State
 from rans.model.fields import Field, at_least, map_leaves, where
+from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.observation_terms import Information, ObservationTerm
@@ -70,6 +71,11 @@ class Hold(OrbitalMission):
     few_burns: ClassVar[bool] = True
     spacecraft: ClassVar[str | None] = "vbar-chaser"
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=260, checks=10)
+
+    @property
+    def coast_zone(self) -> CoastZone:
+        """The keep-out ball, always."""
+        return CoastZone(self.keep_out)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The keep-out ball around the target at the origin."""

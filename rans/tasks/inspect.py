@@ -12,6 +12,7 @@ from rans.errors import ConfigError
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3, Vector, at_least, cos, sin, sqrt, where
+from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
@@ -143,6 +144,11 @@ class Inspect(SingleTask):
             across = math.sqrt(1.0 - height * height)
             found.append((across * math.cos(golden * k), across * math.sin(golden * k), height))
         return tuple(found)
+
+    @property
+    def coast_zone(self) -> CoastZone:
+        """The keep-out ball, always."""
+        return CoastZone(self.keep_out)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the target, and the goal with the angle of the sun; no point has been seen."""

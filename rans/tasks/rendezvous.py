@@ -10,6 +10,7 @@ from rans.guidance.arrival import whole_periods
 from rans.guidance.cone_approach import ConeApproach
 from rans.model.dynamics import State
 from rans.model.fields import Field, where
+from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.orbital import OrbitalMission
@@ -73,6 +74,11 @@ class Rendezvous(OrbitalMission):
     keeps: ClassVar[tuple[type[Shape], ...]] = (Cone,)
     spacecraft: ClassVar[str | None] = "arpod-chaser"
     timing: ClassVar[Timing] = Timing(control_period=50.0, episode_steps=200, checks=10)
+
+    @property
+    def coast_zone(self) -> CoastZone:
+        """A ball of 20 m, until the craft is as near as the cone is long: our choice."""
+        return CoastZone(20.0, self.cone_length)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The line-of-sight cone, whose apex is behind the target so that it contains the ball of contact."""

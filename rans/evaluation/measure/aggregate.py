@@ -29,7 +29,7 @@ COLUMNS = ("metric", "value", "95 % interval", "meaning")
 ROOM = 110
 """Width of a terminal, in columns, in which all of these fit without broken words."""
 _FIRST = ("solved", "mission won", "settling time", "failed")
-_LAST = ("impulse", "interventions")
+_LAST = ("impulse", "unsafe coasts", "coast distance", "interventions")
 """Metrics of a short table, before and after the final errors."""
 _STATES = {2: "x y heading v_x v_y w_z", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
 """Position in W (m), heading (rad) or attitude quaternion R_WB, velocity in W (m/s), spin in B (rad/s)."""
@@ -102,12 +102,13 @@ class Metrics(NotebookRepr):
             yield group, _line(tuple(rows))
 
     def key_lines(self) -> list[tuple[str, tuple[str, str, str, str]]]:
-        """Lines of a short table, as `lines` has them: success, time, errors and impulse."""
+        """Lines of a short table, as `lines` has them: success, time, errors, impulse and percentiles."""
         lines = list(self.lines())
         order = [
             *(name for name in _FIRST),
             *(texts[0] for _, texts in lines if texts[0].endswith(" error")),
             *(name for name in _LAST),
+            *(texts[0] for group, texts in lines if group == "percentiles"),
         ]
         by_name = {texts[0]: (group, texts) for group, texts in lines}
         return [by_name[name] for name in order if name in by_name]
@@ -193,7 +194,10 @@ def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> Non
     Raises:
         ConfigError: the file cannot be written.
     """
-    arrays: dict[str, Any] = {s.name.replace(" ", "_"): s.numbers for s in samples(flight)}
+    # Percentiles have the values of other metrics.
+    arrays: dict[str, Any] = {
+        s.name.replace(" ", "_"): s.numbers for s in samples(flight) if s.group != "percentiles"
+    }
     states = np.stack(leaves(flight.states), axis=-1)
     arrays |= {"start": states[0], "goal": np.stack(leaves(flight.goals), axis=-1)}
     if trajectories:

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rans import verdict
+from rans.evaluation.measure.passive import passive_safety
 from rans.flight import Flight
 from rans.model.dynamics import thrust
+from rans.model.passive_safety import CoastZone
 from rans.tasks import Task
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
 from rans.tasks.quantities import QUANTITIES, Quantity
@@ -24,6 +26,10 @@ _STAY = 7.5
 """Margin of "stay" over the threshold of a quantity."""
 _TRANSIENT = 5.0
 """Time for the acceleration of tracking tasks, after which their errors count, s."""
+
+PERCENTILES = (50.0, 90.0, 99.0, 99.7)
+"""Percentages of flights of which missions' times, impulses and margins are stated: space agencies use 99.7, that
+is three standard deviations of a normal distribution."""
 
 
 class Sample(NamedTuple):
@@ -53,8 +59,12 @@ def samples(flight: Flight) -> Iterator[Sample]:
     yield from _held(flight)
     for quantity, error in flight.errors().items():
         yield from _accuracy(flight, quantity, error)
+    if flight.task.coast_zone is not None:
+        yield from _passive_safety(flight, flight.task.coast_zone)
     yield from _motion(flight)
     yield from _effort(flight)
+    if type(flight.task).done is not Task.done:
+        yield from _percentiles(flight)
     if flight.guarded is not None:
         yield from _guarding(flight)
 
@@ -301,6 +311,33 @@ def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
     return np.logical_and(hit[-1], ~lost.any(axis=0))
 
 
+def _passive_safety(flight: Flight, zone: CoastZone) -> Iterator[Sample]:
+    safety = passive_safety(flight)
+    until = f" before {zone.approach:g} m" if zone.approach else ""
+    yield Sample(
+        "passive safety",
+        "unsafe coasts",
+        f"flights from which, thrusters shut{until}, an orbit's coast enters {zone.radius:g} m",
+        "%",
+        safety.unsafe,
+    )
+    yield Sample(
+        "passive safety",
+        "unsafe starts",
+        "starts from which a coast without any thrust enters it",
+        "%",
+        safety.unsafe_start,
+    )
+    yield Sample(
+        "passive safety",
+        "coast distance",
+        "least distance of all coasts of all flights from the target, certified",
+        "m",
+        safety.distance,
+        np.min,
+    )
+
+
 def _motion(flight: Flight) -> Iterator[Sample]:
     speed: Any = flight.states.v.norm()
     spin: Any = np.linalg.norm(flight.states.spin(), axis=0)
@@ -342,6 +379,29 @@ def _effort(flight: Flight) -> Iterator[Sample]:
         ratio = np.max([np.abs(h) / m for h, m in zip(held, limits, strict=True)], axis=(0, 1))
         meaning = "largest momentum of any wheel, of what it can hold"
         yield Sample("effort", "wheel momentum", meaning, "%", 100.0 * ratio)
+
+
+def _percentiles(flight: Flight) -> Iterator[Sample]:
+    """Percentiles of what a mission takes and of the margins that it leaves."""
+    for name, meaning, unit, values in (
+        (
+            "arrival",
+            "time of success of so many of all flights, at most",
+            "s",
+            settling_times(flight),
+        ),
+        ("impulse", "thrust spent by so many of all flights, at most", "N s", impulses(flight)),
+    ):
+        for percentage in PERCENTILES:
+            centre = partial(np.quantile, q=percentage / 100.0, method="inverted_cdf")
+            yield Sample("percentiles", f"{name} {percentage:g} %", meaning, unit, values, centre)
+    for name, margins in flight.margins.items():
+        meaning = f"least margin of {name} that so many of all flights keep, SI units"
+        for percentage in PERCENTILES:
+            # The lower end: 99 % keep a margin that 1 % fall below.
+            centre = partial(np.quantile, q=1.0 - percentage / 100.0, method="inverted_cdf")
+            least = margins.min(axis=0)
+            yield Sample("percentiles", f"{name} {percentage:g} %", meaning, "", least, centre)
 
 
 def _guarding(flight: Flight) -> Iterator[Sample]:
