@@ -71,7 +71,7 @@ def test_a_burn_is_unsafe_in_its_midst() -> None:
     safety = passive_safety(flown(P[:1], V[:1], command))
     assert safety.distance[0] < 0.1
     assert not safety.unsafe_start[0]
-    after = passive_safety(flown(P[:1], [*V[:1], -0.2, 0.0, 0.0], np.zeros((1, 6))))
+    after = passive_safety(flown(P[:1], V[:1] - np.array([0.2, 0.0, 0.0]), np.zeros((1, 6))))
     assert after.distance[0] > 100.0
 
 
