@@ -37,7 +37,8 @@ def identify(
     True
 
     Args:
-        logs: bags (.mcap) of `rans fly` or ROS 2, CSV files (`rans.evaluation.identify.log.read_csv`), or logs.
+        logs: bags (.mcap) of `rans fly` or ROS 2, ULog files (.ulg) of PX4, CSV files
+            (`rans.evaluation.identify.log.read_csv`), or logs.
         spacecraft: name, TOML file or `Spacecraft`: the data sheet, from which the fit begins.
         robot: kind of robot whose topics a bag has; None: the bag says it, or "ros".
         window: the log is predicted over windows of this length, s.
@@ -72,4 +73,10 @@ def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None) -> Flight
         from rans.deploy.robot.logs import read_bag
 
         return read_bag(file, craft, robot)
-    raise ConfigError(f"a log is a bag (.mcap) or a CSV file (.csv), got {brief(str(file))}.")
+    if file.suffix in (".ulg", ".ulog"):
+        from rans.deploy.robot.ulog import read_ulog
+
+        return read_ulog(file, craft)
+    raise ConfigError(
+        f"a log is a bag (.mcap), a ULog (.ulg) or a CSV file (.csv), got {brief(str(file))}."
+    )

@@ -22,8 +22,8 @@ class Identify:
     """
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
-    """Bags (.mcap) of `rans fly` or of ROS 2, or CSV files with the columns time, x, y, heading (in space x, y, z,
-    qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
+    """Bags (.mcap) of `rans fly` or of ROS 2, ULog files (.ulg) of PX4, or CSV files with the columns time, x, y,
+    heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
     spacecraft: str = ""
     """Data sheet from which to begin: a name, or a TOML file."""
     output: Path = Path("identified")
@@ -39,7 +39,7 @@ class Identify:
         from rans.evaluation.identify.result import UNITS
 
         if not self.logs:
-            raise ConfigError("name at least one log, a bag (.mcap) or a CSV file.")
+            raise ConfigError("name at least one log, a bag (.mcap), a ULog (.ulg) or a CSV file.")
         if not self.spacecraft:
             raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
         console = Terminal()

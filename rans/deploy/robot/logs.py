@@ -64,12 +64,32 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
     readings = [poses[time] for time in sorted(poses)]
     position, attitude, velocity, spin = (np.array([row[j] for row in readings]) for j in range(4))
     given = np.array(sorted(commands))
-    flat = craft.dimension == 2
-    return FlightLog(
-        str(file),
+    return log_in_space(
+        file,
+        craft,
         (given - begin) * 1e-9,
         np.array([commands[time] for time in sorted(commands)]),
         (times - begin) * 1e-9,
+        (position, attitude, velocity, spin),
+    )
+
+
+def log_in_space(
+    file: Path,
+    craft: Spacecraft,
+    command_times: np.ndarray,
+    commands: np.ndarray,
+    times: np.ndarray,
+    readings: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+) -> FlightLog:
+    """Log of readings in space (M, 3), (M, 4), (M, 3), (M, 3), of which a planar craft has its plane."""
+    position, attitude, velocity, spin = readings
+    flat = craft.dimension == 2
+    return FlightLog(
+        str(file),
+        command_times,
+        commands,
+        times,
         position[:, :2] if flat else position,
         2.0 * np.arctan2(attitude[:, 3], attitude[:, 0]) if flat else attitude,
         velocity[:, :2] if flat else velocity,
