@@ -246,7 +246,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
             )
         )
         hero += (
-            f"; its {comparison.mission.spending} is {over.mean():.3f} times the certified least"
+            f"; the {comparison.mission.spending} of {first.name} is {over.mean():.3f} times the certified least"
         )
     measured = tables.gaps(comparison)
     if measured:
@@ -256,7 +256,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
         ratio = f"{over:.3g} x" if np.isfinite(over) else "never"
         bounds.append(Tile(f"over the certified least {event}", ratio, f"of {starts}"))
         if np.isfinite(over):
-            hero += f"; its {event} is {over:.3g} times the certified least of {starts}"
+            hero += f"; the {event} of {first.name} is {over:.3g} times the certified least of {starts}"
     # A row of the page has room for six.
     after_time = 1 + max((k for k, key in enumerate(chosen) if key == time), default=-1)
     tiles[after_time:after_time] = bounds
