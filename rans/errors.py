@@ -5,11 +5,13 @@ import importlib
 import importlib.util
 import math
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterable
 from numbers import Integral
 from os import PathLike
+from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -43,10 +45,35 @@ def meant(name: str, known: Iterable[str]) -> str:
     if len(name) > _LONGEST_NAME:  # the comparison would take too long
         return ""
     names = list(known)
+    if (plain := _plain(name)) != name and plain in names:
+        return f" (did you mean {plain}?)"
     longer = sorted((one for one in names if one.startswith(f"{name}-")), key=len)[:3]
     alike = 0.6 if len(name) <= 3 else 0.7  # of three letters, one slip leaves two thirds
     near = longer or difflib.get_close_matches(name, names, 1, alike)
     return f" (did you mean {' or '.join(near)}?)" if near else ""
+
+
+def _plain(name: str) -> str:
+    """A class or an id of Gymnasium as a name: rans/GoToPose2D-v0 is go-to-pose-2d, LQR is lqr."""
+    bare = re.sub(r"^rans/|-v\d+$", "", name.strip())
+    return re.sub(r"(?<=[a-z])(?=[A-Z0-9])", "-", bare).lower().replace("_", "-")
+
+
+def meant_file(name: str | Path) -> str:
+    """Suggestion " (did you mean ...?)" of a file or folder beside the named one, or an empty text.
+
+    That is the same name with .toml, or a similar one in the same folder.
+    """
+    path = Path(name)
+    try:
+        beside = sorted(os.listdir(path.parent))
+    except (OSError, ValueError):
+        return ""
+    if f"{path.name}.toml" in beside:
+        return f" (did you mean {path}.toml?)"
+    alike = [one for one in beside if not path.suffix or Path(one).suffix == path.suffix]
+    near = difflib.get_close_matches(path.name, alike, 1, 0.75)
+    return f" (did you mean {path.parent / near[0]}?)" if near else ""
 
 
 def checked(what: str, value: object, kind: type[T]) -> T:
@@ -75,14 +102,14 @@ def one_of(what: str, value: object, known: Iterable[str]) -> None:
 
 
 def whole(what: str, value: object, least: int = 1) -> int:
-    """The value, checked to be a whole number >= ``least`` and < 2^31.
+    """The value, checked to be a whole number >= ``least`` and < 2^31; 1e6 is one.
 
     Raises:
         ConfigError: it is not.
     """
     if (
         isinstance(value, bool)
-        or not isinstance(value, Integral)
+        or not (isinstance(value, Integral) or (isinstance(value, float) and value.is_integer()))
         or not least <= int(value) < 2**31
     ):
         raise ConfigError(

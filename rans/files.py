@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from rans import system
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant_file
 
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
 """Packages whose versions can affect measurements."""
@@ -329,7 +329,8 @@ def open_regular(file: Path, what: str = "") -> BinaryIO:
         held = system.open_safely(file, os.O_RDONLY, follow=True)
     except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
         reason = getattr(error, "strerror", None) or error
-        raise ConfigError(f"cannot read {what}{file}: {reason}.") from error
+        near = meant_file(file) if isinstance(error, FileNotFoundError) else ""
+        raise ConfigError(f"cannot read {what}{file}: {reason}{near}.") from error
     if not stat.S_ISREG(os.fstat(held).st_mode):
         os.close(held)
         raise ConfigError(

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from rans.errors import ConfigError, brief, meant
+from rans.errors import ConfigError, brief, meant, meant_file
 from rans.files import first_line
 
 T = TypeVar("T")
@@ -170,8 +170,9 @@ class Registry(Mapping[str, T]):
     def _load(self, name: str) -> T:
         package = self.package(name)
         if name not in self and ":" not in name:
+            near = meant(name, self) or (meant_file(name) if self._or_else else "")
             raise ConfigError(
-                f"there is no {self._kind} named {brief(name)}{meant(name, self)}; known are "
+                f"there is no {self._kind} named {brief(name)}{near}; known are "
                 f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
             )
         try:

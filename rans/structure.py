@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
 from functools import partial
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
 from cattrs.gen import make_dict_structure_fn
@@ -161,12 +161,28 @@ def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
 
 
 def _strict(value: Any, kind: type) -> Any:
-    """Value of exactly this type, without conversion ("64" is not 64, True is not 1), except from int to float."""
+    """Value of exactly this type, without conversion ("64" is not 64, True is not 1), except between 1 and 1.0."""
     if kind is float and type(value) is int:
         return float(value)
+    if kind is int and type(value) is float and value.is_integer():
+        return int(value)  # 1e6
     if type(value) is not kind:
         raise ConfigError(f"expected {kind.__name__}, got {brief(value)}")
     return value
+
+
+_OTHERS = {"delay": "latency", "lag": "latency", "dead_time": "latency", "thrust": "force"}
+"""Keys of tables by their names elsewhere."""
+
+
+def _deeper(kind: Any, key: str) -> str:
+    """Suggestion of the table of this class in which there is such a key; else an empty text."""
+    key = _OTHERS.get(key, key)
+    hints = get_type_hints(kind) if is_dataclass(kind) else {}
+    for table, inner in hints.items():
+        if is_dataclass(inner) and key in {one.name for one in fields(inner)}:
+            return f" (did you mean {key} in [{table}]?)"
+    return ""
 
 
 def _say(error: BaseException, kind: Any) -> str:
@@ -174,8 +190,11 @@ def _say(error: BaseException, kind: Any) -> str:
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):
         known = [one.name for one in fields(error.cl)] if is_dataclass(error.cl) else []
-        keys = (brief(key) + meant(key, known) for key in sorted(error.extra_fields))
-        return f"unknown key {', '.join(keys)}"
+        keys = (
+            brief(key) + (meant(key, known) or _deeper(error.cl, key))
+            for key in sorted(error.extra_fields)
+        )
+        return f"unknown key {', '.join(keys)}" + (f"; keys are {', '.join(known)}" * bool(known))
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
     if isinstance(error, AttributeError):  # cattrs reads the keys of any value

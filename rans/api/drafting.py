@@ -227,7 +227,9 @@ def init_spacecraft(
 def check_target(file: Path, overwrite: bool) -> None:
     """Refuse (`ConfigError`) what is no spacecraft file's name, or exists."""
     if file.suffix != ".toml":
-        raise ConfigError(f"a spacecraft's file must end in .toml, got {str(file)!r}.")
+        raise ConfigError(
+            f"a spacecraft's file must end in .toml, as in {file.stem}.toml, got {str(file)!r}."
+        )
     check_free(file, overwrite)
 
 

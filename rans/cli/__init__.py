@@ -10,7 +10,7 @@ import time
 import unicodedata
 import warnings
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -178,10 +178,6 @@ def _warn_of_repeated_options(arguments: list[str]) -> None:
             seen.add(name)
 
 
-_TASK_FIRST = ("train", "sweep", "optimal")
-"""Commands that take the task without an option."""
-
-
 def _parse(arguments: list[str]) -> Any:
     """Parse the arguments and import only the module of the command: ``rans train`` does not load Drake."""
     import tyro
@@ -189,18 +185,21 @@ def _parse(arguments: list[str]) -> Any:
     if "--trust" in arguments:
         command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
         return replace(command, trust=True) if hasattr(command, "trust") else command
+    from rans.cli.mistakes import COMMAND_NAMES, check_options
     from rans.cli.numbers import registry
     from rans.cli.options import warn_of_former, with_numbers_named
 
-    if not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
+    if arguments[0] == "help":
+        arguments = [*arguments[1:], "--help"]
+    bare = arguments[0].removeprefix("--")
+    if arguments[0] not in COMMANDS and (
+        not arguments[0].startswith("-") or bare in (*COMMANDS, *COMMAND_NAMES)
+    ):
+        near = meant(bare, COMMANDS)
+        if bare in COMMAND_NAMES:
+            near = f" (did you mean {COMMAND_NAMES[bare]}?)"
         raise ConfigError(
-            f"there is no command {brief(arguments[0])}{meant(arguments[0], COMMANDS)}; "
-            f"commands are {', '.join(COMMANDS)}."
-        )
-    if arguments[0] in _TASK_FIRST and any(x.partition("=")[0] == "--task" for x in arguments):
-        raise ConfigError(
-            f"there is no option --task: the task follows the command, as in `rans {arguments[0]} go-to-pose`; "
-            f"`rans {arguments[0]} --help` has all options."
+            f"there is no command {brief(arguments[0])}{near}; commands are {', '.join(COMMANDS)}."
         )
     # Not list(COMMANDS): after its import, `list` is the module of that command.
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
@@ -213,6 +212,7 @@ def _parse(arguments: list[str]) -> Any:
         print(overview(_ABOUT, commands))
         raise SystemExit(0)
     if arguments[0] in commands:  # messages then name the help of this command
+        check_options(arguments[0], commands[arguments[0]], arguments[1:])
         warn_of_former(arguments[0], commands[arguments[0]], arguments[1:])
         arguments = with_numbers_named(arguments)
         parse = partial(
@@ -238,6 +238,16 @@ def _parse(arguments: list[str]) -> Any:
 
         explain(commands.values())
     if not {"-h", "--help"} & {*arguments}:
+        try:
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                return parse()
+        except SystemExit as error:
+            if error.code != 2:
+                return parse()
+        # Once more, with texts of the options in which only meaningful defaults are named.
+        from rans.cli.help import explain
+
+        explain(commands.values())
         return parse()
     from rans.cli.help import with_help
 

@@ -31,8 +31,8 @@ class Export:
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported for that
     craft."""
-    output: Path
-    """Folder to write; its name becomes the agent's name."""
+    output: Path | None = None
+    """Folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the agent."""
     format: Form = "rans"
     """Format of the agent. None has the safety filter, which needs RANS: the contract names it, and `rans fly` on
     the folder applies it (docs/missions/guard.md)."""
@@ -78,24 +78,23 @@ class Export:
             raise ConfigError(f"{folder.name} comes with RANS in this format already, in {folder}.")
         if self.margins:
             check_count("--margins", self.margins)
-        card = export(folder, self.output, self.format, self.episodes, margins=self.margins)
-        size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())
+        output = self.output or Path("runs/exports") / folder.name
+        card = export(folder, output, self.format, self.episodes, margins=self.margins)
+        size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         from rans.terminal import Terminal
 
-        Terminal().say(
-            f"{self.output} has the agent, its contract and its card, {size / 1000:.0f} kB."
-        )
-        margins = read_json(self.output / "contract.json")["conditions"]["margins"]
+        Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
+        margins = read_json(output / "contract.json")["conditions"]["margins"]
         for line in [] if margins is None else margin_lines(margins):
             Terminal().say(line)
         if self.format == "numpy":
-            Terminal().suggest(f"cd {shlex.quote(str(self.output))} && python agent.py")
+            Terminal().suggest(f"cd {shlex.quote(str(output))} && python agent.py")
         elif self.format == "onnx":
-            Terminal().suggest(shlex.join(["rans", "evaluate", str(self.output)]))
+            Terminal().suggest(shlex.join(["rans", "evaluate", str(output)]))
         if self.format == "c":
             from rans.deploy.c_file import compiled_check
 
-            Terminal().say(compiled_check(self.output))
+            Terminal().say(compiled_check(output))
         if card["episodes"] != self.episodes:
             Terminal().say(f"The card keeps its metrics from {card['episodes']:,} flights.")
         return 0

@@ -235,6 +235,10 @@ def _print_examples(command: str, width: int) -> None:
     print(f"\nGuide: docs/{GUIDES[command]}.md")
 
 
+_SOURCE: dict[type, dict[str, Any]] = {}
+"""Annotations of commands before they were given texts."""
+
+
 def explain(commands: Iterable[type], joined: bool = False) -> None:
     """Give tyro one-line texts of fields, plain names of values, and only meaningful defaults.
 
@@ -248,6 +252,8 @@ def explain(commands: Iterable[type], joined: bool = False) -> None:
     from tyro.conf import Suppress
 
     for described in commands:
+        # Anew from the annotations of the source, which may have had texts already.
+        described.__annotations__ = _SOURCE.setdefault(described, described.__annotations__)
         hints = get_type_hints(described, include_extras=True)
         texts = meanings(described)
         described.__annotations__ = {

@@ -95,6 +95,7 @@ class List:
         name = self._named
         if self.name is None:
             return "everything"
+        name = {"pretrained": "agents", "crafts": "spacecraft", "missions": "tasks"}.get(name, name)
         if (every := f"all {name.lower()}") in _PARTS:
             return every
         known: dict[str, Iterable[str]] = {

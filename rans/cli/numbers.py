@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import decimal
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -51,8 +53,34 @@ def _many(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     )
 
 
+_COUNTS = " A count is written as 1000000, 1e6 or 1M."
+_MULTIPLES = {"k": 10**3, "M": 10**6, "G": 10**9, "B": 10**9}
+"""Letters behind a whole number, as in 200k or 1.5M."""
+
+
+def whole(word: str) -> int:
+    """A whole number as people write it: 1000000, 1_000_000, 1e6 or 1M.
+
+    Raises:
+        ValueError: it is none.
+    """
+    with contextlib.suppress(ValueError):
+        return int(word)
+    factor = _MULTIPLES.get(word[-1:], 1)
+    # Decimal, because 0.3e1 is not whole as a binary fraction; no number of counts has more than 18 digits.
+    value = decimal.Decimal(word if factor == 1 else word[:-1]) * factor
+    if not value.is_finite() or value.adjusted() > 18 or value != value.to_integral_value():
+        raise ValueError
+    return int(value)
+
+
 def _read(kind: type, word: str) -> Any:
+    if kind is int:
+        with contextlib.suppress(ValueError, decimal.InvalidOperation):
+            return whole(word)
     try:
         return kind(word)
     except ValueError:
-        raise ValueError(f"it must be {_KINDS[kind]}, got {brief(word)}.") from None
+        raise ValueError(
+            f"it must be {_KINDS[kind]}, got {brief(word)}.{_COUNTS * (kind is int)}"
+        ) from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shlex
 import signal
 import socket
@@ -19,11 +20,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
+from rans.cli.numbers import whole
 from rans.cli.options import Former
-from rans.errors import ConfigError, RansError, brief, is_installed
+from rans.errors import ConfigError, RansError, brief, is_installed, meant_file
 from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
+from rans.randomization.conditions_file import load_conditions
 from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
@@ -72,7 +75,8 @@ class Train:
     output: Path | None = None
     """Folder for the run; by default a new one under runs/."""
     resume: Path | None = None
-    """Continue the training in this run folder from its last checkpoint, or start it if there is none."""
+    """Continue the training in this run folder from its last checkpoint, or start it if there is none; beyond its
+    steps with `--set total_timesteps=N`."""
     view: bool = False
     """Show the newest agent in the browser during the training."""
     log: Annotated[
@@ -102,21 +106,15 @@ class Train:
         from rans.fast.learn.run_folder import RunFolder, run_path
         from rans.fast.learn.trainer import Trainer
 
+        total = self._total
         if self.resume is not None:
-            plain = self.plain or self.set == ("plain=true",)
-            allowed = {"view": False, "terms": False, "log": (), "plain": False}
-            if plain:
-                allowed["set"] = ()
-            if replace(self, resume=None, **allowed) != Train():
-                file = self.resume / "config.json"
-                raise ConfigError(
-                    "--resume reads everything from the run folder; give no other options. To "
-                    f"train longer, raise total_timesteps in {file} (and set solved_share to "
-                    f"null, if it is solved); to change more, start again with rans train {file}."
-                )
             run = RunFolder(self.resume)
             config = run.config()
-            config = replace(config, plain=plain or config.plain)
+            config = replace(config, plain=self._plain or config.plain)
+            if total is not None:
+                config = replace(config, total_timesteps=total)
+                if _has_solved(config, run.metrics()):
+                    config = replace(config, solved_share=None)  # or nothing would be trained
             craft = run.spacecraft()
             world = join(config.device)
         else:
@@ -133,30 +131,84 @@ class Train:
         )
         if self.resume is not None:
             trainer.resume()
+            if total is not None:
+                if total <= trainer.steps:
+                    raise ConfigError(
+                        f"{self.resume} has {trainer.steps:,} steps already, and total_timesteps is the number "
+                        f"at the end, these included: give more than that, got {total:,}."
+                    )
+                if world.is_first:
+                    run.extend(config, command_line())
         elif world.is_first:
             run.begin(config, command_line())
         return trainer
 
-    def resolved(self) -> TrainConfig:
-        """Config of a preset or of another run, with the changes of the options."""
-        from rans.api.names import load_conditions
-        from rans.fast.learn.algorithms import with_algorithm
-        from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import training, training_of_quality
-        from rans.fast.learn.run_folder import read_config
+    @property
+    def _plain(self) -> bool:
+        """Whether a resumed training is not compiled."""
+        return self.plain or "plain=true" in self.set
 
-        task = None if self.task is None else typed(self.task)
-        file = self.config
-        if task is not None and task.endswith(".json"):
-            task, file = None, Path(task)
+    @property
+    def _total(self) -> int | None:
+        """Number of steps to which a resumed training goes on; None: that of its config."""
+        for change in self.set:
+            key, _, text = change.partition("=")
+            if key == "total_timesteps":
+                try:
+                    return whole(text)
+                except (ValueError, ArithmeticError):
+                    raise ConfigError(
+                        f"--set: total_timesteps must be a whole number, such as 1e6, got {brief(text)}."
+                    ) from None
+        return self.total_timesteps
+
+    def _check(self) -> None:
+        """Reject (`ConfigError`) what is wrong with the arguments alone, before torch is imported."""
+        from rans.fast.learn.recipes import check_task
+
+        if self.resume is not None:
+            rest = tuple(x for x in self.set if x.partition("=")[0] not in _RESUMED)
+            allowed = {"view": False, "terms": False, "log": (), "plain": False, "set": rest}
+            if replace(self, resume=None, total_timesteps=None, **allowed) != Train():
+                raise ConfigError(
+                    "--resume reads everything from the run folder but the number of steps, which "
+                    "--set total_timesteps=N raises; give no other options. To change more, start again with "
+                    f"rans train {self.resume / 'config.json'}."
+                )
+            if not self.resume.exists():
+                near = meant_file(self.resume)
+                raise ConfigError(
+                    f"{self.resume} is not a run folder: there is nothing of that name{near}."
+                )
+            return
         if self.task is not None and self.config is not None:
             raise ConfigError(
                 f"--config {self.config} says what to train; leave out {brief(self.task)}."
             )
         if self.task is None and self.config is None:
             raise ConfigError(
-                "say what to train: a task, such as go-to-pose, or the config.json of a run."
+                "say what to train: a task, such as go-to-pose, the config.json of a run, or --resume RUN to "
+                "train on."
             )
+        if self.task is not None and not self.task.endswith(".json"):
+            check_task(typed(self.task))
+        if self.spacecraft is not None:
+            load_spacecraft(typed(self.spacecraft))
+        if self.conditions is not None:
+            load_conditions(typed(self.conditions))
+
+    def resolved(self) -> TrainConfig:
+        """Config of a preset or of another run, with the changes of the options."""
+        from rans.fast.learn.algorithms import with_algorithm
+        from rans.fast.learn.config import from_table, to_table
+        from rans.fast.learn.recipes import training, training_of_quality
+        from rans.fast.learn.run_folder import read_config
+
+        self._check()
+        task = None if self.task is None else typed(self.task)
+        file = self.config
+        if task is not None and task.endswith(".json"):
+            task, file = None, Path(task)
         if file is not None:
             if self.quality is not None:
                 raise ConfigError(f"{file} says how long to train: leave out --quality.")
@@ -200,6 +252,7 @@ class Train:
 
     def run(self) -> int:
         """Train with progress; the exit code is 130 or 143 if it was stopped early."""
+        self._check()
         from rans.compile.cuda.driver import open_ahead
 
         if self.device != "cpu":
@@ -285,8 +338,8 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     path = trainer.run.path
     if trainer.steps == begun and not stopped:
         return (
-            f"Nothing was left to train: {path} has {begun:,} steps. To train longer, raise "
-            f"total_timesteps in {path}/config.json (and set solved_share to null, if it is solved)."
+            f"Nothing was left to train: {path} has {begun:,} steps. Train on with: "
+            + _train_on(path, begun)
         )
     ending = (
         "Stopped"
@@ -312,10 +365,27 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         advice = (
             f"No seed solves it: {reasons[0]}."
             if reasons
-            else "Another --seed may solve it, or more steps (--set total_timesteps=N, --quality good)."
+            else f"More steps may solve it: {_train_on(path, trainer.steps)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
+
+
+def _has_solved(config: TrainConfig, rows: Rows) -> bool:
+    """Whether the last rows of metrics say that the task is solved, which ends a training."""
+    from rans.fast.learn.member import Member
+
+    member = Member(config)
+    for row in rows:
+        member.note(dict(row), member.finds_solved(row["success"]))
+    return member.solved
+
+
+def _train_on(path: Path, steps: int) -> str:
+    """Command that trains an agent for twice as many steps, of which two digits count."""
+    digits = 10 ** max(0, len(str(2 * steps)) - 2)
+    total = max(1, 2 * steps // digits) * digits
+    return shlex.join(["rans", "train", "--resume", str(path), "--set", f"total_timesteps={total}"])
 
 
 def _nominal_hole(trainer: Trainer) -> str:
@@ -370,6 +440,12 @@ def _watch(run: Path, port: int) -> None:
         print(f"rans: the view has ended, but training continues: {error}", file=sys.stderr)
 
 
+_RESUMED = ("plain", "total_timesteps")
+"""Entries that --set changes of a training that is resumed."""
+_COUNT = re.compile(r"[0-9][0-9_.]*[kMG]?")
+"""A count as people write it, such as 1M or 1_000_000, which JSON does not have."""
+
+
 def _change(table: dict[str, Any], change: str) -> None:
     """Apply KEY=VALUE to a nested table; the value is JSON, or else text."""
     from rans.fast.learn.changes import change_entry
@@ -380,7 +456,7 @@ def _change(table: dict[str, Any], change: str) -> None:
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):
-        value = text
+        value = whole(text) if _COUNT.fullmatch(text) else text
     try:
         change_entry(table, key, value)
     except ConfigError as error:

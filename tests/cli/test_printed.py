@@ -86,7 +86,9 @@ def test_the_end_of_a_training(
         "of warm-up, 9.0 s in all. The agent is runs/a b."
     )
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
-    assert ("Another --seed may solve it" in text) is (ending == "Out of steps, not solved")
+    assert ("--resume 'runs/a b' --set total_timesteps=1000000; or another --seed" in text) is (
+        ending == "Out of steps, not solved"
+    )
 
 
 @pytest.mark.parametrize("quick", [0.0, 1.0])
@@ -329,7 +331,7 @@ def test_notes_of_a_comparison_are_printed(
         ["view", "lqr:go-to-pose-2d", "--episodes"],
         ["compare", "lqr:go-to-pose-2d", "--episodes"],
         ["optimal", "go-to-pose", "--episodes"],
-        ["follow", "lqr:track-velocity-2d", "--flights"],
+        ["follow", "lqr:track-velocity-2d", "--episodes"],
         ["export", "runs/x", "--output", "y", "--episodes"],
     ],
 )

@@ -169,16 +169,19 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(
 @pytest.mark.usefixtures("undrawn")
 def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*tiny(), "--set", "total_timesteps=512", "--output", "run"]) == 0
-    config = Path("run/config.json")
-    config.write_text(
-        config.read_text().replace('"total_timesteps": 512', '"total_timesteps": 1024')
-    )
-    assert main(["train", "--resume", "run"]) == 0
+    assert main(["train", "--resume", "run", "--set", "total_timesteps=1.024e3"]) == 0
     assert "Done after 1,024 steps" in capsys.readouterr().out
     assert main(["train", "--resume", "run"]) == 0
     assert "Nothing was left to train: run has 1,024 steps" in capsys.readouterr().out
     assert main([*tiny(), "--set", "total_timesteps=1024", "--output", "whole"]) == 0
     assert torch.equal(trained("run"), trained("whole"))
+    config = json.loads(Path("run/config.json").read_text())
+    assert config["total_timesteps"] == 1024
+    assert len(config["about"]["continued"]) == 1
+    capsys.readouterr()
+    assert "run has 1,024 steps already" in refused(
+        capsys, "--resume", "run", "--set", "total_timesteps=1k"
+    )
 
 
 @pytest.mark.parametrize(
@@ -223,7 +226,6 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nowhere is not a run folder" in refused(capsys, "--resume", "nowhere")
     for option in (
         ["--seed", "0"],
-        ["--set", "total_timesteps=9"],
         ["--device", "cpu"],
         ["--output", "x"],
         ["--spacecraft", "floating-platform"],

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from rans.errors import ConfigError, brief, meant
+from rans.errors import ConfigError, brief, meant, meant_file
 from rans.evaluation.fly.any_craft import write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
 from rans.evaluation.fly.lookahead import PREFIX
@@ -110,6 +110,11 @@ class ContestantName:
             )
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)
+        if not craft and whole == Path(whole).name:
+            raise ConfigError(
+                f"there is no run folder {brief(whole)}{meant_file(whole)}, and no controller or agent of this "
+                f"name; controllers are {', '.join(CONTROLLERS)}; `rans list AGENTS` prints the agents."
+            )
         return cls(text, "run folder", agent, craft=craft, part=part)
 
     @property

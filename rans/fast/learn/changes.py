@@ -14,8 +14,25 @@ from rans.registry import typed
 from rans.renamed import drop_constant, is_former_value, present_name
 from rans.tasks import TASKS
 
-_OTHERS_NAMES = {
+OTHERS_NAMES = {
     "lr": "ppo.learning_rate",
+    "alpha": "ppo.learning_rate",
+    "batch": "ppo.batch_size",
+    "envs": "ppo.n_envs",
+    "environments": "ppo.n_envs",
+    "rollout_steps": "ppo.n_steps",
+    "horizon": "ppo.n_steps",
+    "update_epochs": "ppo.n_epochs",
+    "discount": "ppo.gamma",
+    "gae": "ppo.gae_lambda",
+    "lmbda": "ppo.gae_lambda",
+    "clip_coef": "ppo.clip_range",
+    "ent": "ppo.ent_coef",
+    "hidden": "ppo.layers",
+    "network": "ppo.layers",
+    "steps": "total_timesteps",
+    "num_timesteps": "total_timesteps",
+    "n_timesteps": "total_timesteps",
     "num_envs": "ppo.n_envs",
     "num_steps": "ppo.n_steps",
     "horizon_length": "ppo.n_steps",
@@ -117,7 +134,7 @@ def _typed(value: Any) -> Any:
 def _suggestion(name: str, known: list[str]) -> str:
     """Suggestion of a similar entry, by its name in other libraries or by its spelling; else an empty text."""
     last = name.rpartition(".")[2].lower()
-    if (other := _OTHERS_NAMES.get(last)) in known:
+    if (other := OTHERS_NAMES.get(last)) in known:
         return f" (did you mean {other}?)"
     if len(name) > 100:
         return ""

@@ -14,9 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-import torch
-
-from rans.errors import ConfigError, brief, meant, one_of
+from rans.errors import ConfigError, brief, meant, meant_file, one_of
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
@@ -51,6 +49,18 @@ def recipe(name: str, device: str) -> TrainConfig:
     return _config(RECIPE_FOLDER / f"{name}.toml", device)
 
 
+def check_task(name: str) -> None:
+    """Raise ConfigError if there is neither a task nor a recipe of this name."""
+    if name.endswith(".toml") or ":" in name or name in TASKS or present_agent(name) in RECIPES:
+        return
+    own = f" (did you mean {Path(name).stem}:CLASS, a class in that file?)"
+    near = own if name.endswith(".py") else meant(name, [*TASKS, *RECIPES]) or meant_file(name)
+    raise ConfigError(
+        f"there is no task and no recipe named {brief(name)}{near}; tasks are {', '.join(TASKS)}; recipes have the "
+        "names of agents (`rans list AGENTS`), and your own is a file whose name ends in .toml."
+    )
+
+
 def training(task: str, spacecraft: str | None = None, device: str | None = None) -> TrainConfig:
     """Training config by name: a task with its defaults and known-good settings, or a recipe.
 
@@ -62,18 +72,13 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
     Raises:
         ConfigError: there is no such task, recipe or spacecraft, or the recipe's file is wrong.
     """
-    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    device = device or _usual_device()
     task = present_agent(task)
     if task in RECIPES:
         return recipe(task, device)
     if task.endswith(".toml"):
         return _config(Path(task), device)
-    if task not in TASKS and ":" not in task:
-        raise ConfigError(
-            f"there is no task and no recipe named {brief(task)}"
-            f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; recipes have the names of agents "
-            "(`rans list AGENTS`), and your own is a file whose name ends in .toml."
-        )
+    check_task(task)
     settings = TASKS[task]()
     named: str = spacecraft or settings.spacecraft or USUAL[2]
     craft = load_spacecraft(named)
@@ -252,3 +257,10 @@ def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
 def _multiplied(steps: Any, factor: int) -> Any:
     """Number of steps times a factor; any other value is kept, and `from_table` rejects it."""
     return steps * factor if type(steps) is int else steps
+
+
+def _usual_device() -> str:
+    """A GPU if there is one."""
+    import torch  # late: names are checked without it
+
+    return "cuda" if torch.cuda.is_available() else "cpu"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rans import files
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, meant_file
 from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack, unpack
 from rans.fast.learn.config import TrainConfig, from_table, to_table
@@ -110,14 +110,23 @@ class RunFolder:
     def config(self) -> TrainConfig:
         """Training config; ConfigError if the folder has none, or one of another version."""
         if not self.config_file.exists():
-            why = "there is nothing of that name"
+            why = f"there is nothing of that name{meant_file(self.path)}"
             best = self.path / "best"
-            if self.path.exists():
+            if self.path.is_file() and (self.path.parent / "config.json").exists():
+                why = f"it is a file of one; name its folder, {self.path.parent}"
+            elif self.path.exists():
                 why = "it has no config.json"
             if (best / "config.json").exists():
                 why += f"; the best agent of this sweep is {best}"
             raise ConfigError(f"{self.path} is not a run folder: {why}.")
         return read_config(self.config_file)
+
+    def extend(self, config: TrainConfig, command: str) -> None:
+        """Replace the config of a training that goes on for longer; its ``about`` names the command too."""
+        table = files.read_json(self.config_file)
+        about = table.get("about", {})
+        about["continued"] = [*about.get("continued", []), command]
+        files.write_json(self.config_file, to_table(config) | {"about": about})
 
     def spacecraft(self) -> Spacecraft:
         """Spacecraft at the start of training, independent of later changes to its file."""

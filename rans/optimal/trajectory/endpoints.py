@@ -65,7 +65,8 @@ def _pairs(given: Sequence[str]) -> list[tuple[str, Any]]:
             table = read_toml(read_text(Path(given[0]), LARGEST_TOML))
         except ConfigError as error:
             raise ConfigError(
-                f"a state is KEY=VALUE ..., or a TOML file with these keys; {given[0]}: {error}."
+                "a state is KEY=VALUE ..., such as p.x=3 p.y=1 heading=0.7 (m, rad), or a TOML file with these "
+                f"keys: {error}"
             ) from error
         return [
             (f"{key}.{inner}" if inner else key, number)

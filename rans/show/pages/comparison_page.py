@@ -245,9 +245,8 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
                 f"of {counted(len(over), 'start')}",
             )
         )
-        hero += (
-            f"; the {comparison.mission.spending} of {first.name} is {over.mean():.3f} times the certified least"
-        )
+        spending = comparison.mission.spending
+        hero += f"; the {spending} of {first.name} is {over.mean():.3f} times the certified least"
     measured = tables.gaps(comparison)
     if measured:
         event, ratios = next(iter(measured.items()))
@@ -256,7 +255,9 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
         ratio = f"{over:.3g} x" if np.isfinite(over) else "never"
         bounds.append(Tile(f"over the certified least {event}", ratio, f"of {starts}"))
         if np.isfinite(over):
-            hero += f"; the {event} of {first.name} is {over:.3g} times the certified least of {starts}"
+            hero += (
+                f"; the {event} of {first.name} is {over:.3g} times the certified least of {starts}"
+            )
     # A row of the page has room for six.
     after_time = 1 + max((k for k, key in enumerate(chosen) if key == time), default=-1)
     tiles[after_time:after_time] = bounds

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rans.drawing import draw_layout
-from rans.errors import ConfigError, counted
+from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure
 from rans.evaluation.stress.outcome import WANTED
@@ -79,8 +79,10 @@ def report_from_run(run: Path) -> Page:
         del builders["metrics.jsonl"]  # of all members, one after the other
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
+        missing = "" if run.exists() else f", there is no such folder{meant_file(run)}"
         raise ConfigError(
-            f"{run} holds no results to report: rans train, evaluate, compare, stress, assure and prove write them."
+            f"{run} holds no results to report{missing}; rans train, evaluate, compare, stress, assure and prove "
+            "write them."
         )
     header = (
         _read(run / "config.json", _header)

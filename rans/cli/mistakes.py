@@ -1,0 +1,180 @@
+"""Options and commands that people type from habit: each leads by a sentence to what it is called here.
+
+Nothing here imports torch, so that the answer comes at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from tyro.conf import Positional
+
+from rans.cli.options import former
+from rans.errors import ConfigError, brief, meant
+
+COMMAND_NAMES = {
+    "benchmarks": "benchmark",
+    "bound": "optimal",
+    "check": "validate",
+    "demo": "view",
+    "deploy": "export",
+    "eval": "evaluate",
+    "fit": "train",
+    "learn": "train",
+    "ls": "list",
+    "mpc": "compare",
+    "new": "init",
+    "optimise": "optimal",
+    "optimize": "optimal",
+    "play": "view",
+    "plot": "report",
+    "race": "compare",
+    "render": "view",
+    "resume": "train",
+    "robustness": "stress",
+    "run": "evaluate",
+    "score": "evaluate",
+    "search": "sweep",
+    "show": "view",
+    "simulate": "view",
+    "solve": "optimal",
+    "sysid": "identify",
+    "test": "evaluate",
+    "verify": "prove",
+    "video": "view",
+    "visualize": "view",
+    "watch": "view",
+}
+"""Commands by words of other programs."""
+
+_TASK = "the task follows the command without an option, as in `rans {command} go-to-pose`"
+_OPTIONS = {
+    "checkpoint": ("resume",),
+    "checkpoint-dir": ("output",),
+    "config-file": ("config",),
+    "continue": ("resume",),
+    "craft": ("spacecraft",),
+    "cuda": ("device",),
+    "dir": ("output",),
+    "eval-episodes": ("episodes",),
+    "exp-name": ("output",),
+    "experiment": ("output",),
+    "gpu": ("device",),
+    "load": ("resume",),
+    "log-dir": ("output",),
+    "logdir": ("output",),
+    "model": ("spacecraft",),
+    "n-episodes": ("episodes",),
+    "n-eval-episodes": ("episodes",),
+    "name": ("output",),
+    "num-episodes": ("episodes",),
+    "num-seeds": ("seeds",),
+    "out": ("output",),
+    "output-dir": ("output",),
+    "randomization": ("conditions",),
+    "render": ("view",),
+    "restart": ("resume",),
+    "robot": ("spacecraft",),
+    "run-name": ("output",),
+    "runs": ("episodes",),
+    "samples": ("episodes",),
+    "save": ("output",),
+    "save-dir": ("output",),
+    "starts": ("episodes",),
+    "track": ("log",),
+    "trials": ("episodes",),
+    "vehicle": ("spacecraft",),
+    "wandb": ("log",),
+    "world": ("conditions",),
+}
+"""Options of a command by names of other programs; a command may have none of them."""
+
+
+def check_options(name: str, command: type, words: Sequence[str]) -> None:
+    """Raise ConfigError with a sentence if a word is an option that the command does not have.
+
+    Args:
+        name: of the command.
+        command: its class.
+        words: that follow the name of the command.
+    """
+    known = dict(_flags(command))
+    for k, word in enumerate(words):
+        flag, _, value = word.partition("=")
+        flag = flag.replace("_", "-")
+        if word == "--":
+            return
+        value = value or next(iter(words[k + 1 : k + 2]), "")
+        if flag in known and known[flag] and value not in known[flag]:
+            raise ConfigError(
+                f"{flag} must be {' or '.join(known[flag])}, got {brief(value)}{meant(value, known[flag])}."
+            )
+        if not flag.startswith("--") or flag in known or flag.startswith("--tyro-"):
+            continue
+        hints = get_type_hints(command, include_extras=True)
+        offered = dict(_flags(command, [f for f in hints if former(hints[f]) is None]))
+        hint = _hint(name, flag.removeprefix("--"), value, offered)
+        raise ConfigError(
+            f"`rans {name}` has no option {brief(word.partition('=')[0])[1:-1]}{hint}; "
+            f"`rans {name} --help` prints all."
+        )
+
+
+def _flags(
+    command: type, among: Sequence[str] | None = None
+) -> Iterable[tuple[str, tuple[str, ...]]]:
+    """Options of a command in all their spellings, with their values if these are words of a list.
+
+    Args:
+        command: its class.
+        among: names of fields; None: all.
+    """
+    yield "--help", ()
+    hints = get_type_hints(command, include_extras=True)
+    for field in fields(command):  # pyright: ignore[reportArgumentType]
+        kind = hints[field.name]
+        annotations: list[Any] = []
+        if get_origin(kind) is Annotated:
+            kind, *annotations = get_args(kind)
+        parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
+        choices = tuple(map(str, words))
+        if Positional in annotations or (among is not None and field.name not in among):
+            continue
+        names = [name for one in annotations if (name := getattr(one, "name", None))]
+        others = [alias for one in annotations for alias in getattr(one, "aliases", None) or ()]
+        for name in (f"--{(names or [field.name])[0]}", *others):
+            yield name.replace("_", "-"), choices
+        yield f"--no-{field.name}".replace("_", "-"), ()
+
+
+def _hint(command: str, flag: str, value: str, known: Mapping[str, tuple[str, ...]]) -> str:
+    """What to write in its place, as the middle of a sentence; empty if that is not known."""
+    if flag in ("task", "env", "env-id") and command in ("train", "sweep", "optimal"):
+        return f": {_TASK.format(command=command)}"
+    for other in _OPTIONS.get(flag, ()):
+        if f"--{other}" in known:
+            return f" (did you mean --{other}?)"
+    if "--set" in known and (setting := _setting(flag.replace("-", "_"))):
+        value = value if value and not value.startswith("-") else "VALUE"
+        return f": it is a setting, --set {setting}={value}"
+    for other, choices in known.items():
+        if flag in choices:
+            return f" (did you mean {other} {flag}?)"
+    if command == "list":
+        return f" (did you mean `rans list {flag.upper()}`?)"
+    longer = [one for one in sorted(known) if one.endswith(f"-{flag}")]
+    return f" (did you mean {longer[0]}?)" if longer else meant(f"--{flag}", sorted(known))
+
+
+def _setting(name: str) -> str:
+    """Entry of a training's config that the name has here, or in another library; else an empty text."""
+    from rans.fast.learn.changes import OTHERS_NAMES
+    from rans.fast.learn.config import PPOSettings, TrainConfig
+
+    other = OTHERS_NAMES.get(name, name).rpartition(".")[2]
+    entries = {one.name for kind in (PPOSettings, TrainConfig) for one in fields(kind)}
+    return other if other in entries else ""

@@ -1,0 +1,130 @@
+"""What people type from habit is answered by what it is called here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rans.cli import COMMANDS, main
+from rans.cli.mistakes import COMMAND_NAMES, check_options
+from rans.cli.numbers import whole
+from rans.cli.train import Train, _has_solved, _train_on
+from rans.errors import ConfigError, meant, meant_file
+from rans.fast.learn.member import SOLVED_IN_A_ROW
+from rans.fast.learn.recipes import training
+from rans.randomization.conditions import Conditions
+from rans.structure import structure
+
+
+@pytest.mark.parametrize(
+    ("typed", "answer"),
+    [
+        ("train go-to-pose --lr 1e-3", "--set learning_rate=1e-3"),
+        ("train go-to-pose --learning-rate=1e-3", "--set learning_rate=1e-3"),
+        ("train go-to-pose --num_envs 64", "--set n_envs=64"),
+        ("train go-to-pose --clip-coef 0.1", "--set clip_range=0.1"),
+        ("train go-to-pose --steps 1e6", "--set total_timesteps=1e6"),
+        ("train go-to-pose --out runs/x", "--output"),
+        ("train --task go-to-pose", "rans train go-to-pose"),
+        ("train --env-id rans/GoToPose2D-v0", "rans train go-to-pose"),
+        ("train GoToPose2D", "did you mean go-to-pose-2d?"),
+        ("train rans/GoToPose2D-v0", "did you mean go-to-pose-2d?"),
+        ("train mine.py", "mine:CLASS"),
+        ("train", "say what to train"),
+        ("train --resume runs/nowhere", "runs/nowhere is not a run folder"),
+        ("train go-to-pose --quality god", "did you mean good?"),
+        ("train --resume . --set total_timesteps=many", "1e6"),
+        ("export x --format torchscript", "sb3 or rans or onnx or numpy or c"),
+        ("export x --onnx", "--format onnx"),
+        ("assure x --below 1e-3", "--failure-below"),
+        ("evaluate x --n-eval-episodes 9", "--episodes"),
+        ("list --tasks", "rans list TASKS"),
+        ("play runs/x", "did you mean view?"),
+        ("--train", "did you mean train?"),
+        ("init slider", "slider.toml"),
+        ("report runs/nowhere", "there is no such folder"),
+        ("optimal go-to-pose --start 3,1", "p.x=3"),
+    ],
+)
+def test_leads_to_what_it_is_called_here(
+    typed: str, answer: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code = main(typed.split())
+    except SystemExit as error:  # of tyro, for values that are no numbers
+        code = error.code
+    printed = capsys.readouterr()
+    assert code == 2
+    assert answer in " ".join((printed.err + printed.out).split())
+
+
+def test_a_solved_task_is_trained_on() -> None:
+    """Its last reports end a training, unless the number of steps alone does."""
+    config = replace(training("go-to-pose", None, "cpu"), solved_share=0.9)
+    good = {"success": 0.95}
+    assert _has_solved(config, [{"success": 0.1}, *[good] * SOLVED_IN_A_ROW])
+    assert not _has_solved(config, [*[good] * SOLVED_IN_A_ROW, {"success": 0.1}])
+    assert not _has_solved(replace(config, solved_share=None), [good] * SOLVED_IN_A_ROW)
+    assert "--set total_timesteps=400000" in _train_on(Path("runs/x"), 204_800)
+
+
+def test_words_of_other_programs_lead_to_commands_and_hide_none() -> None:
+    assert set(COMMAND_NAMES.values()) <= set(COMMANDS)
+    assert not set(COMMAND_NAMES) & set(COMMANDS)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["go-to-pose", "--set", "learning_rate=1", "--total_timesteps", "1", "--run", "x"],
+        ["go-to-pose", "--log", "wandb", "--no-view"],
+        ["go-to-pose", "--quality=good", "--tyro-print-completion", "bash"],
+        ["--help"],
+    ],
+)
+def test_options_that_there_are_pass(words: list[str]) -> None:
+    check_options("train", Train, words)
+
+
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [
+        ("7", 7),
+        ("-1", -1),
+        ("1_000_000", 1_000_000),
+        ("1e6", 1_000_000),
+        ("0.3e1", 3),
+        ("1M", 1_000_000),
+        ("1.5k", 1500),
+        ("2G", 2_000_000_000),
+    ],
+)
+def test_counts_as_people_write_them(word: str, value: int) -> None:
+    assert whole(word) == value
+
+
+@pytest.mark.parametrize("word", ["1.5", "many", "", "M", "1e400", "nan", "inf", "1m", "0.0001k"])
+def test_what_is_no_count(word: str) -> None:
+    with pytest.raises((ValueError, ArithmeticError)):
+        whole(word)
+
+
+def test_names_of_other_forms_are_near() -> None:
+    assert meant("GoToPose2D", ["go-to-pose-2d", "lqr"]) == " (did you mean go-to-pose-2d?)"
+    assert meant("rans/LQR-v0", ["go-to-pose-2d", "lqr"]) == " (did you mean lqr?)"
+
+
+def test_a_file_that_is_near(tmp_path: Path) -> None:
+    for name in ("slider6.toml", "flight.csv"):
+        (tmp_path / name).touch()
+    assert meant_file(tmp_path / "slider6") == f" (did you mean {tmp_path / 'slider6.toml'}?)"
+    assert meant_file(tmp_path / "flights.csv") == f" (did you mean {tmp_path / 'flight.csv'}?)"
+    assert meant_file(tmp_path / "flights.toml") == ""
+    assert meant_file(tmp_path / "nowhere" / "x") == ""
+
+
+def test_a_key_of_another_table_is_named_there() -> None:
+    with pytest.raises(ConfigError, match=r"latency in \[thrusters\]"):
+        structure({"delay": 0.03}, Conditions, "conditions")
