@@ -83,6 +83,7 @@ from rans.tasks import (
 if TYPE_CHECKING:
     from rans.api.flying import fly
     from rans.api.trajectory import OptimalTrajectory
+    from rans.ccsds import read_opm, relative_state, write_ccsds
     from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
     from rans.evaluation.fly.pilot import Pilot
@@ -126,6 +127,9 @@ _LAZY = {
     "Flight": "rans.flight",
     "fly": "rans.api.flying",
     "passive_safety": "rans.evaluation.measure.passive",
+    "read_opm": "rans.ccsds",
+    "relative_state": "rans.ccsds",
+    "write_ccsds": "rans.ccsds",
     "LQR": "rans.optimal.control.lqr",
     "LandingGuidance": "rans.optimal.control.landing_guidance",
     "Switching": "rans.optimal.control.switching",
@@ -220,6 +224,9 @@ __all__ = [
     "Flight",
     "fly",
     "passive_safety",
+    "read_opm",
+    "relative_state",
+    "write_ccsds",
     "trust_files",
     "Engine",
     "PPO",

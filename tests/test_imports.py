@@ -43,6 +43,7 @@ LAYERS: list[set[str]] = [
     {"rans.scenario", "rans.episode"},
     {"rans.verdict"},
     {"rans.flight", "rans.flight_statistics"},
+    {"rans.ccsds"},
     {"rans.drawing", "rans.terminal", "rans.window"},
     {"rans.environment"},
     {"rans.policy"},

@@ -69,7 +69,7 @@ API = {
         "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain MissionGuidance ConvexGuidance "
         "LandingGuidance Visiting Circumnavigation Lookahead ArrivalCost Pilot pretrained_names"
     ),
-    "Flights": "Scenario Timing Flight fly passive_safety trust_files",
+    "Flights": "Scenario Timing Flight fly passive_safety write_ccsds read_opm relative_state trust_files",
     "Engine and learner": (
         "Engine PPO PPOSettings MemorySettings FilterSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv"
     ),

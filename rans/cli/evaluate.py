@@ -63,6 +63,9 @@ class Evaluate:
     exits with 1 if they disagree."""
     trajectories: bool = False
     """Also write all states and commands into episodes.npz."""
+    ccsds: int = 0
+    """Also write the first so many flights of a mission on an orbit as CCSDS messages into a folder ccsds: OEM of
+    craft and target, AEM of the craft (docs/missions/ccsds.md)."""
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
@@ -83,6 +86,8 @@ class Evaluate:
         from rans.evaluation.fly.contestants import judged_separately, with_spacecraft
 
         check_count("--episodes", self.episodes)
+        if self.ccsds:
+            check_count("--ccsds", self.ccsds)
         whole = with_spacecraft(self.contestant, self.spacecraft)
         passed = [
             replace(self, contestant=spec, spacecraft=None).judge()
@@ -120,6 +125,7 @@ class Evaluate:
             console.print(comparison.table())
             results["both"] = comparison.to_json()
             passed = comparison.passed
+        self._write_ccsds(run, next(iter(flights.values())))
         Terminal().say(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
         self._suggest()
         return passed
@@ -144,6 +150,7 @@ class Evaluate:
             self.episodes > _KEPT
             and self.engine == "fast"
             and not self.trajectories
+            and not self.ccsds
             and isinstance(run.controller, Agent)
         )
 
@@ -231,6 +238,15 @@ class Evaluate:
 
             save_flight_figures(flight, folder, suffix)
         return file
+
+    def _write_ccsds(self, run: LoadedRun, flight: Flight) -> None:
+        """Write flights as CCSDS messages, if that is asked for."""
+        if self.ccsds:
+            from rans.ccsds import write_ccsds
+
+            folder, suffix = self._output(run)
+            for episode in range(min(self.ccsds, self.episodes)):
+                write_ccsds(flight, folder / f"ccsds{suffix}", episode)
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and the suffix of their file names."""

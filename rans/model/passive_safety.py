@@ -170,7 +170,7 @@ def least_distances(mean_motion: float, pieces: Pieces, flights: int) -> np.ndar
             who, begin, finish = owner[rows], start[rows], end[rows]
             middle = 0.5 * (begin + finish)
             half = 0.5 * (finish - begin)
-            first, second = (_carried(n, x[who], middle) for x in (pieces.first, pieces.second))
+            first, second = (carried(n, x[who], middle) for x in (pieces.first, pieces.second))
             near = _nearest(first[:, :3], second[:, :3])
             distance = np.linalg.norm(near, axis=1)
             np.minimum.at(best, pieces.flight[who], distance - pieces.error[who])
@@ -212,7 +212,7 @@ def _bend(n: float, states: np.ndarray) -> np.ndarray:
     return n**2 * np.sqrt(4.0 * radial**2 + z**2 + (w / n) ** 2)
 
 
-def _carried(n: float, states: np.ndarray, times: np.ndarray) -> np.ndarray:
+def carried(n: float, states: np.ndarray, times: np.ndarray) -> np.ndarray:
     """States (B, 6) after times (B,)."""
     x, y, z, u, v, w = states.T
     p, q = ClohessyWiltshire(n).carry(Vec3(x, y, z), Vec3(u, v, w), times)

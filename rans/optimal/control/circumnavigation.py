@@ -13,6 +13,7 @@ import numpy as np
 
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Quat, Vec2, Vec3, leaves, map_leaves
+from rans.model.passive_safety import Pieces, carried, joined, least_distances, single_coasts
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.arguments import craft_and_task
@@ -32,6 +33,9 @@ _CLEAR = 3.0
 """Least distance from the keep-out ball and from the end of the zone in a plan, m, for errors of flying it."""
 _WIDTHS = (0.0, 3.0, 7.0, 12.0, 18.0, 27.0)
 """Half widths of the orbit beyond the least one, m."""
+_COASTS_CLEAR = 1.0
+"""Least distance from the keep-out ball of coasts after thrusters shut, m, in a plan whose coasts are safe: flown
+burns differ from impulses, by less than a metre in an orbit."""
 _STEP = 60.0
 """Time between the instants at which a plan is judged, s; a craft goes 6 degrees around the target in it."""
 _TOGETHER = 16
@@ -86,6 +90,9 @@ class Circumnavigation:
         craft: by name, TOML file or as such.
         task: an `rans.tasks.inspect.Inspect`, or its name.
         timing: control period, and length of the episode; None: the task's.
+        safe_coasts: whether plans are passively safe: if all thrusters shut at any instant, also in the midst of a
+            burn, the coast of the next orbit does not enter the keep-out ball. Where no plan is, one is flown that
+            is not.
         within: time within which the inspection should end, s, None: the length of the episode. Shorter
             times need more impulse; without a plan in time, the plan that sees the most is flown.
 
@@ -102,6 +109,7 @@ class Circumnavigation:
         task: str | Task,
         timing: Timing | None = None,
         within: float | None = None,
+        safe_coasts: bool = False,
     ) -> None:
         self.craft, asked = craft_and_task(craft, task)
         self.task = Inspect.expected(asked, "circumnavigation flies inspections")
@@ -109,6 +117,7 @@ class Circumnavigation:
         self._period = self._timing.control_period
         length = self._timing.control_period * self._timing.episode_steps
         self._within = length if within is None else within
+        self._safe_coasts = safe_coasts
         self._rounding = rounding(
             self.craft, self._timing.control_period, np.zeros(self.craft.degrees_of_freedom, bool)
         )
@@ -223,6 +232,9 @@ class Circumnavigation:
             seen, finish = self._judged(
                 here, there, first[some], second[some], target[:, some], left
             )
+            if self._safe_coasts and np.isfinite(finish).any():
+                safe = self._coasts_safely(here, now, first[some], second[some], target[:, some])
+                seen, finish = np.where(safe, seen, -1), np.where(safe, finish, math.inf)
             # The cheapest that sees enough, or else the one that sees the most.
             k = int(np.argmax(np.where(np.isfinite(finish), math.inf, seen)))
             if seen[k] > most:
@@ -323,6 +335,42 @@ class Circumnavigation:
         finish = np.where(enough.any(axis=0), times[np.argmax(enough, axis=0), 0], math.inf)
         safe = (clear | (times > finish)).all(axis=0)
         return np.where(safe, count[-1], -1), np.where(safe, finish, math.inf)
+
+    def _coasts_safely(
+        self, here: Any, now: float, first: np.ndarray, second: np.ndarray, target: np.ndarray
+    ) -> np.ndarray:
+        """Whether the coasts of plans (K,) stay outside the ball for an orbit, whenever the thrusters shut.
+
+        A coast from the start of the flight that enters the ball is left as it is by no plan, only by a burn in
+        the first control period.
+        """
+        n = self.task.mean_motion
+        orbit = 2.0 * math.pi / n
+        count = len(first)
+        waits = first > self._period
+        start = np.tile(np.array([*here.p.columns(), *here.v.columns()]), (count, 1))
+        at_first = carried(n, start, first)
+        begin = velocity_to_reach(
+            self.task.drift, Vec2(*at_first[:, :2].T), Vec2(*target), second - first
+        )
+        transfer = at_first.copy()
+        transfer[:, 3:5] = np.stack([begin.x, begin.y], axis=1)
+        at_second = carried(n, transfer, second - first)
+        closed = at_second.copy()
+        closed[:, 3:5] = np.stack([0.5 * n * target[1], -2.0 * n * target[0]], axis=1)
+        every = np.arange(count)
+        nothing = np.zeros(count)
+        # Burns give any part of a velocity change: coasts between those before and after it.
+        pieces = [
+            single_coasts(start[waits], orbit + first[waits], every[waits]),
+            Pieces(transfer, transfer, orbit + second - first, nothing, every),
+            Pieces(at_second, closed, nothing + orbit, nothing, every),
+        ]
+        own = least_distances(n, single_coasts(start[:1], np.array([orbit]), np.array([0])), 1)[0]
+        if own >= self.task.keep_out or now > 0.0:
+            pieces.append(Pieces(at_first, transfer, nothing + orbit, nothing, every))
+        distance = least_distances(n, joined(pieces), count)
+        return distance > self.task.keep_out + _COASTS_CLEAR
 
     def _coasted(self, p: Any, v: Any, times: np.ndarray) -> Vec3:
         moved, _ = self.task.drift.carry(p, v, times)
