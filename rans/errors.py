@@ -160,14 +160,50 @@ def where_raised(error: BaseException) -> str:
 
     Frames of this package and of installed ones are skipped; the text is empty if there are no others.
     """
+    frame = _user_frame(error)
+    return "" if frame is None else f" ({_placed(frame)})"
+
+
+def _user_frame(error: BaseException) -> traceback.FrameSummary | None:
+    """Innermost frame of neither this package nor an installed one."""
     package = os.path.dirname(os.path.abspath(__file__))
     library = os.path.dirname(os.__file__)
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = os.path.abspath(frame.filename)
         installed = "site-packages" in file or file.startswith((package, library))
-        if not installed:
-            return f" ({os.path.basename(file)}, line {frame.lineno}, in {frame.name})"
-    return ""
+        if not installed and not file.startswith("<") and os.path.exists(file):
+            return frame
+    return None
+
+
+def _placed(frame: traceback.FrameSummary) -> str:
+    return f"{os.path.basename(frame.filename)}, line {frame.lineno}, in {frame.name}"
+
+
+_BRANCHES = ("truth value of an array", "Boolean value of Tensor", "no value to branch on")
+"""Parts of the messages of NumPy, torch and traced programs for `if` on a field."""
+
+
+def of_user_code(error: BaseException) -> str:
+    """An exception of a user's function as text: file, line and message first, then the line itself.
+
+    It is empty if no frame of the traceback is of user code.
+    """
+    frame = _user_frame(error)
+    if frame is None:
+        return ""
+    message = " ".join(str(error).split())
+    text = f"{_placed(frame)}: {type(error).__name__}: {message.rstrip('.')}."
+    if any(part in message for part in _BRANCHES):
+        text += (
+            " A field has a value for each of many episodes: write where(condition, a, b) in place of `if`, "
+            "`and` or `or`, and at_least(x, bound) in place of max (rans.model.fields)."
+        )
+    owner = getattr(error, "obj", None)
+    if isinstance(error, AttributeError) and type(owner).__module__.startswith("rans."):
+        names = [name for name in dir(owner) if not name.startswith("_")]
+        text += f" It has{meant(error.name, names)} {', '.join(names)}."
+    return text + (f"\n    {frame.line}" if frame.line else "")
 
 
 _LONGEST = 4000

@@ -23,6 +23,7 @@ from rans.errors import (
     brief,
     legible,
     meant,
+    of_user_code,
     where_raised,
 )
 from rans.files import first_line, has_written
@@ -127,7 +128,17 @@ def main(arguments: list[str] | None = None) -> int:
                 "process that is writing it, or was ended while it did: try again, or delete that file.",
                 2,
             )
-        raise
+        return _end_of_user_code(error)
+    except Exception as error:
+        return _end_of_user_code(error)
+
+
+def _end_of_user_code(error: Exception) -> int:
+    """Exit code after the message of an exception of a user's function; others are raised again."""
+    text = of_user_code(error)
+    if not text or os.environ.get("RANS_TRACEBACK"):
+        raise error
+    return _end(f"rans: {text}\nRANS_TRACEBACK=1 prints the whole traceback.", 2)
 
 
 def check_count(option: str, value: int | None) -> None:

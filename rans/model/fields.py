@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
-from typing import Any, Self, TypeVar
+from typing import Any, NoReturn, Self, TypeVar
 
 import numpy as np
 
@@ -167,10 +167,21 @@ class Vector(ABC):
         """The components, in order."""
 
     def __add__(self, other: Vector) -> Self:
-        return type(self)(*map(operator.add, self.columns(), other.columns()))
+        return type(self)(*map(operator.add, self.columns(), _columns_of(other)))
 
     def __sub__(self, other: Vector) -> Self:
-        return type(self)(*map(operator.sub, self.columns(), other.columns()))
+        return type(self)(*map(operator.sub, self.columns(), _columns_of(other)))
+
+    def __mul__(self, other: object) -> NoReturn:
+        raise TypeError(
+            "a vector is multiplied by a number or a field as v.scale(s), and v.dot(u) is the scalar product; "
+            "there is no v * s"
+        )
+
+    def __truediv__(self, other: object) -> NoReturn:
+        raise TypeError("a vector is divided as v.scale(1.0 / s); there is no v / s")
+
+    __rmul__ = __mul__
 
     def scale(self, s: Field) -> Self:
         """The vector times a scalar field."""
@@ -183,6 +194,14 @@ class Vector(ABC):
     def norm(self) -> Field:
         """Euclidean length."""
         return sqrt(self.dot(self))
+
+
+def _columns_of(other: Vector) -> tuple[Field, ...]:
+    if not isinstance(other, Vector):
+        raise TypeError(
+            f"a vector and {type(other).__name__} cannot be added; a vector of W is Vec2 or Vec3"
+        )
+    return other.columns()
 
 
 class Attitude(ABC):

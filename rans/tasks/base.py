@@ -269,7 +269,13 @@ def reward_terms(
     task: Task, transition: Transition, done: Field | None, violated: Field | None
 ) -> dict[str, Field]:
     """Terms of a task's reward by name, with those for success and for violated constraints."""
-    terms = dict(task.reward(transition))
+    terms = task.reward(transition)
+    if not isinstance(terms, Mapping):
+        raise ConfigError(
+            f"{type(task).__name__}.reward must return a dict of terms by name, such as "
+            f'{{"position": nearness(error, 0.5)}}, got {type(terms).__name__}.'
+        )
+    terms = dict(terms)
     zero = transition.state.p.columns()[0] * 0.0  # in the precision of the state
     if done is not None and is_used(task.done_weight):
         terms["done"] = where(done, zero + task.done_weight, zero)

@@ -7,10 +7,12 @@ import math
 import re
 from dataclasses import replace
 
+import numpy as np
+
 from rans.model.dynamics import State
 from rans.model.fields import map_leaves
 from rans.model.trace import UNTRACEABLE, Symbol
-from rans.tasks.base import Task
+from rans.tasks.base import Task, reward_terms
 from rans.tasks.derived import example_state
 from rans.tasks.observation_terms import Dimension
 from rans.tasks.rewards import Transition
@@ -51,18 +53,32 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
         errors = {name: Symbol.input(name) for name in task.errors(state, goal)}
         named = copy.copy(task)
         object.__setattr__(named, "errors", lambda _state, _goal: dict(errors))
-        terms = named.reward(
+        terms = reward_terms(
+            named,
             Transition(
                 state, goal, (Symbol.input(OPEN),), (Symbol.input(BEFORE),), state, 1.0, (1.0,)
-            )
+            ),
+            None,
+            None,
         )
     except UNTRACEABLE:
+        _compute(task, dimension)
         return {}
     symbols = {name: Symbol.constant(term) for name, term in terms.items()}
     return {
         name: _text(symbol) if _length(symbol, {}) <= _MOST else OF_STATE
         for name, symbol in symbols.items()
     }
+
+
+def _compute(task: Task, dimension: Dimension) -> None:
+    """Compute a reward with numbers, for two episodes: what raises there too is a mistake in the task."""
+    state, goal = (
+        map_leaves(lambda x: np.zeros(2) + x, one) for one in example_state(task, dimension)
+    )
+    zero = np.zeros(2)
+    task.observation_terms(state, goal)
+    task.reward(Transition(state, goal, (zero,), (zero,), state, 1.0, (1.0,)))
 
 
 def _length(symbol: Symbol, known: dict[int, float]) -> float:

@@ -79,6 +79,7 @@ def test_the_end_of_a_training(
         config=SimpleNamespace(solved_share=share, settings=GoToPose(), timing=Timing()),
         engine=SimpleNamespace(craft=load_spacecraft("floating-platform")),
         steps=500_000,
+        members=[SimpleNamespace(rows=[{"success": 0.86}])],
     )
     text = training._summary(trainer, 1000, stopped, 9.0)
     assert text.startswith(
@@ -86,6 +87,7 @@ def test_the_end_of_a_training(
         "of warm-up, 9.0 s in all. The agent is runs/a b."
     )
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
+    assert ("86% of its last episodes succeed" in text) is (ending == "Out of steps, not solved")
     assert ("--resume 'runs/a b' --set total_timesteps=1000000; or another --seed" in text) is (
         ending == "Out of steps, not solved"
     )

@@ -1,0 +1,94 @@
+"""Mistakes in a user's task are said with its file and line first, in the words of fields."""
+
+from __future__ import annotations
+
+import itertools
+import operator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rans.cli import main
+from rans.model.fields import Vec2, Vec3
+
+TASK = """
+from dataclasses import dataclass
+from rans.tasks import GoToPose
+from rans.tasks.rewards import nearness
+
+@dataclass(frozen=True)
+class Gate(GoToPose):
+    def reward(self, transition):
+        error = (transition.goal.p - transition.state.p).norm()
+        way = transition.goal.p - transition.state.p
+        {line}
+"""
+LINE = 11
+"""Of the planted mistake."""
+
+
+_numbers = itertools.count()
+
+
+def written(line: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Name of a new module with this line; tasks are loaded once by their names."""
+    name = f"gate_task_{next(_numbers)}"
+    (folder / f"{name}.py").write_text(TASK.replace("{line}", line))
+    monkeypatch.syspath_prepend(folder)
+    return name
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('return {"position": {}["positon"]}', "KeyError: 'positon'"),
+        ('return {"position": 1.0 if error < 0.5 else 0.0}', "where(condition, a, b)"),
+        ('return {"position": (way * 2.0).norm()}', "v.scale(s)"),
+        ('return {"position": (2.0 * way).norm()}', "v.scale(s)"),
+        ('return {"position": (way + 1.0).norm()}', "a vector and float cannot be added"),
+        ('return {"position": way.lenght()}', "norm"),
+        ('return {"position": transition.state.attitude.rotate_back(way)}', "did you mean rotate"),
+    ],
+)
+def test_file_and_line_are_first(
+    line: str,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    module = written(line, tmp_path, monkeypatch)
+    assert main(["list", f"{module}:Gate"]) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"rans: {module}.py, line {LINE}, in reward: ")
+    assert said in printed
+    assert line in printed
+    monkeypatch.setenv("RANS_TRACEBACK", "1")
+    with pytest.raises((LookupError, TypeError, ValueError, AttributeError)):
+        main(["list", f"{module}:Gate"])
+
+
+def test_a_reward_that_is_no_dict_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = written("return error", tmp_path, monkeypatch)
+    assert main(["list", f"{module}:Gate"]) == 2
+    assert "Gate.reward must return a dict" in capsys.readouterr().err
+
+
+def test_a_mistake_in_rans_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rans.cli.list.List.run", property(operator.attrgetter("nothing")))
+    with pytest.raises(AttributeError, match="nothing"):
+        main(["list"])
+
+
+@pytest.mark.parametrize("vector", [Vec2(1.0, 2.0), Vec3(1.0, 2.0, 3.0)])
+def test_arithmetic_that_vectors_do_not_have(vector: Vec2 | Vec3) -> None:
+    for factor in (2.0, np.ones(3)):
+        with pytest.raises(TypeError, match=r"v\.scale"):
+            vector * factor  # pyright: ignore[reportUnusedExpression] - for its error
+    with pytest.raises(TypeError, match=r"v\.scale"):
+        vector / 2.0  # pyright: ignore[reportUnusedExpression] - for its error
+    with pytest.raises(TypeError, match="cannot be added"):
+        vector - 1.0  # pyright: ignore[reportOperatorIssue, reportUnusedExpression]
