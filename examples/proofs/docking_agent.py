@@ -1,7 +1,7 @@
 """Train a small throttled docking agent by imitation, and write it as an ONNX file for `rans prove`.
 
     python examples/proofs/docking_agent.py docking-agent.onnx
-    rans prove --onnx docking-agent.onnx --problem examples/proofs/docking-agent.toml
+    rans prove docking-agent.onnx --problem examples/proofs/docking-agent.toml
 
 The teacher is guidance in closed form: fly to the target at half the speed limit, slower within 10 m. The network
 has two layers of 16 tanh units and forces within 1 N. Training takes 1,200 steps, some seconds of one core.

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import time
+import warnings
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
 from tyro.conf import Positional, arg
 
-from rans.cli.options import Trust
-from rans.errors import ConfigError, positive
+from rans.cli.options import Former, Trust
+from rans.cli.states import POSE, read_state, read_zones
+from rans.errors import ConfigError, brief, positive
+from rans.renamed import DEPRECATED
 
-Bus = Literal["dds", "zenoh", "udp"]
+if TYPE_CHECKING:
+    from rans.deploy.robot.bus import Bus
+
 Ros = Literal["humble", "jazzy", "kilted", "rolling"]
 Robot = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
+_SPATIAL = ("v.x", "v.y", "v.z", "w.x", "w.y", "w.z")
 
 
 @dataclass(frozen=True)
@@ -30,48 +38,55 @@ class Fly:
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
     """Run folder, name of an agent of RANS, or with --trust the folder of an export as numpy. #TASK selects one of
     the tasks of a multi-task agent."""
-    bus: Bus = "dds"
-    """Transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh), or udp (within this machine)."""
+    bus: Annotated[str, arg(metavar="BUS[:ADDRESS]")] = "dds"
+    """Transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh) or udp (within this machine), in the domain ROS_DOMAIN_ID
+    and for the distribution ROS_DISTRO. zenoh:LOCATOR connects to another router than ROS 2's on this machine, such
+    as zenoh:tcp/192.168.0.2:7447; zenoh:listen/LOCATOR listens there."""
     robot: Robot = "ros"
     """Messages of the robot: ros (poses and twists), pose (poses alone), odometry (nav_msgs), px4 (odometry
     and motors), or those of the RoboRAN platform or of Pingu."""
-    goal: tuple[float, ...] = ()
-    """Goal: x, y (m) and heading (degrees) in the plane; x, y, z, roll, pitch, yaw in space. By default the
-    origin."""
-    goal_velocity: tuple[float, ...] = ()
-    """Velocity (m/s), then angular velocity (rad/s), of the goal, for agents that track a velocity."""
-    zones: tuple[float, ...] = ()
-    """Fixed keep-out zones for agents that avoid some: x, y (in space also z) and radius of each, m; a radius
-    includes that of the spacecraft."""
+    goal: Annotated[tuple[str, ...], arg(metavar=POSE)] = ()
+    """Goal: x, y (m) and heading, such as 3 1 40deg, in space x, y, z, roll, pitch, yaw; angles are in degrees, or
+    with a unit, such as 0.7rad. Velocities of a goal that moves follow by name: v.x=0.1 (m/s), w=0.1 (rad/s). By
+    default the origin."""
+    zones: Annotated[tuple[str, ...], arg(metavar="X,Y,R...")] = ()
+    """Fixed keep-out zones for agents that avoid some: centre and radius of each, such as 1.5,0.2,0.4, in space
+    x,y,z,r, in m; a radius includes that of the spacecraft."""
     guard: bool = False
-    """Apply the safety filter, which replaces commands that would lead to a violated constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """Least margin that the safety filter keeps, in the unit of each constraint (m or m/s); by default 0.002."""
-    trade_off: float | None = None
-    """Trade-off input of agents that have one, from 0 (fast) to 1 (fuel-efficient)."""
+    """Apply the safety filter, which replaces commands that would lead to a violated constraint. A number after
+    it, as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
+    default 0.002 (docs/missions/guard.md)."""
     seconds: float | None = None
     """Length of the flight, s; by default until Ctrl-C."""
-    domain: int = 0
-    """ROS 2 domain (ROS_DOMAIN_ID)."""
-    address: str = ""
-    """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR; by default ROS 2's router on
-    this machine, tcp/localhost:7447."""
-    ros: Ros = "jazzy"
-    """ROS 2 distribution that the other end runs, for Zenoh; rolling is also what came after Kilted."""
-    wait: float = 10.0
-    """Seconds to wait for the first state."""
-    lost_after: float = 1.0
-    """Seconds without a state after which the flight ends."""
     output: Path | None = None
     """New folder for the bag and the exported agent; by default runs/flights/AGENT-TIME."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
+    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    """Least margin that the safety filter keeps."""
+    goal_velocity: Annotated[
+        tuple[float, ...], Former("write v.x=, v.y=, w= after the pose of --goal")
+    ] = ()
+    """Velocity (m/s), then angular velocity (rad/s), of the goal."""
+    trade_off: Annotated[float | None, Former("write AGENT#NUMBER")] = None
+    """Trade-off input of agents that have one."""
+    domain: Annotated[int | None, Former("set ROS_DOMAIN_ID")] = None
+    """ROS 2 domain."""
+    address: Annotated[str, Former("write --bus zenoh:LOCATOR")] = ""
+    """Zenoh locator."""
+    ros: Annotated[Ros | None, Former("set ROS_DISTRO")] = None
+    """ROS 2 distribution that the other end runs."""
+    wait: Annotated[float, Former("start the robot first: a flight waits for it 10 s")] = 10.0
+    """Seconds to wait for the first state."""
+    lost_after: Annotated[
+        float | None,
+        Former("leave it out: a flight ends after 1 s, or two periods, without a state"),
+    ] = None
+    """Seconds without a state after which the flight ends. None: 1, or two control periods if these are longer."""
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault."""
         from rans.deploy.robot.bag import index_bag
-        from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.node import fly_over, planned_task
         from rans.deploy.robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
         from rans.deploy.robot.signals import stop_on_signals
@@ -79,6 +94,7 @@ class Fly:
         from rans.evaluation.fly.exported import read_contract
         from rans.fast.learn.config import to_table
         from rans.fast.learn.run_folder import RunFolder
+        from rans.model.spacecraft_file import load_spacecraft
         from rans.terminal import Terminal
 
         def say(text: str) -> None:
@@ -103,12 +119,16 @@ class Fly:
                     "name the run folder."
                 )
             folder = source
+            craft = load_spacecraft(source / "spacecraft.toml")
             known = read_contract(source)
+            period = float(known["control_period"])
             task = {"name": known["task"], "settings": known["settings"]}
         else:
             run = RunFolder(name.folder)
             folder = output / "agent"
             config = run.config()
+            craft = run.spacecraft()
+            period = config.timing.control_period
             task = {"name": config.task, "settings": to_table(config)["settings"]}
         if part and part in task["settings"].get("tasks", ()):
             settings = task["settings"][part.replace("-", "_")]
@@ -117,33 +137,46 @@ class Fly:
             raise ConfigError(
                 f"{self.agent} is a multi-task agent: pick one, as in {self.agent}#go-to-pose."
             )
+        goal = read_state(self.goal, craft.dimension, "--goal")
+        zones = self.zones
+        if zones and not any("," in word for word in zones):
+            warnings.warn(
+                f"zones without commas {DEPRECATED}: write --zones X,Y,R ...",
+                DeprecationWarning,
+                stacklevel=1,
+            )
+            size = craft.dimension + 1
+            zones = tuple(",".join(zones[k : k + size]) for k in range(0, len(zones), size))
+        names = ("v.x", "v.y", "w") if craft.dimension == 2 else _SPATIAL
+        velocity = tuple(goal.velocities.get(name, 0.0) for name in names)
         plan = Plan(
             folder=str(folder.resolve()),
             task=task,
             robot=self.robot,
-            goal=self.goal,
-            goal_velocity=self.goal_velocity,
-            zones=self.zones,
+            goal=goal.pose,
+            goal_velocity=velocity if goal.velocities else self.goal_velocity,
+            zones=tuple(chain(*read_zones(zones, craft.dimension, "--zones"))),
             guard=self.guard,
             guard_slack=self.guard_slack,
             trade_off=float(part)
             if part and self.trade_off is None and "trade_off" in task["settings"]
             else self.trade_off,
-            lost_after=self.lost_after,
+            lost_after=max(1.0, 2.0 * period) if self.lost_after is None else self.lost_after,
             wait=self.wait,
         )
         if run is not None:
             # Nothing is written for a flight that cannot begin.
-            period = run.config().timing.control_period
-            check_plan(plan, run.spacecraft(), planned_task(plan), period)
-            bus = open_bus(self.bus, self.domain, self.address, self.ros)
+            check_plan(plan, craft, planned_task(plan), period)
+            bus = opened_bus(self.bus, self.domain, self.address, self.ros)
             bus.close()
             say(f"Writing the agent of this flight into {folder}.")
             export_for_flight(run.path, folder)
         stop = stop_on_signals()
-        bus = open_bus(self.bus, self.domain, self.address, self.ros)
+        bus = opened_bus(self.bus, self.domain, self.address, self.ros)
         try:
-            say(f"Flying {name} over {self.bus}; Ctrl-C shuts the valves and ends the flight.")
+            say(
+                f"Flying {name} over {self.bus.partition(':')[0]}; Ctrl-C shuts the valves and ends the flight."
+            )
             bag = output / "flight.mcap"
             report = fly_over(bus, plan, bag, self.seconds, say, stop.is_set)
         finally:
@@ -155,3 +188,36 @@ class Fly:
             say(f"The bag has no index, and tools read it from its beginning: {error}")
         say(f"The flight is recorded in {bag}; rans replay {bag} repeats its commands.")
         return 1 if report.fault else 0
+
+
+def opened_bus(text: str, domain: int | None, address: str, ros: Ros | None) -> Bus:
+    """A bus by the text of --bus, in the domain and for the distribution that ROS's environment names.
+
+    Args:
+        text: "dds", "zenoh", "udp", or "zenoh:LOCATOR".
+        domain: domain; None: that of ROS_DOMAIN_ID, or 0.
+        address: locator if the text has none.
+        ros: distribution; None: that of ROS_DISTRO, or jazzy.
+
+    Raises:
+        ConfigError: there is no such bus, or the environment has a wrong value.
+    """
+    from rans.deploy.robot.bus import BusName, open_bus
+
+    kind, _, locator = text.partition(":")
+    if kind not in get_args(BusName) or (locator and kind != "zenoh"):
+        raise ConfigError(
+            f"--bus takes dds, zenoh, udp or zenoh:LOCATOR, such as zenoh:tcp/192.168.0.2:7447, got {brief(text)}."
+        )
+    if domain is None:
+        number = os.environ.get("ROS_DOMAIN_ID") or "0"
+        if not number.isdecimal():
+            raise ConfigError(f"ROS_DOMAIN_ID must be a whole number, got {brief(number)}.")
+        domain = int(number)
+    name = ros or os.environ.get("ROS_DISTRO") or "jazzy"
+    if kind == "zenoh" and name not in get_args(Ros):
+        raise ConfigError(
+            f"ROS_DISTRO must be one of {', '.join(get_args(Ros))} for zenoh, got {brief(name)}."
+        )
+    known = name if name in get_args(Ros) else "jazzy"  # which only zenoh reads
+    return open_bus(cast("BusName", kind), domain, locator or address, cast("Ros", known))

@@ -71,8 +71,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "prove": (
         "rans prove pretrained:track-velocity-2d --property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15",
-        "rans prove --onnx network.onnx --problem docking.toml",
-        "rans prove --onnx network.onnx --check docking.certificate.json",
+        "rans prove network.onnx --problem docking.toml",
+        "rans prove network.onnx --check docking.certificate.json",
     ),
     "follow": ("rans follow pretrained:track-velocity-2d --path lemniscate",),
     "view": (
@@ -84,13 +84,14 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "optimal": (
         "rans optimal go-to-pose --objective time",
         "rans optimal go-to-pose --episodes 4 --certify",
+        "rans optimal go-to-pose --start 3 1 40deg --goal 0 0 0",
     ),
     "faults": ("rans faults floating-platform --picture faults.svg",),
     "export": (
         "rans export runs/first --output my-agent --format onnx",
         "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
     ),
-    "fly": ("rans fly pretrained:go-to-pose-2d --goal 0 0 0",),
+    "fly": ("rans fly pretrained:go-to-pose-2d --goal 1 0 90deg",),
     "twin": ("rans twin floating-platform",),
     "replay": ("rans replay runs/flights/first/flight.mcap --trust",),
     "identify": ("rans identify flight.csv --spacecraft floating-platform",),

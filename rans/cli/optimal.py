@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -13,12 +14,16 @@ import tyro
 
 from rans.api.names import load_spacecraft
 from rans.cli import check_count
+from rans.cli.numbers import named_numbers
+from rans.cli.options import Former
+from rans.cli.states import POSE, read_state, read_zones
 from rans.errors import ConfigError, require
 from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
 from rans.progress import Progress
 from rans.registry import typed
+from rans.renamed import DEPRECATED
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, Task
 from rans.terminal import Terminal, progress, stages, writing_at_end
@@ -49,6 +54,10 @@ class Optimal:
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
     """Task, see `rans list TASKS`."""
+    contestants: Annotated[
+        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[RUN...]")
+    ] = ()
+    """Run folders or pretrained:NAME to compare with the bound of a mission on an orbit."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
     floating-platform."""
@@ -64,40 +73,49 @@ class Optimal:
     control_period: float = 0.2
     """Time that a command is held, s. For time it is computed, and this is the control period of the on/off
     certificate."""
-    intervals: int = 50
-    """Number of control periods, for time."""
     episodes: int = 16
     """Number of starts."""
-    start: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUE ...|FILE.toml")] = ()
-    """Your own start in place of scenarios: p.x=3 heading=1.57 (rad) v.y=0.1 w=0, in space q.w q.x q.y q.z
-    for the attitude; or a TOML file with these keys. Omitted values are zero."""
-    goal: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KEY=VALUE ...|FILE.toml")] = ()
+    start: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{POSE}|FILE.toml")] = ()
+    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
+    roll, pitch, yaw; angles are in degrees, or with a unit, such as 0.7rad. Velocities follow by name: v.x=0.1
+    (m/s), w=0.1 (rad/s). Or a TOML file (docs/optimal.md)."""
+    goal: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{POSE}|FILE.toml")] = ()
     """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
-    most_speed: float | None = None
-    """Largest speed of the trajectory, m/s."""
-    most_spin: float | None = None
-    """Largest angular speed of the trajectory, rad/s."""
-    keep_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R ...")] = ()
-    """Keep-out balls for the centre of mass: centre and radius, m; in space x,y,z,r."""
+    limits: Annotated[str, tyro.conf.arg(metavar="speed=M/S,spin=RAD/S")] = ""
+    """Largest speed and angular speed of the trajectory; either may be left out."""
+    zones: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R...")] = ()
+    """Keep-out zones for the centre of mass: centre and radius of each, such as 1.5,0.2,0.4, in space x,y,z,r, in
+    m."""
     refine: int = 0
     """Solve again this many times, each time with half the control period, and print cost, estimated error
     and defect of every mesh."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
-    guesses: int | None = None
-    """Number of initial guesses; the best solution counts, and the table says how many led to it. By default 1; 3
-    for time in space, for tasks that leave the attitude free (in space 5) or with --keep-out."""
     certify: bool = False
-    """Also compute what no controller can beat: certified for on/off thrusters where that is possible."""
-    certify_seconds: float = 20.0
-    """Work for each question of the certificate, by what a core at 3 GHz does in a second, so that every machine
-    answers the same; less gives wider gaps."""
-    agents: tuple[str, ...] = ()
-    """Run folders or pretrained:NAME to compare with the bound of a mission on an orbit."""
-    workers: int | None = None
-    """Number of processes; by default one per processor."""
+    """Also compute what no controller can beat: certified for on/off thrusters where that is possible. A number
+    after it, as in `--certify 60`, is the work for each question, by what a core at 3 GHz does in a second, so that
+    every machine answers the same; less than the 20 by default gives wider gaps."""
     output: Path | None = None
     """Folder to write into; by default runs/optimal-TASK-SPACECRAFT-OBJECTIVE."""
+    certify_seconds: Annotated[float, Former("write --certify NUMBER")] = 20.0
+    """Work for each question of the certificate."""
+    intervals: Annotated[int, Former("leave it out: a least time has 50 control periods")] = 50
+    """Number of control periods, for time: over 10 s they are as long as the default control period."""
+    guesses: Annotated[
+        int | None, Former("leave it out, or call rans.optimal_trajectory(guesses=...) in Python")
+    ] = None
+    """Number of initial guesses; the best solution counts. None: 1; 3 for time in space, for tasks that leave the
+    attitude free (in space 5) or with zones."""
+    most_speed: Annotated[float | None, Former("write --limits speed=NUMBER")] = None
+    """Largest speed of the trajectory, m/s."""
+    most_spin: Annotated[float | None, Former("write --limits spin=NUMBER")] = None
+    """Largest angular speed of the trajectory, rad/s."""
+    keep_out: Annotated[tuple[str, ...], Former("write --zones X,Y,R ...")] = ()
+    """Keep-out balls for the centre of mass."""
+    agents: Annotated[tuple[str, ...], Former("name them after the task")] = ()
+    """Agents to compare with the bound of a mission on an orbit."""
+    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
+    """Number of processes; by default one per processor."""
 
     def run(self) -> int:
         """Print a table of the starts."""
@@ -136,8 +154,8 @@ class Optimal:
                 self.intervals,
             )[1:]
         starts = self._starts(task, craft)
-        limits = self._limits()
-        usual = max(usual_guesses(craft, task, objective), 3 if self.keep_out else 1)
+        limits = self._limits(craft.dimension)
+        usual = max(usual_guesses(craft, task, objective), 3 if self.zones or self.keep_out else 1)
         guesses = usual if self.guesses is None else self.guesses
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         # Before anything is written: what would stop the trajectories or their bounds.
@@ -208,10 +226,10 @@ class Optimal:
         """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
         from rans.evaluation.compare.transfers import contestants_of, judged
 
-        self._refuse_all_but("spacecraft", "horizon", "episodes", "seed", "agents")
+        self._refuse_all_but("spacecraft", "horizon", "episodes", "seed", "contestants", "agents")
         deadline = task.deadline[1] if self.horizon is None else self.horizon
         folder = ready_folder(self.output or Path("runs") / f"optimal-{distinct(self.task)}")
-        makers = contestants_of(craft, task, self.agents)
+        makers = contestants_of(craft, task, (*self.contestants, *self.agents))
         table = self._with_progress(
             "bounds",
             lambda step: judged(
@@ -275,7 +293,7 @@ class Optimal:
         for name in ("episodes", "guesses", "intervals", "workers"):
             check_count(f"--{name}", getattr(self, name))
         if not self.certify_seconds > 0:
-            raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
+            raise ConfigError(f"--certify takes work > 0, got {self.certify_seconds:g}.")
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 
@@ -283,7 +301,9 @@ class Optimal:
         """Reject (`ConfigError`) options that an ordinary task does not use with the others."""
         default = {field.name: field.default for field in fields(self)}
         unused = {
-            "agents": "is for missions on an orbit (dock, hold, rendezvous)",
+            **dict.fromkeys(
+                ("contestants", "agents"), "are for missions on an orbit (dock, hold, rendezvous)"
+            ),
             **({} if self.certify else {"certify_seconds": "needs --certify"}),
             **(
                 {}
@@ -301,7 +321,8 @@ class Optimal:
             unused["control_period"] = "is computed for --objective time, but for its --certify"
         for name, reason in unused.items():
             if getattr(self, name) != default[name]:
-                raise ConfigError(f"--{name.replace('_', '-')} {reason}.")
+                option = "agents" if name == "contestants" else f"--{name.replace('_', '-')}"
+                raise ConfigError(f"{option} {reason}.")
 
     def _refuse_all_but(self, *used: str) -> None:
         """Reject (`ConfigError`) options that differ from their defaults and that this task does not use."""
@@ -312,7 +333,8 @@ class Optimal:
             and getattr(self, field.name) != field.default
         ]
         if given:
-            options = ", ".join(f"--{name.replace('_', '-')}" for name in used)
+            listed = [name for name in used if name not in ("contestants", "agents")]
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in listed)
             raise ConfigError(
                 f"{', '.join(given)} would change nothing for {self.task}, which takes {options} and --output."
             )
@@ -325,9 +347,10 @@ class Optimal:
         if not (self.start or self.goal):
             return scenarios(task, craft, self.seed, self.episodes)
         example = scenario(task, craft.dimension, self.seed, 0)
-        goal = endpoint(self.goal, example.goal)
+        goal = endpoint(_by_key(self.goal, craft.dimension, "--goal"), example.goal)
         if self.start:
-            return batch([Scenario(endpoint(self.start, example.start), goal)])
+            own = endpoint(_by_key(self.start, craft.dimension, "--start"), example.start)
+            return batch([Scenario(own, goal)])
         return batch(
             [
                 Scenario(scenario(task, craft.dimension, self.seed, number).start, goal)
@@ -335,21 +358,23 @@ class Optimal:
             ]
         )
 
-    def _limits(self) -> PathLimits | None:
+    def _limits(self, dimension: int) -> PathLimits | None:
         """Path constraints of the options besides those of the task; None if there are none."""
         from rans.optimal.trajectory.limits import PathLimits
 
-        if self.most_speed is None and self.most_spin is None and not self.keep_out:
+        if not self._is_limited:
             return None
-        balls = []
-        for text in self.keep_out:
-            try:
-                balls.append(tuple(float(x) for x in text.split(",")))
-            except ValueError:
-                raise ConfigError(
-                    f"--keep-out takes x,y,r or in space x,y,z,r in m, got {text!r}."
-                ) from None
-        return PathLimits(self.most_speed, self.most_spin, tuple(balls))
+        limits = named_numbers(self.limits, ("speed", "spin"), "--limits")
+        zones = (*self.zones, *self.keep_out)
+        return PathLimits(
+            limits.get("speed", self.most_speed),
+            limits.get("spin", self.most_spin),
+            tuple(read_zones(zones, dimension, "--zones")),
+        )
+
+    @property
+    def _is_limited(self) -> bool:
+        return bool(self.limits or self.zones or self.most_speed or self.most_spin or self.keep_out)
 
     def _add_bounds(
         self,
@@ -373,9 +398,7 @@ class Optimal:
         effort = Effort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
         # Bounds are for the goal set, so only trajectories that end in it are comparable.
-        same = objective.ending == "set" and not (
-            self.most_speed or self.most_spin or self.keep_out
-        )
+        same = objective.ending == "set" and not self._is_limited
         costs = [a.trajectory.cost if same and a.good else math.nan for a in answers]
         events = {bounds.Event(horizon=horizon): (objective.measure, costs)}
         if horizon is None:  # the trajectories arrive, which is another event
@@ -404,3 +427,28 @@ class Optimal:
     def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         with progress() as bars:
             return work(stages(bars)(what, 1 if self.start else self.episodes))
+
+
+def _by_key(words: tuple[str, ...], dimension: int, option: str) -> list[str]:
+    """Values of a state by key, as `rans.optimal.trajectory.endpoints` has them, or the name of a file."""
+    if len(words) == 1 and words[0].endswith(".toml"):
+        return list(words)
+    if any(word.startswith(("p.", "heading=", "q.")) for word in words):
+        warnings.warn(
+            f"a pose by keys, such as p.x=3, {DEPRECATED}: write {option} X Y HEADING, such as 3 1 40deg.",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return list(words)
+    state = read_state(words, dimension, option)
+    values = dict(state.velocities)
+    if state.pose and dimension == 2:
+        x, y, heading = state.pose
+        values |= {"p.x": x, "p.y": y, "heading": math.radians(heading)}
+    elif state.pose:
+        from scipy.spatial.transform import Rotation
+
+        quaternion = Rotation.from_euler("xyz", state.pose[3:], degrees=True).as_quat()
+        names = ("p.x", "p.y", "p.z", "q.x", "q.y", "q.z", "q.w")
+        values |= dict(zip(names, (*state.pose[:3], *map(float, quaternion)), strict=True))
+    return [f"{name}={value!r}" for name, value in values.items()]

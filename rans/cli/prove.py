@@ -5,14 +5,16 @@ from __future__ import annotations
 import shlex
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from tyro.conf import Positional, arg
 
-from rans.errors import ConfigError, brief, require
+from rans.cli.numbers import named_numbers
+from rans.cli.options import Former
+from rans.errors import ConfigError, require
 from rans.files import parse_json, read_bytes
 from rans.terminal import Terminal, progress
 
@@ -30,34 +32,37 @@ class Prove:
     """
 
     agent: Annotated[str | None, Positional, arg(metavar="AGENT")] = None
-    """An on/off agent that tracks velocities in the plane: a run folder or pretrained:NAME. Its goal is at rest."""
+    """An on/off agent that tracks velocities in the plane, whose goal is at rest: a run folder or
+    pretrained:NAME; or FILE.onnx, a network that takes the state and gives the commands."""
     property: Annotated[str | None, arg(metavar="speed=M/S,spin=RAD/S")] = None
     """Limits that every flight of the agent keeps for ever."""
     start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S")] = None
     """Starts of the agent: every state up to this speed and this spin."""
     off: Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S")] = ""
     """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off; by default 0."""
-    onnx: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Network that takes the state and gives the commands."""
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
     """Plant, starts and property, a TOML file; see docs/proofs.md."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
     check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
     """Certificate to check; nothing is proved then."""
-    cells: int = 4
-    """Number of cells along each state to begin with, for up to four states; with more states it is 1."""
     smallest: float = 1.0 / 512
     """Part of the range of a start, below which cells are not split."""
     device: str = "cpu"
     """cpu or cuda."""
-    workers: int | None = None
+    onnx: Annotated[Path | None, Former("name the file without it")] = None
+    """Network that takes the state and gives the commands."""
+    cells: Annotated[int, Former("leave it out: cells are split where that is necessary")] = 4
+    """Number of cells along each state to begin with, for up to four states; with more states it is 1."""
+    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
     """Processes of --check; by default one per processor."""
 
     def run(self) -> int:
         """Prove or check, and print the result."""
+        if self.onnx is None and self.agent is not None and self.agent.endswith(".onnx"):
+            return replace(self, agent=None, onnx=Path(self.agent)).run()
         if (self.agent is None) == (self.onnx is None):
-            raise ConfigError("name an AGENT, or a network with --onnx.")
+            raise ConfigError("name an agent, or the file of a network that ends in .onnx.")
         if self.agent is not None and self.check is not None:
             return self._check_trap(self.agent, self.check)
         if self.agent is not None:
@@ -74,11 +79,9 @@ class Prove:
 
         if self.property is None or self.start is None:
             raise ConfigError("name the --property to keep and the starts, --from, of an agent.")
-        keep = _numbers(self.property, {"speed": None, "spin": None}, "--property")
-        start = _numbers(self.start, {"speed": None, "spin": None}, "--from")
-        off = _numbers(
-            self.off, dict.fromkeys(("mass", "thrust", "velocity", "spin"), 0.0), "--off"
-        )
+        keep = named_numbers(self.property, ("speed", "spin"), "--property", are_all_needed=True)
+        start = named_numbers(self.start, ("speed", "spin"), "--from", are_all_needed=True)
+        off = named_numbers(self.off, ("mass", "thrust", "velocity", "spin"), "--off")
         if not all(0.0 < keep[key] <= 10.0 and 0.0 <= start[key] <= keep[key] for key in keep):
             raise ConfigError(
                 "limits must be above 0 and at most 10, and --from within --property."
@@ -200,9 +203,7 @@ class Prove:
             f"{len(proof.low):,} cells, least margin {proof.margins.min():.3g}, {seconds:.1f} s. The certificate "
             f"is {output} (SHA-256 {digest[:16]})."
         )
-        terminal.suggest(
-            shlex.join(["rans", "prove", "--onnx", str(self.onnx), "--check", str(output)])
-        )
+        terminal.suggest(shlex.join(["rans", "prove", str(self.onnx), "--check", str(output)]))
         return 0
 
     def _check(self, certificate: Path) -> int:
@@ -242,23 +243,6 @@ class Prove:
             f"{time.monotonic() - begun:.1f} s."
         )
         return 0
-
-
-def _numbers(text: str, usual: dict[str, float | None], option: str) -> dict[str, float]:
-    """Numbers of a text such as "speed=0.1,spin=0.2"; those without a usual value must be named."""
-    values = dict(usual)
-    for part in filter(None, text.split(",")):
-        name, _, number = part.partition("=")
-        try:
-            value = float(number)
-        except ValueError:
-            value = float("nan")
-        if name.strip() not in usual or not np.isfinite(value):
-            raise ConfigError(f"{option} takes {'=..., '.join(usual)}=..., got {brief(part)}.")
-        values[name.strip()] = value
-    if any(value is None for value in values.values()):
-        raise ConfigError(f"{option} takes {'=..., '.join(usual)}=..., got {brief(text)}.")
-    return {name: value for name, value in values.items() if value is not None}
 
 
 def _files(folder: Path) -> dict[str, bytes]:

@@ -81,7 +81,7 @@ class Stress:
             check_count(f"--{name.replace('_', '-')}", getattr(self, name))
         if self.worst < 0:
             raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
-        # MPC takes about eight times as long as the contestants that are not slow
+        # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide
         slow = max(1, self.episodes // 8) if self.slow_episodes is None else self.slow_episodes
         contest = contest_of(
             self.contestants[0],

@@ -8,7 +8,10 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from rans.cli.fly import Bus, Robot, Ros
+from rans.cli.fly import Robot, Ros, opened_bus
+from rans.cli.options import Former
+from rans.cli.states import POSE, read_state
+from rans.errors import ConfigError
 
 Engine = Literal["fast", "drake"]
 
@@ -24,8 +27,9 @@ class Twin:
     """Name of the spacecraft, or its TOML file."""
     engine: Engine = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
-    bus: Bus = "dds"
-    """Transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh), or udp (within this machine)."""
+    bus: Annotated[str, arg(metavar="BUS[:ADDRESS]")] = "dds"
+    """Transport, as for `rans fly`: dds (ROS 2 and PX4), zenoh (rmw_zenoh), zenoh:LOCATOR, or udp (within this
+    machine)."""
     robot: Robot = "ros"
     """Messages of the robot, as for `rans fly`."""
     period: float = 0.2
@@ -35,26 +39,27 @@ class Twin:
     own TOML file, or the run folder of an agent, whose training's conditions are taken."""
     rate: float = 100.0
     """Number of states published per second."""
-    start: tuple[float, ...] = ()
-    """Start: x, y (m) and heading (degrees) in the plane; x, y, z in space. By default that of the episode."""
+    start: Annotated[tuple[str, ...], arg(metavar=POSE)] = ()
+    """Start at rest: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps roll, pitch, yaw; angles
+    are in degrees, or with a unit, such as 0.7rad. By default that of the seed."""
     seed: int = 0
     """Random seed of the start and the conditions."""
-    episode: int = 0
-    """Number of the episode whose start and conditions are used."""
-    seconds: float = 600.0
+    seconds: Annotated[
+        float, Former("end it by Ctrl-C, or write `timeout SECONDS rans twin ...`")
+    ] = 600.0
     """Length of the simulation, s."""
-    domain: int = 0
-    """ROS 2 domain (ROS_DOMAIN_ID)."""
-    address: str = ""
-    """Zenoh locator to connect to, such as tcp/192.168.0.2:7447, or listen/LOCATOR; by default ROS 2's router on
-    this machine, tcp/localhost:7447."""
-    ros: Ros = "jazzy"
-    """ROS 2 distribution that the other end runs, for Zenoh; rolling is also what came after Kilted."""
+    episode: Annotated[int, Former("write another --seed")] = 0
+    """Number of the episode whose start and conditions are used."""
+    domain: Annotated[int | None, Former("set ROS_DOMAIN_ID")] = None
+    """ROS 2 domain."""
+    address: Annotated[str, Former("write --bus zenoh:LOCATOR")] = ""
+    """Zenoh locator."""
+    ros: Annotated[Ros | None, Former("set ROS_DISTRO")] = None
+    """ROS 2 distribution that the other end runs."""
 
     def run(self) -> int:
         """Simulate until the time is up or an interrupt."""
         from rans.api.names import load_conditions, load_spacecraft
-        from rans.deploy.robot.bus import open_bus
         from rans.deploy.robot.signals import stop_on_signals
         from rans.deploy.robot.twin import TwinPlan, run_twin
         from rans.fast.learn.run_folder import RunFolder
@@ -67,6 +72,9 @@ class Twin:
             conditions = RunFolder(Path(self.conditions)).config().conditions
         elif self.conditions is not None:
             conditions = load_conditions(self.conditions)
+        start = read_state(self.start, craft.dimension, "--start")
+        if start.velocities:
+            raise ConfigError("--start of a twin is at rest: leave its velocities out.")
         plan = TwinPlan(
             craft=craft,
             control_period=self.period,
@@ -74,15 +82,17 @@ class Twin:
             engine=self.engine,
             conditions=conditions,
             rate=self.rate,
-            start=self.start,
+            start=start.pose,
             seed=self.seed,
             episode=self.episode,
             seconds=self.seconds,
         )
         stop = stop_on_signals()
-        bus = open_bus(self.bus, self.domain, self.address, self.ros)
+        bus = opened_bus(self.bus, self.domain, self.address, self.ros)
         try:
-            say(f"{craft.name} is on {self.bus}, at {self.rate:g} states a second.")
+            say(
+                f"{craft.name} is on {self.bus.partition(':')[0]}, at {self.rate:g} states a second."
+            )
             motion = run_twin(bus, plan, say, stop.is_set)
         finally:
             bus.close()

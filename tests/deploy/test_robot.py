@@ -21,7 +21,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rans.cli import main
-from rans.cli.fly import Fly
+from rans.cli.fly import Fly, opened_bus
 from rans.deploy.robot.bag import entries
 from rans.deploy.robot.bus import Receive, UDPBus, open_bus
 from rans.deploy.robot.frames import Motion, quaternion_of, rotated, swapped
@@ -544,7 +544,9 @@ def test_a_twin_of_no_episode_is_refused(
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"goal": (1.0, 2.0)}, "a goal is 3 numbers"),
+        ({"goal": ("1", "2")}, "--goal takes x, y and heading"),
+        ({"goal": ("1", "2deg", "3")}, "'2deg' is an angle where a length must be"),
+        ({"bus": "udp:7"}, "--bus takes dds, zenoh, udp or zenoh:LOCATOR"),
         ({"seconds": math.nan}, "--seconds must be a finite number above 0"),
         ({"trade_off": 0.3}, "no trade-off input"),
         ({"guard": True}, "has none"),
@@ -555,8 +557,25 @@ def test_nothing_is_written_for_a_flight_that_cannot_begin(
 ) -> None:
     output = tmp_path / "flight"
     with pytest.raises(ConfigError, match=sentence):
-        Fly("pretrained:go-to-pose-2d", bus="udp", output=output, **options).run()
+        Fly("pretrained:go-to-pose-2d", **{"bus": "udp", "output": output} | options).run()
     assert not output.exists()
+
+
+def test_the_bus_is_that_of_the_robots_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("rans.deploy.robot.bus.open_bus", lambda *given: opened.append(given))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    opened_bus("zenoh:listen/tcp/0.0.0.0:7447", None, "", None)
+    opened_bus("dds", 3, "", None)
+    assert opened == [("zenoh", 7, "listen/tcp/0.0.0.0:7447", "humble"), ("dds", 3, "", "humble")]
+    monkeypatch.setenv("ROS_DISTRO", "noetic")
+    opened_bus("udp", None, "", None)  # no distribution matters here
+    with pytest.raises(ConfigError, match="ROS_DISTRO must be one of humble"):
+        opened_bus("zenoh", None, "", None)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
+    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be a whole number, got 'seven'"):
+        opened_bus("dds", None, "", None)
 
 
 def test_what_no_filter_keeps_is_refused(agent: Path) -> None:

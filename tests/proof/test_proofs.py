@@ -205,7 +205,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("proof")
     network = written(damping(4, (2, 3), 3), folder / "net.onnx")
     (folder / "docking.toml").write_text(DOCKING)
-    arguments = ["prove", "--onnx", str(network), "--problem", str(folder / "docking.toml")]
+    arguments = ["prove", str(network), "--problem", str(folder / "docking.toml")]
     assert main([*arguments, "--cells", "2"]) == 0
     return network, folder / "docking.certificate.json"
 
@@ -225,7 +225,7 @@ def test_the_checker_agrees(
     found = verdict(file.read_bytes(), network.read_bytes())
     # Both bound the same flights; polygons of 64 and of 48 sides differ by 0.1 % of a speed of 0.4 m/s.
     assert found == pytest.approx(min(table["margins"]), abs=1e-3)
-    assert main(["prove", "--onnx", str(network), "--check", str(file), "--workers", "1"]) == 0
+    assert main(["prove", str(network), "--check", str(file), "--workers", "1"]) == 0
     assert "Accepted" in capsys.readouterr().out
 
 

@@ -85,7 +85,7 @@ class UDPBus:
             break
         else:
             raise ConfigError(
-                f"all {self._MEMBERS} UDP ports of domain {domain} are taken: choose another --domain."
+                f"all {self._MEMBERS} UDP ports of domain {domain} are taken: choose another ROS_DOMAIN_ID."
             )
         self._own = port
         self._socket.settimeout(0.1)
@@ -172,7 +172,7 @@ class ZenohBus:
                 "Is another process listening there?"
                 if listens
                 else "If nothing answers there, start ROS 2's router, ros2 run rmw_zenoh_cpp rmw_zenohd, or "
-                "name the router or peer by --address."
+                "name the router or peer, as in --bus zenoh:tcp/192.168.0.2:7447."
             )
             raise ConfigError(
                 f"zenoh cannot be opened at {locator}: {reason.strip()} {cause}"

@@ -404,7 +404,7 @@ class Announcements:
         while time.monotonic() < until and not stopped():
             self.publish(time.monotonic_ns())
             for sentence in self.others():
-                raise ConfigError(f"{sentence} End it, or fly in another --domain.")
+                raise ConfigError(f"{sentence} End it, or fly in another ROS_DOMAIN_ID.")
             time.sleep(0.02)
 
     def others(self) -> list[str]:

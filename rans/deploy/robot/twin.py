@@ -56,7 +56,8 @@ class TwinPlan:
     rate: float = 100.0
     """States published a second; the motion is computed as often."""
     start: tuple[float, ...] = ()
-    """x, y (m) and heading (degrees) in the plane; x, y, z in space. Empty: the start of the episode."""
+    """x, y (m) and heading (degrees) in the plane; x, y, z and perhaps roll, pitch, yaw in space. Empty: the
+    start of the episode."""
     seed: int = 0
     """Seed of the random numbers of conditions and of the start."""
     episode: int = 0
@@ -177,12 +178,18 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
 
 
 def _placed(craft: Spacecraft, numbers: tuple[float, ...]) -> Any:
-    if len(numbers) != 3:
-        names = "x, y and heading" if craft.dimension == 2 else "x, y and z"
-        raise ConfigError(f"a start is three numbers, {names}, got {len(numbers)}.")
+    counts = (3,) if craft.dimension == 2 else (3, 6)
+    if len(numbers) not in counts:
+        names = "x, y and heading" if craft.dimension == 2 else "x, y, z and roll, pitch, yaw"
+        raise ConfigError(f"a start is {counts[-1]} numbers, {names}, got {len(numbers)}.")
     still = np.zeros(3)
     half = np.radians(numbers[2]) / 2.0 if craft.dimension == 2 else 0.0
     attitude = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+    if len(numbers) == 6:
+        from scipy.spatial.transform import Rotation
+
+        x, y, z, w = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_quat()
+        attitude = np.array([w, x, y, z])
     position = np.array([*numbers[:2], 0.0 if craft.dimension == 2 else numbers[2]])
     return replace(state_of(craft, Motion(position, attitude, still, still)), stores=())
 

@@ -1,0 +1,94 @@
+"""Poses and zones as words: one syntax for every command that takes a start, a goal or keep-out zones.
+
+A pose is "X Y HEADING" in the plane and "X Y Z", or "X Y Z ROLL PITCH YAW", in space: positions in m, angles in
+degrees or with a unit, as in "3 1 40deg" or "3 1 0.7rad". Velocities may follow by their names, such as "v.x=0.1"
+(m/s) and "w=0.2" (rad/s; in space w.x, w.y and w.z).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rans.errors import ConfigError, brief
+
+POSE = "X Y HEADING ..."
+"""Placeholder of a pose in help."""
+_UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
+
+
+class WrittenState(NamedTuple):
+    """A pose and velocities as a user writes them."""
+
+    pose: tuple[float, ...]
+    """x, y (m) and heading (degrees); in space x, y, z and roll, pitch, yaw. Empty: none is written."""
+    velocities: dict[str, float]
+    """Velocities (m/s) and angular velocities (rad/s) by their names; those that are not written are absent."""
+
+
+def read_state(words: Sequence[str], dimension: int, option: str) -> WrittenState:
+    """Pose and velocities of the words after an option.
+
+    Args:
+        words: words such as "3", "1", "40deg" and "v.x=0.1".
+        dimension: 2 in the plane, 3 in space.
+        option: name of the option, for messages.
+
+    Raises:
+        ConfigError: there are too many or too few words, one is no finite number, or an angle is where a length
+            must be.
+    """
+    numbers = [word for word in words if "=" not in word]
+    counts = (0, 3) if dimension == 2 else (0, 3, 6)
+    if len(numbers) not in counts:
+        form = "x, y and heading" if dimension == 2 else "x, y, z and perhaps roll, pitch, yaw"
+        raise ConfigError(
+            f"{option} takes {form}, such as 3 1 {'40deg' if dimension == 2 else '0 0 0 40deg'}, got "
+            f"{brief(' '.join(words))}."
+        )
+    pose = [_number(word, option, index >= dimension) for index, word in enumerate(numbers)]
+    if dimension == 3 and len(pose) == 3:
+        pose += [0.0, 0.0, 0.0]
+    names = ("v.x", "v.y", "w") if dimension == 2 else ("v.x", "v.y", "v.z", "w.x", "w.y", "w.z")
+    velocities: dict[str, float] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not equals:
+            continue
+        if name not in names or name in velocities:
+            raise ConfigError(
+                f"{option} takes each of {', '.join(names)} once after the pose, got {brief(word)}."
+            )
+        velocities[name] = _number(text, option, False)
+    return WrittenState(tuple(pose), velocities)
+
+
+def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[float, ...]]:
+    """Keep-out zones of words such as "1.5,0.2,0.4": the centre's coordinates and the radius of each, m.
+
+    Raises:
+        ConfigError: a word has another number of numbers, or one is not finite.
+    """
+    zones = [
+        tuple(_number(text, option, False) for text in word.split(",")) for word in words if word
+    ]
+    for word, zone in zip(words, zones, strict=True):
+        if len(zone) != dimension + 1:
+            form = "x,y,r" if dimension == 2 else "x,y,z,r"
+            raise ConfigError(f"{option} takes {form} of each zone, m, got {brief(word)}.")
+    return zones
+
+
+def _number(word: str, option: str, is_angle: bool) -> float:
+    """A length in m, or an angle in degrees."""
+    unit = next((unit for unit in _UNITS if word.endswith(unit)), "")
+    try:
+        value = float(word.removesuffix(unit)) * _UNITS.get(unit, 1.0)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(f"{option} takes finite numbers, got {brief(word)}.")
+    if unit and not is_angle:
+        raise ConfigError(f"{option}: {brief(word)} is an angle where a length must be.")
+    return value

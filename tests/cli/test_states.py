@@ -1,0 +1,58 @@
+"""Poses and zones as words."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from rans.cli.states import read_state, read_zones
+from rans.errors import ConfigError
+
+
+def test_a_pose_in_the_plane_with_each_unit() -> None:
+    degrees, radians, bare = (
+        read_state(["-3", "1.5", angle], 2, "--start").pose
+        for angle in ("-90deg", f"{-math.pi / 2}rad", "-90")
+    )
+    assert degrees == bare == (-3.0, 1.5, -90.0)
+    assert radians == pytest.approx(degrees, abs=1e-12)
+
+
+def test_a_pose_in_space_may_leave_out_its_attitude() -> None:
+    assert read_state(["1", "2", "3"], 3, "--goal").pose == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    turned = read_state(["1", "2", "3", "0", "0", "40deg"], 3, "--goal").pose
+    assert turned == (1.0, 2.0, 3.0, 0.0, 0.0, 40.0)
+
+
+def test_velocities_follow_by_name() -> None:
+    state = read_state(["3", "1", "40deg", "v.x=0.1", "w=-0.2"], 2, "--start")
+    assert state == ((3.0, 1.0, 40.0), {"v.x": 0.1, "w": -0.2})
+    assert read_state(["w.z=0.1"], 3, "--goal") == ((), {"w.z": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("words", "dimension", "sentence"),
+    [
+        (["3", "1"], 2, "x, y and heading, such as 3 1 40deg, got '3 1'"),
+        (["3", "1", "2", "40deg"], 3, "x, y, z and perhaps roll, pitch, yaw"),
+        (["3", "1", "40deg"], 3, "'40deg' is an angle where a length must be"),
+        (["3", "1", "nan"], 2, "finite numbers, got 'nan'"),
+        (["3", "1", "40degrees"], 2, "finite numbers, got '40degrees'"),
+        (["3", "1", "0", "v.z=1"], 2, "each of v.x, v.y, w once"),
+        (["3", "1", "0", "w=1", "w=2"], 2, "each of v.x, v.y, w once"),
+        (["3", "1", "0", "w=1deg"], 2, "'1deg' is an angle"),
+    ],
+)
+def test_a_wrong_word_is_named(words: list[str], dimension: int, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        read_state(words, dimension, "--start")
+
+
+def test_zones_are_words_with_commas() -> None:
+    assert read_zones(["-1.5,0,0.4", "2,1,0.3"], 2, "--zones") == [
+        (-1.5, 0.0, 0.4),
+        (2.0, 1.0, 0.3),
+    ]
+    with pytest.raises(ConfigError, match=r"x,y,z,r of each zone, m, got '1,2,3'"):
+        read_zones(["1,2,3"], 3, "--zones")
