@@ -32,11 +32,11 @@ class Settings(NotebookRepr):
 
     def __repr__(self) -> str:
         settings: Any = self
-        texts = {one.name: repr(getattr(self, one.name)) for one in fields(settings)}
+        texts = {field.name: repr(getattr(self, field.name)) for field in fields(settings)}
         changed = (
-            f"{one.name}={texts[one.name]}"
-            for one in fields(settings)
-            if texts[one.name] != repr(default(one))
+            f"{field.name}={texts[field.name]}"
+            for field in fields(settings)
+            if texts[field.name] != repr(default(field))
         )
         return f"{type(self).__name__}({', '.join(changed)})"
 

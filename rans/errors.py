@@ -217,7 +217,12 @@ class RansError(Exception):
     """
 
     def __init__(self, *arguments: object) -> None:
-        super().__init__(*(_readable(one) if isinstance(one, str) else one for one in arguments))
+        super().__init__(
+            *(
+                _readable(argument) if isinstance(argument, str) else argument
+                for argument in arguments
+            )
+        )
 
 
 def _readable(sentence: str) -> str:

@@ -428,8 +428,8 @@ def check_depth(value: Any) -> None:
             return
         level = [
             inner
-            for one in containers
-            for inner in (one.values() if isinstance(one, dict) else one)
+            for container in containers
+            for inner in (container.values() if isinstance(container, dict) else container)
         ]
     raise ConfigError(f"tables and lists may be nested at most {_DEEPEST} deep.")
 

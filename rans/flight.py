@@ -335,7 +335,7 @@ def fly(
         np.stack(commands),
         controller.name,
         engine,
-        {name: np.stack([one[name] for one in margins]) for name in margins[0]},
+        {name: np.stack([margin[name] for margin in margins]) for name in margins[0]},
         won,
         lengths,
         np.stack(guarded) if guarded else None,

@@ -189,7 +189,7 @@ def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, RansError):
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):
-        known = [one.name for one in fields(error.cl)] if is_dataclass(error.cl) else []
+        known = [field.name for field in fields(error.cl)] if is_dataclass(error.cl) else []
         keys = (
             brief(key) + (meant(key, known) or _deeper(error.cl, key))
             for key in sorted(error.extra_fields)

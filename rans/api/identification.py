@@ -57,7 +57,10 @@ def identify(
     return Identification(
         fit(
             craft,
-            [one if isinstance(one, FlightLog) else _read(one, craft, robot) for one in sources],
+            [
+                source if isinstance(source, FlightLog) else _read(source, craft, robot)
+                for source in sources
+            ],
             window,
         )
     )

@@ -464,8 +464,8 @@ def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
                     continue
                 step = stage(f"{failed} {kind}", math.comb(count, failed))
                 results: list[FaultSet] = []
-                for one in fault_sets(craft, failed, kind):
-                    results.append(one)
+                for fault_set in fault_sets(craft, failed, kind):
+                    results.append(fault_set)
                     step(1)
                 sets[kind, failed] = results
     return Faults(craft, sets)
@@ -518,14 +518,14 @@ class Speed:
 
     def __repr__(self) -> str:
         said = "; ".join(
-            f"{one.kind}, {one.name}: {one.value:,.4g} {one.unit}"
-            for one in self.measurements
-            if one.value is not None
+            f"{measurement.kind}, {measurement.name}: {measurement.value:,.4g} {measurement.unit}"
+            for measurement in self.measurements
+            if measurement.value is not None
         )
         return f"<Speed on {self.device}: {said}>"
 
     def __getitem__(self, name: str) -> Measurement:
-        return {one.name: one for one in self.measurements}[name]
+        return {measurement.name: measurement for measurement in self.measurements}[name]
 
 
 def benchmark(

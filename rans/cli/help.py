@@ -280,7 +280,7 @@ def _tyro_options(name: str, hint: Any) -> list[Any]:
     annotations = ()
     if get_origin(hint) is Annotated:
         plain, *annotations = get_args(hint)
-    has_metavar = any(getattr(one, "metavar", None) for one in annotations)
+    has_metavar = any(getattr(annotation, "metavar", None) for annotation in annotations)
     results: list[Any] = [arg(help_behavior_hint=_default)]
     metavar = None if has_metavar else _metavar(name, plain)
     if metavar:

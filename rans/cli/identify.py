@@ -57,8 +57,8 @@ class Identify:
         ]
         console.show("Identified", ("quantity", "data sheet", "value", "95 %", "unit"), rows)
         predictions = [
-            [one.name, f"{one.before:.4g}", f"{one.after:.4g}", UNITS[one.name]]
-            for one in result.channels()
+            [channel.name, f"{channel.before:.4g}", f"{channel.after:.4g}", UNITS[channel.name]]
+            for channel in result.channels()
         ]
         console.show(
             f"Error of predictions over {self.window:g} s, rms",

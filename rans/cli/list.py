@@ -128,7 +128,7 @@ def _kind_of_file(file: Path) -> str:
         return "spacecraft"
     return (
         "conditions"
-        if keys and keys <= {"base", *(one.name for one in fields(Conditions))}
+        if keys and keys <= {"base", *(field.name for field in fields(Conditions))}
         else "spacecraft"
     )
 
@@ -283,7 +283,9 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
 def _task_details(name: str) -> Iterable[str | Listing]:
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
-    own = " or ".join(f"rans.SpacecraftEnv({name!r}, {one})" for one in dimensions(task))
+    own = " or ".join(
+        f"rans.SpacecraftEnv({name!r}, {dimension})" for dimension in dimensions(task)
+    )
     yield f"Gymnasium: {', '.join(_environments(name)) or own}; task flag: {_flag(task)}"
     yield from task_listings(task, "settings.")
     yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
@@ -354,7 +356,7 @@ def _task_facts(name: str) -> dict[str, Any]:
         "flag": getattr(task, "flag", None),
         "reward": {part or name: reward_formulas(one, works[0]) for part, one in parts.items()},
         "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
-        "observation": {str(one): observation_columns(task, one) for one in works},
+        "observation": {str(work): observation_columns(task, work) for work in works},
     }
 
 
@@ -363,8 +365,8 @@ def _spacecraft_facts(name: str) -> dict[str, Any]:
     return asdict(craft) | {
         "actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},
         "wrench_map": craft.wrench_map,
-        "commands": [one._asdict() for one in craft.commands],
-        "stores": [one._asdict() for one in craft.stores],
+        "commands": [command._asdict() for command in craft.commands],
+        "stores": [store._asdict() for store in craft.stores],
     }
 
 

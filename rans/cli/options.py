@@ -44,12 +44,16 @@ _WITH_NUMBER = {
 
 def former(hint: Any) -> Former | None:
     """The annotation of a field by its type hint; None for a present option."""
-    return next((one for one in _annotations(hint) if isinstance(one, Former)), None)
+    return next(
+        (annotation for annotation in _annotations(hint) if isinstance(annotation, Former)), None
+    )
 
 
 def is_in_help(hint: Any) -> bool:
     """Whether the help of a command has the option of a field, by its type hint."""
-    return not any(isinstance(one, (Former, _Everywhere)) for one in _annotations(hint))
+    return not any(
+        isinstance(annotation, (Former, _Everywhere)) for annotation in _annotations(hint)
+    )
 
 
 def warn_of_former(name: str, command: type, arguments: Iterable[str]) -> None:
@@ -81,7 +85,7 @@ def _annotations(hint: Any) -> tuple[Any, ...]:
 
 def _option(field: str, hint: Any) -> str:
     """Option of a field, such as --guard-slack of guard_slack, unless its annotation has another name."""
-    named = (getattr(one, "name", None) for one in _annotations(hint))
+    named = (getattr(annotation, "name", None) for annotation in _annotations(hint))
     return f"--{next(filter(None, named), field).replace('_', '-')}"
 
 

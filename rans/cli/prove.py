@@ -151,7 +151,9 @@ class Prove:
         count = len(table["cells"])
         files = _files(ContestantName.parse(agent).folder)
         chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
-        return self._judged(_trapped, [(content, files, list(one)) for one in chunks], count, 64)
+        return self._judged(
+            _trapped, [(content, files, list(chunk)) for chunk in chunks], count, 64
+        )
 
     def _prove(self) -> int:
         from rans.proof.certificate import write_certificate
@@ -220,7 +222,7 @@ class Prove:
         problem_of(str(table["problem"]), certificate)  # the checker itself reads without bounds
         count = len(table["cells"])
         chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
-        return self._judged(_checked, [(*contents, list(one)) for one in chunks], count, _CHUNK)
+        return self._judged(_checked, [(*contents, list(chunk)) for chunk in chunks], count, _CHUNK)
 
     def _judged(self, judge: Callable[..., Any], jobs: list[Any], count: int, chunk: int) -> int:
         """Judge cells in several processes, and print the result."""

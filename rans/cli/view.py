@@ -88,15 +88,19 @@ class View:
             from rans.show.scene.video import check_video
 
             check_video(video)
-        folders = [one for one in self.contestants if (Path(one) / "optimal.npz").is_file()]
-        others = tuple(one for one in self.contestants if one not in folders)
+        folders = [
+            contestant
+            for contestant in self.contestants
+            if (Path(contestant) / "optimal.npz").is_file()
+        ]
+        others = tuple(contestant for contestant in self.contestants if contestant not in folders)
         runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
         if self.page is not None:
             return self._write_page(runs, self.page)
         if self.play:
             return self._play(runs)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
-        flights += [flight for one in folders for flight in self._optima(Path(one))]
+        flights += [flight for folder in folders for flight in self._optima(Path(folder))]
         if frames is not None:
             from rans.show.scene.frames import save_frames
 

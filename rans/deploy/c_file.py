@@ -138,8 +138,9 @@ def write_c(
         )
         or " * (see contract.json)",
         "ORDER": "\n".join(
-            f" * {at:3d}  {_words(one['name'])}, {_words(one['kind'])}, {one['low']:g} to {one['high']:g}"
-            for at, one in enumerate(commands)
+            f" * {at:3d}  {_words(command['name'])}, {_words(command['kind'])}, "
+            f"{command['low']:g} to {command['high']:g}"
+            for at, command in enumerate(commands)
         )
         or " * (see contract.json)",
         "RANGES": _ranges(columns, architecture.layout.width),

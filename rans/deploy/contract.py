@@ -173,8 +173,8 @@ def contract(
     ]
     conditions = config.conditions
     sensors = [one.sensors for one in (conditions, *conditions.others)]
-    late = max(largest(one.delay) for one in sensors) * period
-    outage = max(largest(one.outage) for one in sensors)
+    late = max(largest(sensor.delay) for sensor in sensors) * period
+    outage = max(largest(sensor.outage) for sensor in sensors)
     return {
         "format": 3,
         "agent": name,
@@ -202,7 +202,7 @@ def contract(
             "where it is positive, and the spacecraft about -axis; a wheel at max_momentum gives no more torque"
             if craft.wheels
             else None,
-            "ranges": [one._asdict() for one in craft.commands],
+            "ranges": [command._asdict() for command in craft.commands],
             "shut": [0.0] * craft.command_count,
         },
         "memory": memory,
@@ -277,15 +277,15 @@ def _safety_filter(task: Task, craft: Spacecraft, timing: Timing) -> dict[str, A
 def changed_settings(value: Any) -> dict[str, Any]:
     """What a dataclass has that is not its default, as JSON."""
     result: dict[str, Any] = {}
-    for one in fields(value):
-        own = getattr(value, one.name)
-        if own == default(one):
+    for field in fields(value):
+        own = getattr(value, field.name)
+        if own == default(field):
             continue
         if is_dataclass(own):
             own = changed_settings(own)
         elif isinstance(own, tuple) and own and is_dataclass(own[0]):
             own = [changed_settings(each) for each in own]
-        result[one.name] = own
+        result[field.name] = own
     return result
 
 

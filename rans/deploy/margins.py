@@ -126,9 +126,9 @@ def margins_around(
         grids[one.name] = sorted({_rounded(value) for value in values})
 
     tried = {
-        (one.name, value): _changed(conditions, one.path, value * one.factor)
-        for one in QUANTITIES
-        for value in grids[one.name]
+        (quantity.name, value): _changed(conditions, quantity.path, value * quantity.factor)
+        for quantity in QUANTITIES
+        for value in grids[quantity.name]
     }
     several = list(dict.fromkeys([conditions, *tried.values()]))
     shares = dict(zip(several, measure(several), strict=True))
@@ -162,10 +162,10 @@ def margin_lines(margins: dict[str, Any]) -> list[str]:
         f"{margins['nominal']:.1%} with everything as designed."
     ]
     parts = []
-    for one in QUANTITIES:
-        holds = margins[one.name]["holds"]
-        tolerated = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {one.unit}"
-        parts.append(f"{one.name} {tolerated}")
+    for quantity in QUANTITIES:
+        holds = margins[quantity.name]["holds"]
+        tolerated = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {quantity.unit}"
+        parts.append(f"{quantity.name} {tolerated}")
     wanted = f"{margins['wanted_share']:.0%}"
     lines.append(f"At least {wanted} hold, all else as in the training, at: {'; '.join(parts)}.")
     for name, where in (

@@ -36,8 +36,8 @@ class PrivilegedObservation:
         self._mean, self._scale = (
             everywhere.new_tensor(row)
             for row in (
-                [one.mean for one in self._quantities],
-                [1.0 / one.spread for one in self._quantities],
+                [quantity.mean for quantity in self._quantities],
+                [1.0 / quantity.spread for quantity in self._quantities],
             )
         )
         self.width = len(self._quantities) or len(leaves(body))
@@ -55,7 +55,7 @@ class PrivilegedObservation:
             )
         parameters = leaves(episode.parameters)
         columns = torch.stack(
-            [torch.as_tensor(parameters[one.leaf]) for one in self._quantities], dim=1
+            [torch.as_tensor(parameters[quantity.leaf]) for quantity in self._quantities], dim=1
         )
         return (columns - self._mean) * self._scale
 

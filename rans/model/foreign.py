@@ -75,9 +75,9 @@ class Foreign:
     def radius(self) -> float | None:
         """Distance of the outermost thruster from the centre of mass, m, for drawings; None without thrusters."""
         levers = [
-            math.dist(one.position, self.centre_of_mass)
-            for one in self.nozzles
-            if one.position is not None
+            math.dist(nozzle.position, self.centre_of_mass)
+            for nozzle in self.nozzles
+            if nozzle.position is not None
         ]
         return round(max(levers), 4) if any(levers) else None
 
@@ -94,14 +94,14 @@ class Foreign:
                         f"{one.name} of {self.source} pushes along z, out of the plane: take --dimension 3, or "
                         "give the thrusters of the plane with --thruster."
                     )
-        if any(one.force is None or one.position is None for one in self.nozzles):
-            missing = "force" if all(one.position for one in self.nozzles) else "position"
-            texts = " ".join(f"--thruster '{one.text(dimension)}'" for one in self.nozzles)
+        if any(nozzle.force is None or nozzle.position is None for nozzle in self.nozzles):
+            missing = "force" if all(nozzle.position for nozzle in self.nozzles) else "position"
+            texts = " ".join(f"--thruster '{nozzle.text(dimension)}'" for nozzle in self.nozzles)
             raise ConfigError(
                 f"{self.source} does not say the {missing} of its thrusters; give each of them, with metres and "
                 f"newtons in place of words in capitals: {texts}"
             )
-        return tuple(one.text(dimension) for one in self.nozzles)
+        return tuple(nozzle.text(dimension) for nozzle in self.nozzles)
 
 
 def is_foreign(name: object) -> bool:

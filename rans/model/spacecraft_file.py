@@ -211,7 +211,10 @@ def to_toml(craft: Spacecraft) -> str:
         "\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
         for each in table.pop("solids")
     )
-    further = "".join(f"\n[[effector]]\n{_effector_lines(one)}" for one in craft.further_effectors)
+    further = "".join(
+        f"\n[[effector]]\n{_effector_lines(further_effector)}"
+        for further_effector in craft.further_effectors
+    )
     return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{propellant}{thrusters}{wheels}{further}{solids}"
 
 

@@ -98,10 +98,10 @@ def enclose(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any, 
         middle = (gain * centre + offset).entries()
         reach = [a + b for a, b in zip(row_sums(gain * spread), passed, strict=True)]
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middle, reach, strict=True)]
-        slopes.append([one[0] for one in lines])
-        errors.append([one[2] for one in lines])
+        slopes.append([line[0] for line in lines])
+        errors.append([line[2] for line in lines])
         gain = scaled(slopes[-1], gain)
-        offset = scaled(slopes[-1], offset) + column([one[1] for one in lines])
+        offset = scaled(slopes[-1], offset) + column([line[1] for line in lines])
         last = [s * p + e for s, p, e in zip(slopes[-1], passed, errors[-1], strict=True)]
     return gain, offset, last
 

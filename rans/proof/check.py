@@ -223,10 +223,10 @@ def _linear(problem: dict[str, Any]) -> Any:
     rates = _rates(problem)
     count = len(rates)
     width = count + problem["commands"]
-    if any(sum(key) != 1 for one in rates for key in one):
+    if any(sum(key) != 1 for rate in rates for key in rate):
         return None
     unit = [tuple(int(i == k) for i in range(width)) for k in range(width)]
-    rows = [[one.get(key, arb(0)) for key in unit] for one in rates]
+    rows = [[rate.get(key, arb(0)) for key in unit] for rate in rates]
     both = arb_mat(rows + [[arb(0)] * width] * problem["commands"])
     h = arb(problem["period"])
     whole = (both * h).exp()
@@ -256,10 +256,10 @@ def _taylor(problem: dict[str, Any]) -> Any:
 
     def along(polynomials: Sequence[Any]) -> list[Any]:
         results = []
-        for one in polynomials:
+        for polynomial in polynomials:
             total: dict[Any, Any] = {}
             for k, rate in enumerate(rates):
-                total = plus(total, times(derivative(one, k), rate))
+                total = plus(total, times(derivative(polynomial, k), rate))
             results.append(total)
         return results
 

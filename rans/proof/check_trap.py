@@ -106,13 +106,15 @@ class _Loop:
         if any(craft.get("centre_of_mass", (0, 0))):
             raise Refused("the centre of mass is not in the middle of its frame.")
         self.force, self.directions, levers = [], [], []
-        for one in thrusters:
-            p, d = ([Fraction(float(x)) for x in one[key]] for key in ("position", "direction"))
-            self.directions.append((Fraction(float(one["force"])), *d))
+        for thruster in thrusters:
+            p, d = (
+                [Fraction(float(x)) for x in thruster[key]] for key in ("position", "direction")
+            )
+            self.directions.append((Fraction(float(thruster["force"])), *d))
             norm = (_ball(d[0]) ** 2 + _ball(d[1]) ** 2).sqrt()
-            size = arb(float(one["force"])) / norm
+            size = arb(float(thruster["force"])) / norm
             self.force.append([_ball(x) * size / arb(float(craft["mass"])) for x in d])
-            scale = Fraction(float(one["force"])) ** 2 / (d[0] ** 2 + d[1] ** 2)
+            scale = Fraction(float(thruster["force"])) ** 2 / (d[0] ** 2 + d[1] ** 2)
             levers.append((p[0] * d[1] - p[1] * d[0], scale))
         # Squares of torques are rational, so that equal ones are equal without rounding.
         squares = {moment**2 * scale for moment, scale in levers if moment}
@@ -258,7 +260,7 @@ class _Loop:
 
 def _opposed(thrusters: Sequence[Any], commands: Sequence[int]) -> bool:
     """Whether the open ones of thrusters (force, direction) push in pairs of opposite directions."""
-    rest = [one for one, u in zip(thrusters, commands, strict=True) if u]
+    rest = [thruster for thruster, u in zip(thrusters, commands, strict=True) if u]
     while rest:
         force, x, y = rest.pop()
         if (force, -x, -y) not in rest:

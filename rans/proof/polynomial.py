@@ -86,7 +86,9 @@ class _Compiled:
     """Polynomials evaluated together on tensors."""
 
     def __init__(self, polynomials: list[Polynomial], width: int, device: torch.device) -> None:
-        keys = sorted({key for one in polynomials for key in one.terms}) or [(0,) * width]
+        keys = sorted({key for polynomial in polynomials for key in polynomial.terms}) or [
+            (0,) * width
+        ]
         self._exponents = torch.tensor(keys, device=device)
         table = torch.zeros((len(keys), len(polynomials)), dtype=torch.float64, device=device)
         for k, one in enumerate(polynomials):
@@ -127,8 +129,10 @@ class PolynomialPlant:
 
         def along(polynomials: list[Polynomial]) -> list[Polynomial]:
             return [
-                sum((one.derivative(k) * rate for k, rate in enumerate(rates)), start=nothing)
-                for one in polynomials
+                sum(
+                    (polynomial.derivative(k) * rate for k, rate in enumerate(rates)), start=nothing
+                )
+                for polynomial in polynomials
             ]
 
         second = along(rates)
@@ -137,7 +141,7 @@ class PolynomialPlant:
             x + h * f + 0.5 * h * h * g for x, f, g in zip(variables, rates, second, strict=False)
         ]
         slopes = [one.derivative(k) for one in step for k in range(width)]
-        bends = [one.derivative(k) for one in slopes for k in range(width)]
+        bends = [slope.derivative(k) for slope in slopes for k in range(width)]
         self._h = h
         self._width = width
         self._step, self._rate, self._second, self._third, self._slopes, self._bends = (

@@ -94,7 +94,7 @@ class Problem:
             rates = self.rates(columns[:states], columns[states:])
         except _NotLinear:
             return None
-        rows = np.array([_as_row(one, states + self.commands + 1) for one in rates])
+        rows = np.array([_as_row(rate, states + self.commands + 1) for rate in rates])
         if rows[:, -1].any():
             return None
         return rows[:, :states], rows[:, states:-1]
@@ -238,7 +238,7 @@ def _property(table: dict[str, Any], count: int, where: object) -> SpeedLimit | 
             "slope",
         }:
             indices = [tuple(limit["position"]), tuple(limit["velocity"])]
-            if not all(isinstance(i, int) and 0 <= i < count for one in indices for i in one):
+            if not all(isinstance(i, int) and 0 <= i < count for index in indices for i in index):
                 raise ConfigError(f"{where}: a speed limit names states from 0 to {count - 1}.")
             base, slope = _numbers([limit["base"], limit["slope"]], 2, where)
             if slope < 0.0:

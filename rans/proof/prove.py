@@ -135,8 +135,8 @@ def _grid(problem: Problem, first: Sequence[int]) -> tuple[np.ndarray, np.ndarra
         np.append(low + (high - low) * (np.arange(count) / count), high)
         for low, high, count in zip(problem.lower, problem.upper, first, strict=True)
     ]
-    lows = np.meshgrid(*(one[:-1] for one in edges), indexing="ij")
-    highs = np.meshgrid(*(one[1:] for one in edges), indexing="ij")
+    lows = np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij")
+    highs = np.meshgrid(*(edge[1:] for edge in edges), indexing="ij")
     return np.stack([one.ravel() for one in lows], 1), np.stack([one.ravel() for one in highs], 1)
 
 
@@ -242,8 +242,8 @@ class ClosedLoop:
         upper = torch.tensor(keep.upper, dtype=torch.float64, device=self.device)
         axes = torch.eye(len(lower), dtype=torch.float64, device=self.device)[None]
         ends = (piece.begin, piece.end)
-        most = torch.stack([one.highest(axes) for one in ends]).amax(dim=0) + piece.sag
-        least = -torch.stack([one.highest(-axes) for one in ends]).amax(dim=0) - piece.sag
+        most = torch.stack([end.highest(axes) for end in ends]).amax(dim=0) + piece.sag
+        least = -torch.stack([end.highest(-axes) for end in ends]).amax(dim=0) - piece.sag
         return torch.maximum(lower - most, least - upper).amax(dim=1)
 
     def _slow(self, piece: Piece, keep: SpeedLimit) -> Tensor:
@@ -265,7 +265,7 @@ class ClosedLoop:
         stretched = self._round / np.cos(np.pi / _DIRECTIONS) * (1.0 + 1e-14)
         functions[:, :, velocity] = stretched
         functions[:, :, position] -= keep.slope * ahead[:, None, :]
-        most = torch.stack([one.highest(functions).amax(dim=1) for one in ends]).amax(dim=0)
+        most = torch.stack([end.highest(functions).amax(dim=1) for end in ends]).amax(dim=0)
         sag = torch.linalg.vector_norm(piece.sag[:, velocity], dim=1)
         sag = sag + keep.slope * torch.linalg.vector_norm(piece.sag[:, position], dim=1)
         return keep.base - most - sag * (1.0 + 1e-9)

@@ -167,10 +167,12 @@ def velocity_loop(network: Network, craft: Spacecraft, period: float) -> Loop:
         )
     if architecture.column_count != 8 or craft.dimension != 2:
         raise ConfigError("trapping sets are proved for track-velocity in the plane.")
-    lever = np.array([one.position for one in craft.thrusters]) - np.array(craft.centre_of_mass)
+    lever = np.array([thruster.position for thruster in craft.thrusters]) - np.array(
+        craft.centre_of_mass
+    )
     lever = lever[:, :2]
-    along = np.array([one.direction for one in craft.thrusters])[:, :2]
-    force = np.array([one.force for one in craft.thrusters])
+    along = np.array([thruster.direction for thruster in craft.thrusters])[:, :2]
+    force = np.array([thruster.force for thruster in craft.thrusters])
     torque = force * (lever[:, 0] * along[:, 1] - lever[:, 1] * along[:, 0])
     size = np.abs(torque).max()
     if craft.thrust_sharing != "none" or craft.wheels or craft.propellant is not None:
@@ -330,10 +332,12 @@ def _blocks(rings: int, sectors: int, layers: int) -> np.ndarray:
         np.append(np.arange(low, high, width), high)
         for low, high, width in ((0, rings, 4), (0, sectors, 8), (-layers, layers, 4))
     ]
-    begin = np.stack(np.meshgrid(*(one[:-1] for one in edges), indexing="ij"), axis=-1).reshape(
+    begin = np.stack(np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij"), axis=-1).reshape(
         -1, 3
     )
-    end = np.stack(np.meshgrid(*(one[1:] for one in edges), indexing="ij"), axis=-1).reshape(-1, 3)
+    end = np.stack(np.meshgrid(*(edge[1:] for edge in edges), indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
     return np.stack((begin, end), axis=2).reshape(-1, 6)
 
 

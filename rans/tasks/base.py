@@ -251,9 +251,9 @@ class SingleTask(Prices, Task):
     def tolerances(self) -> dict[str, float]:
         """Tolerances by quantity, from the settings named QUANTITY_tolerance."""
         return {
-            one.name.removesuffix("_tolerance"): getattr(self, one.name)
-            for one in fields(self)
-            if one.name.endswith("_tolerance")
+            field.name.removesuffix("_tolerance"): getattr(self, field.name)
+            for field in fields(self)
+            if field.name.endswith("_tolerance")
         }
 
 

@@ -47,5 +47,5 @@ def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
 
 def warn_of_obstacles(craft: Spacecraft, task: Task, timing: Timing) -> None:
     """Warn of each of the `obstacles`."""
-    for one in obstacles(craft, task, timing):
-        warnings.warn(f"{one}.", stacklevel=3)
+    for obstacle in obstacles(craft, task, timing):
+        warnings.warn(f"{obstacle}.", stacklevel=3)

@@ -81,7 +81,7 @@ class GoToPosePriced(GoToPose):
     def plain(self) -> GoToPose:
         """`GoToPose` with the weights of the fixed trade-off, for agents that do not observe it."""
         price = float(self.price_at(self.trade_off[0]))
-        settings = {one.name: getattr(self, one.name) for one in fields(GoToPose)}
+        settings = {field.name: getattr(self, field.name) for field in fields(GoToPose)}
         return GoToPose(**settings | {name: price * settings[name] for name in _PRICED.values()})
 
     def price_at(self, trade_off: Field) -> Field:

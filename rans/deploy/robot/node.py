@@ -488,7 +488,9 @@ def replay(bag: Path, folder: Path | None = None) -> Replay:
         if moment is None:
             return
         decision = pilot.decide(moment)
-        again = [one for one in pilot.messages(decision, moment) if one.topic in outputs]
+        again = [
+            message for message in pilot.messages(decision, moment) if message.topic in outputs
+        ]
         if again == recorded:
             equal += 1
         elif difference is None:

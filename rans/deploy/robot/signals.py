@@ -26,12 +26,14 @@ def stop_on_signals() -> threading.Event:
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         return stop
-    for one in signal.valid_signals():
-        name = one.name if isinstance(one, signal.Signals) else ""  # real-time signals have none
+    for valid_signal in signal.valid_signals():
+        name = (
+            valid_signal.name if isinstance(valid_signal, signal.Signals) else ""
+        )  # real-time signals have none
         if name in _NOT_CAUGHT | _FAULTS | _HARMLESS:
             continue
         if name in _OF_THE_TERMINAL:
-            signal.signal(one, signal.SIG_IGN)
-        elif name == "SIGINT" or signal.getsignal(one) != signal.SIG_IGN:
-            signal.signal(one, lambda *_: stop.set())
+            signal.signal(valid_signal, signal.SIG_IGN)
+        elif name == "SIGINT" or signal.getsignal(valid_signal) != signal.SIG_IGN:
+            signal.signal(valid_signal, lambda *_: stop.set())
     return stop

@@ -97,11 +97,11 @@ class Fit:
 
     def value(self, name: str) -> float:
         """Most probable value of a parameter."""
-        return float(self.values[[one.name for one in self.parameters].index(name)])
+        return float(self.values[[parameter.name for parameter in self.parameters].index(name)])
 
     def is_identifiable(self) -> np.ndarray:
         """(P,), whether the log halves the prior's standard deviation at least."""
-        return self.deviations < 0.5 * np.array([one.prior for one in self.parameters])
+        return self.deviations < 0.5 * np.array([parameter.prior for parameter in self.parameters])
 
 
 def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
@@ -257,8 +257,8 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float = WINDOW) ->
         raise ConfigError("at least one log is needed.")
     problem = _Problem(craft, logs, window)
     short = _Problem(craft, logs, min(window, _SHORT))
-    nominal = np.array([one.nominal for one in problem.parameters])
-    latency = [one.name for one in problem.parameters].index("latency")
+    nominal = np.array([parameter.nominal for parameter in problem.parameters])
+    latency = [parameter.name for parameter in problem.parameters].index("latency")
 
     # The data sheet's own prediction, with the starts of windows fitted, to be compared with.
     nothing = _Solver(problem, nominal, frozen=True)
@@ -314,9 +314,9 @@ class _Solver:
     def solve(self, iterations: int = _ITERATIONS) -> None:
         """Minimise the cost in at most so many steps, and estimate the noise between them."""
         problem = self.problem
-        prior = np.array([one.prior for one in problem.parameters])
-        nominal = np.array([one.nominal for one in problem.parameters])
-        least = np.array([one.least for one in problem.parameters])
+        prior = np.array([parameter.prior for parameter in problem.parameters])
+        nominal = np.array([parameter.nominal for parameter in problem.parameters])
+        least = np.array([parameter.least for parameter in problem.parameters])
         damping = 1e-3
         settled = 0
         for _ in range(iterations):
@@ -371,13 +371,16 @@ class _Solver:
     def _from_prior(self, values: np.ndarray) -> np.ndarray:
         parameters = self.problem.parameters
         return np.array(
-            [(v - one.nominal) / one.prior for v, one in zip(values, parameters, strict=True)]
+            [
+                (v - parameter.nominal) / parameter.prior
+                for v, parameter in zip(values, parameters, strict=True)
+            ]
         )
 
     def _normal(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Matrix and right side of the normal equations for values in units of their prior, and the cost."""
         problem = self.problem
-        prior = np.array([one.prior for one in problem.parameters])
+        prior = np.array([parameter.prior for parameter in problem.parameters])
         count = len(prior)
         size = count + sum(len(starts) * problem.width for starts in self.starts)
         matrix = np.zeros((size, size))
@@ -462,7 +465,7 @@ class _Solver:
     def covariance(self) -> np.ndarray:
         """Covariance (P, P) of the parameters, the starts integrated out."""
         matrix, _, _ = self._normal()
-        prior = np.array([one.prior for one in self.problem.parameters])
+        prior = np.array([parameter.prior for parameter in self.problem.parameters])
         return np.linalg.inv(matrix)[: len(prior), : len(prior)] * np.outer(prior, prior)
 
     def residuals(self, logs: int) -> tuple[np.ndarray, ...]:

@@ -83,8 +83,8 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             raise ConfigError(f"{what}: the times of its {name} must be finite and ascend.")
     if not np.isfinite(log.commands).all():
         raise ConfigError(f"{what} has commands that are not finite numbers.")
-    low = np.array([one.low for one in craft.commands])
-    high = np.array([one.high for one in craft.commands])
+    low = np.array([command.low for command in craft.commands])
+    high = np.array([command.high for command in craft.commands])
     outside = (log.commands < low - 1e-3) | (log.commands > high + 1e-3)
     if outside.any():
         row, column = np.argwhere(outside)[0]

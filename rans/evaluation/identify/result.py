@@ -118,7 +118,7 @@ class Identification:
         centre = float(
             np.linalg.norm([rows[f"centre {a}"].high - rows[f"centre {a}"].value for a in axes])
         )
-        names = [one.name for one in self.fit.parameters]
+        names = [parameter.name for parameter in self.fit.parameters]
         latency, rise = (names.index(name) for name in ("latency", "rise"))
         thrusters = ThrusterConditions(thrust=factor(float(np.max(deviations[:count] / forces))))
         if rows["rise"].is_identifiable:
@@ -157,7 +157,7 @@ class Identification:
     @property
     def delay_deviation(self) -> float:
         """Standard deviation of `delay`, s."""
-        names = [one.name for one in self.fit.parameters]
+        names = [parameter.name for parameter in self.fit.parameters]
         weights = np.zeros(len(names))
         weights[names.index("latency")] = 1.0
         weights[names.index("rise")] = 0.5
@@ -174,15 +174,15 @@ class Identification:
         identifiable = self.fit.is_identifiable()
         return [
             Identified(
-                one.name,
-                one.unit,
-                one.nominal,
+                parameter.name,
+                parameter.unit,
+                parameter.nominal,
                 float(value),
-                max(float(value - SPREAD * deviation), one.least),
+                max(float(value - SPREAD * deviation), parameter.least),
                 float(value + SPREAD * deviation),
                 bool(is_identifiable),
             )
-            for one, value, deviation, is_identifiable in zip(
+            for parameter, value, deviation, is_identifiable in zip(
                 self.fit.parameters, self.fit.values, self.fit.deviations, identifiable, strict=True
             )
         ]
@@ -195,7 +195,7 @@ class Identification:
             if name not in self.fit.noise:
                 continue
             before, after = (
-                [one[:, columns[name]] for one in parts]
+                [part[:, columns[name]] for part in parts]
                 for parts in (self.fit.nominal_residuals, self.fit.residuals)
             )
             pairs = [(one[:-1], one[1:]) for one in after]
@@ -224,7 +224,7 @@ class Identification:
                 f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; fire "
                 "thrusters that the flight did not fire, one at a time and in both directions."
             )
-        coloured = [one for one in self.channels() if not one.is_white]
+        coloured = [channel for channel in self.channels() if not channel.is_white]
         if coloured:
             names = ", ".join(f"{one.name} ({one.correlation:+.2f})" for one in coloured)
             result.append(
@@ -252,7 +252,7 @@ class Identification:
             "seconds": sum(log.duration for log in self.fit.logs),
             "quantities": [vars(row) for row in self.rows()],
             "mean delay, s": [self.delay, SPREAD * self.delay_deviation],
-            "prediction": [vars(one) for one in self.channels()],
+            "prediction": [vars(channel) for channel in self.channels()],
             "notes": self.notes(),
         }
 

@@ -314,7 +314,7 @@ class Coefficients(NamedTuple):
     @classmethod
     def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
         """Hyper-parameters of K members, in the dtype and on the device of another tensor."""
-        table = ([getattr(one, name) for one in settings] for name in cls._fields)
+        table = ([getattr(setting, name) for setting in settings] for name in cls._fields)
         return cls(
             *(
                 like.new_tensor([float("nan") if x is None else x for x in column])

@@ -111,8 +111,8 @@ def begin(
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
         *(
-            architecture.initial(seed, one.initial_duty, one.log_std_init)
-            for seed, one in zip(seeds, settings, strict=True)
+            architecture.initial(seed, setting.initial_duty, setting.log_std_init)
+            for seed, setting in zip(seeds, settings, strict=True)
         ),
         strict=True,
     )
@@ -142,7 +142,9 @@ def _head(engine: Engine, settings: PPOSettings) -> str:
     if wanted == "auto":
         return "gaussian" if craft.is_continuous else "on-off"
     odd = [
-        one.name for one in craft.commands if one.kind not in ("throttle", "pulsed") or one.low != 0
+        command.name
+        for command in craft.commands
+        if command.kind not in ("throttle", "pulsed") or command.low != 0
     ]
     if odd:
         raise ConfigError(

@@ -99,7 +99,7 @@ def begin_from(network: Network, agent: str) -> None:
             f"begin_from is {agent!r}, whose network observes or commands something else than this training's; the "
             "usual cause is another task, spacecraft, head or memory."
         )
-    statistics = [EXTRACTOR + one for one in present.statistics()]
+    statistics = [EXTRACTOR + statistic for statistic in present.statistics()]
     for key, tensor in network.tensors.items():
         values = saved.tensors[key]
         if values.shape != tensor.shape[-values.dim() or len(tensor.shape) :]:

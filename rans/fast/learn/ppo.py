@@ -85,7 +85,7 @@ class PPOLearner:
             )
         # At a constant address, because a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
-        self._with_entropy = any(one.ent_coef for one in settings)
+        self._with_entropy = any(setting.ent_coef for setting in settings)
         self._act = fused(act, device, plain)
         self._remember = fused(remember, device, plain)
         self._gae = fused(gae, device, plain)

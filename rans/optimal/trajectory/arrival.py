@@ -99,7 +99,7 @@ def path_margins(
         margins += limits.margins(symbols[0]).values()
     if not margins:
         return None
-    columns = [ca.vertcat(*leaves(one)) for one in symbols]
+    columns = [ca.vertcat(*leaves(symbol)) for symbol in symbols]
     return rounded(ca.Function("margins", columns, [ca.vertcat(*margins)]), _CORNER_RADIUS)
 
 

@@ -133,7 +133,7 @@ class Optimality:
         return cls(
             float(np.abs(gradient).max()),
             float(max(0.0, *(one.max(initial=0.0) for one in excess))),
-            float(max(one.max(initial=0.0) for one in products)),
+            float(max(product.max(initial=0.0) for product in products)),
             multipliers[1][: count * width].reshape(count, width),
             multipliers[0][:-1].reshape(count, -1)[:, :nozzles],
         )
@@ -230,7 +230,7 @@ def _best(result: Sequence[Trajectory]) -> Trajectory:
 
 def _compared(attempts: Sequence[Trajectory]) -> Trajectory:
     """The best, with how many led to its cost and how many costs there are."""
-    costs = sorted(one.cost for one in attempts if one.solved)
+    costs = sorted(attempt.cost for attempt in attempts if attempt.solved)
     gaps = [b - a > _SAME * max(abs(a), abs(b)) for a, b in itertools.pairwise(costs)]
     agreeing = gaps.index(True) + 1 if any(gaps) else len(costs)
     optima = sum(gaps) + 1 if costs else 0
@@ -278,9 +278,9 @@ class Transcription:
         self._checks = max(task.timing.checks, 1 if limits is None else limits.checks)
         self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, task.drift)
-        self._low, self._high = np.array([(one.low, one.high) for one in craft.commands]).T[
-            :, :, None
-        ]
+        self._low, self._high = np.array(
+            [(command.low, command.high) for command in craft.commands]
+        ).T[:, :, None]
         shuts = not self._low.any() and (self._high == 1.0).all()
         self._allocation = Allocation(craft) if shuts and is_steerable(craft) else None
         self._rows = (craft.thruster_count, len(self._wrenches), len(leaves(self._like)))
