@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 API = {
     "Agents and commands": (
-        "train sweep tune load_agent Agent evaluate compare stress assure follow faults identify "
+        "train sweep tune load_agent Agent evaluate compare stress assure follow faults identify excite "
         "init_spacecraft validate benchmark view report export optimal_trajectory OptimalTrajectory certify state"
     ),
     "Spacecraft": (

@@ -6,7 +6,7 @@ progress on a terminal and in a notebook.
 
 from rans.api.agent import Agent, load_agent
 from rans.api.drafting import init_spacecraft
-from rans.api.identification import identify
+from rans.api.identification import excite, identify
 from rans.api.judging import assure, benchmark, compare, evaluate, faults, follow, stress, validate
 from rans.api.limits import certify, optimal_trajectory, state
 from rans.api.pages import export, report, view
@@ -23,6 +23,7 @@ __all__ = [
     "faults",
     "follow",
     "identify",
+    "excite",
     "init_spacecraft",
     "load_agent",
     "optimal_trajectory",

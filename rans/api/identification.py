@@ -1,4 +1,4 @@
-"""Identification of a spacecraft from logs of its flights."""
+"""Identification of a spacecraft from logs of its flights, and the flights to identify it from."""
 
 from __future__ import annotations
 
@@ -64,6 +64,39 @@ def identify(
             window,
         )
     )
+
+
+def excite(
+    spacecraft: SpacecraftLike,
+    folder: str | Path,
+    box: float = 3.0,
+    seconds: float = 60.0,
+    period: float = 0.2,
+    seed: int = 0,
+) -> Path:
+    """Write an agent for `rans fly` with the most informative commands about a spacecraft, and return its folder.
+
+    It keeps the spacecraft in a box round the goal of the flight, and shuts all valves when the time is up.
+
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sorted(file.name for file in rans.excite("floating-platform", f"{folder}/excitation").iterdir())
+    ['agent.npz', 'agent.py', 'contract.json', 'golden.json', 'spacecraft.toml']
+
+    Args:
+        spacecraft: name, TOML file or `Spacecraft`: the data sheet.
+        folder: new folder.
+        box: side of the box, m.
+        seconds: length of the flight, s.
+        period: control period, s.
+        seed: of the random commands among which the best are chosen.
+
+    Raises:
+        ConfigError: the spacecraft has wheels, propellant or effectors of other kinds, or the folder exists.
+    """
+    from rans.deploy.robot.excitation import write_excitation
+
+    craft = load_spacecraft(spacecraft)
+    return write_excitation(craft, Path(folder), box, seconds, period, seed)
 
 
 def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None) -> FlightLog:

@@ -1,4 +1,4 @@
-"""``rans identify``: a spacecraft and its conditions from logs of its flights."""
+"""``rans identify``: a spacecraft and its conditions from logs of its flights, and flights for it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ class Identify:
     """Identify forces, inertia, centre of mass, delays and disturbances from logs of flights.
 
     Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Writes
-    spacecraft.toml, conditions.toml with the intervals, and identified.json.
+    spacecraft.toml, conditions.toml with the intervals, and identified.json. With --excite it writes an agent
+    that flies the most informative commands, instead.
     """
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
@@ -26,8 +27,13 @@ class Identify:
     heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
     spacecraft: str = ""
     """Data sheet from which to begin: a name, or a TOML file."""
-    output: Path = Path("identified")
-    """Folder of the results."""
+    excite: str = ""
+    """Instead of reading logs, write an agent that flies the most informative commands about this spacecraft (name
+    or TOML file) for a minute, by `rans fly --trust`."""
+    box: float = 3.0
+    """Side of the box in which these commands keep the spacecraft, m, round the goal of the flight."""
+    output: Path | None = None
+    """Folder of the results; by default identified, or excitation with --excite."""
     robot: Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"] | None = None
     """Kind of robot whose topics a bag has; by default the bag says it."""
     window: float = 5.0
@@ -38,13 +44,15 @@ class Identify:
         from rans.api.identification import identify
         from rans.evaluation.identify.result import UNITS
 
+        if self.excite:
+            return self._excite()
         if not self.logs:
             raise ConfigError("name at least one log, a bag (.mcap), a ULog (.ulg) or a CSV file.")
         if not self.spacecraft:
             raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
         console = Terminal()
         result = identify(self.logs, self.spacecraft, self.robot, self.window)
-        folder = result.write(self.output)
+        folder = result.write(self.output or Path("identified"))
         rows = [
             [
                 row.name + ("" if row.is_identifiable else " (not identifiable)"),
@@ -85,4 +93,22 @@ class Identify:
                 ]
             )
         )
+        return 0
+
+    def _excite(self) -> int:
+        """Write the commands, and say how to fly them."""
+        from rans.api.identification import excite
+
+        if self.logs or self.spacecraft:
+            raise ConfigError(
+                "--excite reads no logs and takes the spacecraft itself: leave out both."
+            )
+        folder = excite(self.excite, self.output or Path("excitation"), self.box)
+        console = Terminal()
+        console.say(
+            f"Written to {folder}: 60 s of commands that keep {self.excite} in a box of {self.box:g} m. Fly them "
+            "from the middle of the box, and identify the spacecraft from the bag:"
+        )
+        console.command(shlex.join(["rans", "fly", str(folder), "--trust", "--seconds", "60"]))
+        console.command(f"rans identify FLIGHT.mcap --spacecraft {shlex.quote(self.excite)}")
         return 0
