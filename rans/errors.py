@@ -47,7 +47,9 @@ def meant(name: str, known: Iterable[str]) -> str:
     names = list(known)
     if (plain := _plain(name)) != name and plain in names:
         return f" (did you mean {plain}?)"
-    longer = sorted((one for one in names if one.startswith(f"{name}-")), key=len)[:3]
+    longer = sorted(
+        (candidate for candidate in names if candidate.startswith(f"{name}-")), key=len
+    )[:3]
     alike = 0.6 if len(name) <= 3 else 0.7  # of three letters, one slip leaves two thirds
     near = longer or difflib.get_close_matches(name, names, 1, alike)
     return f" (did you mean {' or '.join(near)}?)" if near else ""
@@ -71,7 +73,11 @@ def meant_file(name: str | Path) -> str:
         return ""
     if f"{path.name}.toml" in beside:
         return f" (did you mean {path}.toml?)"
-    alike = [one for one in beside if not path.suffix or Path(one).suffix == path.suffix]
+    alike = [
+        neighbour
+        for neighbour in beside
+        if not path.suffix or Path(neighbour).suffix == path.suffix
+    ]
     near = difflib.get_close_matches(path.name, alike, 1, 0.75)
     return f" (did you mean {path.parent / near[0]}?)" if near else ""
 

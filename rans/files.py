@@ -423,7 +423,7 @@ def check_depth(value: Any) -> None:
     """Reject (`ConfigError`) tables and lists that are nested too deeply."""
     level = [value]
     for _ in range(_DEEPEST + 1):
-        containers = [one for one in level if isinstance(one, dict | list)]
+        containers = [item for item in level if isinstance(item, dict | list)]
         if not containers:
             return
         level = [

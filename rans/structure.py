@@ -180,7 +180,7 @@ def _deeper(kind: Any, key: str) -> str:
     key = _OTHERS.get(key, key)
     hints = get_type_hints(kind) if is_dataclass(kind) else {}
     for table, inner in hints.items():
-        if is_dataclass(inner) and key in {one.name for one in fields(inner)}:
+        if is_dataclass(inner) and key in {field.name for field in fields(inner)}:
             return f" (did you mean {key} in [{table}]?)"
     return ""
 

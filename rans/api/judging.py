@@ -421,8 +421,12 @@ class Faults:
         numbers = {1: "one", 2: "two"}
         results = []
         for (kind, count), sets in self.sets.items():
-            good = [one.margin for one in sets if one.recoverable]
-            lost = ["+".join(map(str, one.thrusters)) for one in sets if not one.recoverable]
+            good = [fault_set.margin for fault_set in sets if fault_set.recoverable]
+            lost = [
+                "+".join(map(str, fault_set.thrusters))
+                for fault_set in sets
+                if not fault_set.recoverable
+            ]
             least = f"{min(good):.1%}" if good else ""
             results.append(
                 (
@@ -566,7 +570,7 @@ def benchmark(
     results: list[Measurement] = []
     with watched() as stage:
         step = stage("measuring", None)
-        for one in measured(map(load_spacecraft, crafts), task, sizes, device, quick):
-            results.append(one)
+        for measurement in measured(map(load_spacecraft, crafts), task, sizes, device, quick):
+            results.append(measurement)
             step(1)
     return Speed(device, results, list(bounds(results)))

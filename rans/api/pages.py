@@ -164,9 +164,9 @@ def flyers(
     from rans.evaluation.fly.contestants import contestant, text_of
 
     results: list[LoadedRun] = []
-    for one in contestants:
+    for entrant in contestants:
         setup = results[0].judged if results else None
-        run = run_of(one) or contestant(text_of(one), default_setup=setup, trust=trust)
+        run = run_of(entrant) or contestant(text_of(entrant), default_setup=setup, trust=trust)
         results.append(run.under(conditions_if_named(conditions)).guarded(guard, guard_slack))
     return results
 

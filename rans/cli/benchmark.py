@@ -77,9 +77,9 @@ class Benchmark:
 
         crafts = [load_spacecraft(name) for name in self.spacecraft]
         with console.status("measuring ...") as status:
-            for one in measured(crafts, self.task, self.num_envs, device, self.quick):
-                result.append(one)
-                status.update(f"measured {one.name}")
+            for measurement in measured(crafts, self.task, self.num_envs, device, self.quick):
+                result.append(measurement)
+                status.update(f"measured {measurement.name}")
 
     def _compare(
         self, console: Terminal, device: str, result: list[tuple[PeerResult, list[Ratio]]]

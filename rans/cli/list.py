@@ -112,7 +112,7 @@ class List:
             return _kind_of_file(Path(name))
         if ":" in name:
             return _kind_of_object(name)
-        near = meant(name, [one for names in known.values() for one in names])
+        near = meant(name, [candidate for names in known.values() for candidate in names])
         raise ConfigError(
             "there is no spacecraft, task, agent, controller or set of conditions named "
             f"{brief(name)}{near}; `rans list` prints all; your own file of a spacecraft or of conditions "
@@ -354,8 +354,10 @@ def _task_facts(name: str) -> dict[str, Any]:
         "gymnasium": _environments(name),
         "settings": asdict(task),
         "flag": getattr(task, "flag", None),
-        "reward": {part or name: reward_formulas(one, works[0]) for part, one in parts.items()},
-        "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
+        "reward": {
+            part or name: reward_formulas(subtask, works[0]) for part, subtask in parts.items()
+        },
+        "tolerances": {part or name: subtask.tolerances() for part, subtask in parts.items()},
         "observation": {str(work): observation_columns(task, work) for work in works},
     }
 

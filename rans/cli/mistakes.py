@@ -144,8 +144,10 @@ def _flags(
         choices = tuple(map(str, words))
         if Positional in annotations or (among is not None and field.name not in among):
             continue
-        names = [name for one in annotations if (name := getattr(one, "name", None))]
-        others = [alias for one in annotations for alias in getattr(one, "aliases", None) or ()]
+        names = [name for metadata in annotations if (name := getattr(metadata, "name", None))]
+        others = [
+            alias for metadata in annotations for alias in getattr(metadata, "aliases", None) or ()
+        ]
         for name in (f"--{(names or [field.name])[0]}", *others):
             yield name.replace("_", "-"), choices
         yield f"--no-{field.name}".replace("_", "-"), ()
@@ -166,7 +168,7 @@ def _hint(command: str, flag: str, value: str, known: Mapping[str, tuple[str, ..
             return f" (did you mean {other} {flag}?)"
     if command == "list":
         return f" (did you mean `rans list {flag.upper()}`?)"
-    longer = [one for one in sorted(known) if one.endswith(f"-{flag}")]
+    longer = [candidate for candidate in sorted(known) if candidate.endswith(f"-{flag}")]
     return f" (did you mean {longer[0]}?)" if longer else meant(f"--{flag}", sorted(known))
 
 
@@ -176,5 +178,5 @@ def _setting(name: str) -> str:
     from rans.fast.learn.config import PPOSettings, TrainConfig
 
     other = OTHERS_NAMES.get(name, name).rpartition(".")[2]
-    entries = {one.name for kind in (PPOSettings, TrainConfig) for one in fields(kind)}
+    entries = {field.name for kind in (PPOSettings, TrainConfig) for field in fields(kind)}
     return other if other in entries else ""

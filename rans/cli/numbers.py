@@ -51,7 +51,7 @@ def _many(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         metavar="[INT [INT ...]]",
         is_instance=lambda x: isinstance(x, tuple),
         instance_from_str=lambda words: tuple(_read(int, word) for word in words),
-        str_from_instance=lambda x: [str(one) for one in x],
+        str_from_instance=lambda x: [str(item) for item in x],
     )
 
 

@@ -407,7 +407,7 @@ class Optimal:
         sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
         for event, (measure, beside) in events.items():
             questions = [
-                bounds.question(craft, task, period, event, effort, one) for one in each(starts)
+                bounds.question(craft, task, period, event, effort, start) for start in each(starts)
             ]
             title = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
             answers_by_number: dict[int, Bound] = {}

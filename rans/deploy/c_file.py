@@ -244,7 +244,7 @@ def _filled(text: str, names: Mapping[str, Any]) -> str:
 def _words(text: str) -> str:
     """A stranger's words, fit for a comment: without what ends or begins one, continues a line or is invisible."""
     clean = re.sub(r"\*/|/\*|\\|\?\?/", "_", text)
-    return "".join(one if one.isprintable() else "_" for one in clean)[:200]
+    return "".join(character if character.isprintable() else "_" for character in clean)[:200]
 
 
 def _number(value: float) -> str:
@@ -361,20 +361,20 @@ class _Printer:
                 outer = value.size // math.prod(inner)
                 self._known[name] = _Value(value.text, (outer, *inner), value.kind)
             case "Concat":
-                self._concat(name, [self._value(one) for one in step.inputs])
+                self._concat(name, [self._value(operand) for operand in step.inputs])
             case "Gemm":
-                self._gemm(name, *(self._value(one) for one in step.inputs))
+                self._gemm(name, *(self._value(operand) for operand in step.inputs))
             case "Transpose":
-                (value,) = (self._value(one) for one in step.inputs)
+                (value,) = (self._value(operand) for operand in step.inputs)
                 first, rows, columns = value.shape
                 result = self._result(name, (first, columns, rows), value.kind)
                 self._set(result, f"{value.text}[i % {rows} * {columns} + i / {rows}]")
             case "ReduceMax" | "ReduceSum":
                 self._reduced(step)
             case "MatMul" if len(self._value(step.inputs[1]).shape) > 2:
-                self._products(name, *(self._value(one) for one in step.inputs))
+                self._products(name, *(self._value(operand) for operand in step.inputs))
             case "MatMul":
-                a, b = (self._value(one) for one in step.inputs)
+                a, b = (self._value(operand) for operand in step.inputs)
                 inner, columns = b.shape
                 result = self._result(name, (1, columns))
                 # (k) times (k, n): each column's sum.
@@ -388,13 +388,13 @@ class _Printer:
             case "ArgMax":
                 self._argmax(name, self._value(step.inputs[0]))
             case "Gather":
-                table, which = (self._value(one) for one in step.inputs)
+                table, which = (self._value(operand) for operand in step.inputs)
                 width = math.prod(table.shape[1:])
                 result = self._result(name, (1, *table.shape[1:]), table.kind)
                 entry = f"{table.text}[{which.text} * {width} + i]"
                 self._set(result, entry if width > 1 else f"{table.text}[{which.text}]")
             case "GatherElements":
-                value, index = (self._value(one) for one in step.inputs)
+                value, index = (self._value(operand) for operand in step.inputs)
                 width = index.shape[-1]
                 result = self._result(name, index.shape, value.kind)
                 row = (
@@ -402,10 +402,10 @@ class _Printer:
                 )
                 self._set(result, f"{value.text}[{row}{index.text}[i]]")
             case operation if operation in _ELEMENTWISE:
-                values = [self._value(one) for one in step.inputs]
-                shape = np.broadcast_shapes(*(one.shape for one in values))
+                values = [self._value(operand) for operand in step.inputs]
+                shape = np.broadcast_shapes(*(array.shape for array in values))
                 kind = "int" if operation in _TRUTHS else "float"
-                text = _ELEMENTWISE[operation].format(*(one.at("i", shape) for one in values))
+                text = _ELEMENTWISE[operation].format(*(array.at("i", shape) for array in values))
                 self._set(self._result(name, shape, kind), text)
             case operation:
                 raise ConfigError(

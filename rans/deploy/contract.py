@@ -294,14 +294,14 @@ def _conditions_text(conditions: Conditions) -> str:
     if conditions.or_none is None:
         return "everything as designed: no latency, the designed mass, exact readings"
     every = (conditions, *conditions.others)
-    mass = [x for one in every for x in np.atleast_1d(np.asarray(one.body.mass))]
+    mass = [x for variant in every for x in np.atleast_1d(np.asarray(variant.body.mass))]
     parts = [
-        f"latency up to {max(one.delay for one in every):g} s",
+        f"latency up to {max(variant.delay for variant in every):g} s",
         f"mass {min(mass):g} to {max(mass):g} times the designed one",
     ]
     names = ("position", "m"), ("attitude", "rad"), ("velocity", "m/s"), ("spin", "rad/s")
     for at, (name, unit) in enumerate(names):
-        noise = max(largest(one.sensors.each()[at].noise) for one in every)
+        noise = max(largest(variant.sensors.each()[at].noise) for variant in every)
         parts.append(f"noise of {name} up to {noise:g} {unit}")
     return ", ".join(parts)
 

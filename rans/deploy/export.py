@@ -231,10 +231,10 @@ def evaluated(
 def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Any]:
     """Value, 95 % interval and unit of every metric, by the name of the task; "" unless there are several."""
     result = {}
-    for one in judged_separately(spec):
-        run = contestant(one, protocol)
+    for judged in judged_separately(spec):
+        run = contestant(judged, protocol)
         rows = measure(fly_episodes(run.controller, run.judged, seed, episodes).flight).rows
-        result[one.removeprefix(spec).removeprefix("#")] = {
+        result[judged.removeprefix(spec).removeprefix("#")] = {
             r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows
         }
     return result

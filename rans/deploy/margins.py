@@ -76,7 +76,7 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
 
     def measure(several: Sequence[Conditions]) -> list[float]:
         parts = [
-            replace(part, others=(), weight=part.weight / sum(one.weight for one in every))
+            replace(part, others=(), weight=part.weight / sum(variant.weight for variant in every))
             for level in several
             for every in [(level, *level.others)]
             for part in every
@@ -113,7 +113,7 @@ def margins_around(
         "of_training", "held", the share by value, and "holds": least and largest value of the interval around
         the middle of the training's range in which every value flown holds, None if the middle does not.
     """
-    sizes = {one.name: one.sizes for one in effects(craft, timing)}
+    sizes = {disturbance.name: disturbance.sizes for disturbance in effects(craft, timing)}
     grids = dict[str, list[float]]()
     ranges = dict[str, tuple[float, float]]()
     for one in QUANTITIES:

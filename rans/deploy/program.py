@@ -91,14 +91,14 @@ def _commanded(program: Program, output: str, ranges: Sequence[CommandRange]) ->
     def row(values: Iterable[float]) -> str:
         return program.constant(np.array([*values], dtype=np.float32))
 
-    scale = row(one.high - one.low if one.kind != "on-off" else 0.0 for one in ranges)
-    low = row(one.low for one in ranges)
-    if not any(one.kind == "on-off" for one in ranges):
+    scale = row(span.high - span.low if span.kind != "on-off" else 0.0 for span in ranges)
+    low = row(span.low for span in ranges)
+    if not any(span.kind == "on-off" for span in ranges):
         program.apply("Add", program.apply("Mul", output, scale), low, name="command")
         return
     between = program.apply("Add", program.apply("Mul", output, scale), low)
     # From 0.5 on: more than the number before it.
     before = np.nextafter(np.float32(0.5), np.float32(0.0))
     opens = program.apply("Cast", program.apply("Greater", output, program.constant(before)), to=1)
-    chosen = row(float(one.kind == "on-off") for one in ranges)
+    chosen = row(float(span.kind == "on-off") for span in ranges)
     program.apply("Add", between, program.apply("Mul", opens, chosen), name="command")

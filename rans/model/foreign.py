@@ -249,8 +249,8 @@ def _forces(plugins: Iterable[ET.Element], links: Mapping[str, _Link]) -> dict[s
             continue
         # Gazebo's code reads snake_case, its page has camelCase.
         values = {
-            re.sub("(?<=[a-z])([A-Z])", r"_\1", str(one.tag)).lower(): (one.text or "").strip()
-            for one in plugin
+            re.sub("(?<=[a-z])([A-Z])", r"_\1", str(child.tag)).lower(): (child.text or "").strip()
+            for child in plugin
         }
         link = values.get("link_name", "")
         if link not in links:
@@ -292,7 +292,7 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
     """Mass properties and thrusters of a URDF in the frame of its root link."""
     if root.tag != "robot":
         raise ConfigError(f"a URDF's root is <robot>, got <{brief(root.tag)[1:-1]}>.")
-    if any("xacro" in str(one.tag) for one in root.iter()):
+    if any("xacro" in str(element.tag) for element in root.iter()):
         raise ConfigError(f"it is a xacro file: run `xacro {name} > robot.urdf` first.")
     links = _distinct(root, "link", _urdf_link)
     joints = {}

@@ -115,7 +115,9 @@ def _cover(box: list[Any], cells: list[Any]) -> None:
 def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
     """Weight, bias and activation of each layer of a chain."""
     graph = onnx.load_model_from_string(content).graph
-    tables = {one.name: numpy_helper.to_array(one).astype(float) for one in graph.initializer}
+    tables = {
+        tensor.name: numpy_helper.to_array(tensor).astype(float) for tensor in graph.initializer
+    }
     layers: list[tuple[Any, Any, str]] = []
     for node in graph.node:
         given = [tables[name] for name in node.input if name in tables]
@@ -288,16 +290,16 @@ def _taylor(problem: dict[str, Any]) -> Any:
             for x, big, f in zip(balls, grown, rates, strict=False):
                 if not big.contains(x + (arb(0).union(h)) * value_at(f, grown)):
                     raise Refused("its motion has no bound within a Taylor step.")
-            rest = [h**3 / 6 * abs(value_at(one, grown)).upper() for one in third]
-            sag = [(h * h / 8 * abs(value_at(one, grown))).upper() for one in second]
+            rest = [h**3 / 6 * abs(value_at(polynomial, grown)).upper() for polynomial in third]
+            sag = [(h * h / 8 * abs(value_at(polynomial, grown))).upper() for polynomial in second]
             # Mean value theorem: the step is its value at the centre and slopes over the whole set.
             exact = [x.mid() for x in middle]
-            jacobian = arb_mat([[value_at(one, balls) for one in row] for row in slopes])
+            jacobian = arb_mat([[value_at(entry, balls) for entry in row] for row in slopes])
             fixed = arb_mat([[x.mid() for x in row] for row in jacobian.tolist()])
             loose = arb_mat([[arb(x.rad()) for x in row] for row in jacobian.tolist()])
             reach = [r + arb(c.rad()) for r, c in zip(row_sums(wide), middle, strict=True)]
             off = [a + b for a, b in zip((loose * column(reach)).entries(), rest, strict=True)]
-            new = [value_at(one, exact) for one in step]
+            new = [value_at(polynomial, exact) for polynomial in step]
             drift = (sizes(fixed) * column([arb(c.rad()) for c in middle])).entries()
             off = [a + b + arb(n.rad()) for a, b, n in zip(off, drift, new, strict=True)]
             moved = arb_mat((fixed * wide).tolist() + wide.tolist()[count:])

@@ -43,8 +43,8 @@ def read_network(file: Path) -> list[Layer]:
     try:
         graph = onnx.load_model_from_string(content).graph
         tables = {
-            one.name: onnx.numpy_helper.to_array(one).astype(np.float64)
-            for one in graph.initializer
+            tensor.name: onnx.numpy_helper.to_array(tensor).astype(np.float64)
+            for tensor in graph.initializer
         }
         return _layers(graph, tables, file)
     except ConfigError:
@@ -67,7 +67,7 @@ def _layers(graph: Any, tables: dict[str, np.ndarray], file: Path) -> list[Layer
                 f"{file} is not a chain: {brief(node.op_type)} does not take what comes before it."
             )
         others = [tables[name] for name in node.input if name in tables]
-        attributes = {one.name: one for one in node.attribute}
+        attributes = {item.name: item for item in node.attribute}
         match node.op_type:
             case "MatMul":
                 (table,) = others

@@ -82,7 +82,7 @@ class Problem:
         """Derivatives, of whatever can be added and multiplied."""
         known = {f"x{i}": x for i, x in enumerate(states)}
         known |= {f"u{i}": u for i, u in enumerate(commands)}
-        return [evaluate(one, known) for one in self.derivative]
+        return [evaluate(text, known) for text in self.derivative]
 
     def linear(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one."""

@@ -124,8 +124,8 @@ def _proof(
     broken: np.ndarray | None,
 ) -> Proof:
     none = np.zeros((0, problem.states))
-    low, high, margins = (np.concatenate([one[k] for one in proved]) for k in range(3))
-    ends = [np.concatenate([none, *(one[k] for one in stuck)]) for k in range(2)]
+    low, high, margins = (np.concatenate([cell[k] for cell in proved]) for k in range(3))
+    ends = [np.concatenate([none, *(cell[k] for cell in stuck)]) for k in range(2)]
     return Proof(problem, low, high, margins, ends[0], ends[1], broken)
 
 
@@ -173,7 +173,9 @@ def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray)
 
         def rate(state: np.ndarray, held: Sequence[np.ndarray] = u) -> np.ndarray:
             rates = problem.rates(list(state.T), held)
-            return np.stack([np.broadcast_to(one, len(state)) for one in rates], axis=1)
+            return np.stack(
+                [np.broadcast_to(polynomial, len(state)) for polynomial in rates], axis=1
+            )
 
         for _ in range(substeps):
             k1 = rate(x)

@@ -26,7 +26,7 @@ PLACES: dict[Dimension, str] = {2: "in the plane", 3: "in space"}
 
 def dimensions(task: Task) -> tuple[Dimension, ...]:
     """Dimensions in which the functions of a task can be evaluated; both if they fail in both."""
-    return tuple(one for one in PLACES if _failure(task, one) is None) or tuple(PLACES)
+    return tuple(leaf for leaf in PLACES if _failure(task, leaf) is None) or tuple(PLACES)
 
 
 def check_dimension(task: Task, dimension: Dimension) -> None:

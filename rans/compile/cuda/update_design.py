@@ -240,7 +240,7 @@ def _function(name: str, inputs: Sequence[Symbol], results: Mapping[str, Symbol]
     lines = _QuickLines()
     body = [*lines.values(results.values())]
     body += [f"{result} = {lines.operand(value)};" for result, value in results.items()]
-    arguments = [f"const real {one.value}" for one in inputs]
+    arguments = [f"const real {operand.value}" for operand in inputs]
     arguments += [f"real& {result}" for result in results]
     return "\n".join(
         (f"__device__ inline void {name}({', '.join(arguments)}) {{", *indented(body), "}")

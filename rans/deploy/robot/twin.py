@@ -137,7 +137,7 @@ class Craft:
         """Hold a command from now on: what the craft cannot do of it, it does not."""
         low, high = bounds(self.plan.craft)
         values = np.clip(command, low, high)
-        on_off = [one.kind == "on-off" for one in self.plan.craft.commands]
+        on_off = [channel.kind == "on-off" for channel in self.plan.craft.commands]
         self._command = np.where(on_off, np.round(values), values)
         self._elapsed = 0.0
 
@@ -174,7 +174,7 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
         scaled = several if isinstance(delay, tuple) else several[0]
         return replace(one, sensors=replace(one.sensors, delay=scaled))
 
-    return replace(late(conditions), others=tuple(late(one) for one in conditions.others))
+    return replace(late(conditions), others=tuple(late(variant) for variant in conditions.others))
 
 
 def _placed(craft: Spacecraft, numbers: tuple[float, ...]) -> Any:

@@ -96,7 +96,7 @@ def read_ulog(file: Path, craft: Spacecraft) -> FlightLog:
     parts = np.split(np.arange(len(times)), edges)
     longest = max(parts, key=len)
     times = _ascending(file, odometry, times[longest])
-    position, attitude, velocity, spin = (one[longest] for one in readings)
+    position, attitude, velocity, spin = (reading[longest] for reading in readings)
 
     # A command that was lost would be taken for the one before.
     period = float(np.median(np.diff(given))) if len(given) > 1 else 0.0
@@ -128,8 +128,10 @@ def _ulog(file: Path) -> tuple[Topics, list[tuple[float, float]]]:
             f"the log {file} is damaged: some of its messages are not those that it declares. Copy it from the "
             "card again."
         )
-    found = {one.name: one.data for one in reversed(log.data_list) if one.name in names}
-    return found, [(1e-6 * one.timestamp, 1e-3 * one.duration) for one in log.dropouts]
+    found = {
+        dataset.name: dataset.data for dataset in reversed(log.data_list) if dataset.name in names
+    }
+    return found, [(1e-6 * dropout.timestamp, 1e-3 * dropout.duration) for dropout in log.dropouts]
 
 
 def _whole_messages(file: Path, content: bytes) -> bytes:

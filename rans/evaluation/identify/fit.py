@@ -477,6 +477,6 @@ class _Solver:
             for part, own in zip(group.windows, residual, strict=True):
                 parts[group.number].append((part.start, own))
         return tuple(
-            np.concatenate([own for _, own in sorted(one, key=lambda pair: pair[0])])
-            for one in parts
+            np.concatenate([own for _, own in sorted(section, key=lambda pair: pair[0])])
+            for section in parts
         )

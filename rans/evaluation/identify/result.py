@@ -198,7 +198,7 @@ class Identification:
                 [part[:, columns[name]] for part in parts]
                 for parts in (self.fit.nominal_residuals, self.fit.residuals)
             )
-            pairs = [(one[:-1], one[1:]) for one in after]
+            pairs = [(residual[:-1], residual[1:]) for residual in after]
             first = np.concatenate([a.ravel() for a, _ in pairs])
             second = np.concatenate([b.ravel() for _, b in pairs])
             both = np.isfinite(first) & np.isfinite(second)

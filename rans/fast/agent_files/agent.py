@@ -373,7 +373,7 @@ def _are_finite(values: Any) -> bool:
 
 def _described(block: Block) -> list[Any]:
     """JSON of a block of columns: the name of its class, its width, and its choices."""
-    choices = [[flag, [_described(one) for one in blocks]] for flag, blocks in block.choices]
+    choices = [[flag, [_described(choice) for choice in blocks]] for flag, blocks in block.choices]
     return [f"{block.kind.__module__}.{block.kind.__qualname__}", block.width, choices]
 
 
@@ -382,7 +382,10 @@ def _block(row: list[Any]) -> Block:
     module, _, name = kind.rpartition(".")
     if module == "rans.tasks.sight":
         kind = f"{ObservationTerm.__module__}.{_FORMER_KINDS.get(name, name)}"
-    kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(ObservationTerm)}
+    kinds = {
+        f"{subclass.__module__}.{subclass.__qualname__}": subclass
+        for subclass in _kinds(ObservationTerm)
+    }
     if kind not in kinds:  # nothing is imported by the name in a file
         raise ValueError(f"it observes columns of the unknown kind {kind}")
     return Block(
@@ -405,5 +408,5 @@ _FORMER_KINDS = {
 
 def _kinds(base: type[ObservationTerm]) -> Iterator[type[ObservationTerm]]:
     yield base
-    for one in base.__subclasses__():
-        yield from _kinds(one)
+    for subclass in base.__subclasses__():
+        yield from _kinds(subclass)

@@ -72,15 +72,19 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         ConfigError: there is no such entry, or the name is not unique.
     """
     known = list(_names(table))
-    is_known = any(one == name or one.endswith(f".{name}") for one in known)
+    is_known = any(candidate == name or candidate.endswith(f".{name}") for candidate in known)
     present = _present(table, name, value, is_known)
     if present is None:
         return
     name = present
-    result = [name] if name in known else [one for one in known if one.endswith(f".{name}")]
+    result = (
+        [name]
+        if name in known
+        else [candidate for candidate in known if candidate.endswith(f".{name}")]
+    )
     # An entry of the task itself comes before one of a value in it.
-    depth = min((one.count(".") for one in result), default=0)
-    result = [one for one in result if one.count(".") == depth]
+    depth = min((key.count(".") for key in result), default=0)
+    result = [key for key in result if key.count(".") == depth]
     if len(result) > 1:
         raise ConfigError(
             f"several entries of the config are called {brief(name)}: choose one of {', '.join(result)}."

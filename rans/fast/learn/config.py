@@ -86,7 +86,7 @@ class MemorySettings(Settings):
         require(
             self,
             "numbers between 0 and 1",
-            lambda x: isinstance(x, tuple | list) and all(0 < one < 1 for one in x),
+            lambda x: isinstance(x, tuple | list) and all(0 < item < 1 for item in x),
             "averages",
         )
         recalls = self.kind in ("history", "commands")
@@ -137,7 +137,7 @@ class FilterSettings(Settings):
         require(
             self,
             "numbers >= 1e-6 and <= 1e6, or 0",
-            lambda x: isinstance(x, tuple | list) and all(one == 0 or within(one) for one in x),
+            lambda x: isinstance(x, tuple | list) and all(item == 0 or within(item) for item in x),
             "steady",
             "response",
         )

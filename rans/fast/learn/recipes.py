@@ -206,7 +206,7 @@ def _table(file: Path) -> dict[str, Any]:
     base = table.pop("base", None)
     if base is None:
         return _with_present_names(table, table.get("task"))
-    known = sorted(one.stem for one in RECIPE_FOLDER.glob("*.toml"))
+    known = sorted(path.stem for path in RECIPE_FOLDER.glob("*.toml"))
     if base not in known:
         raise ConfigError(
             f"base must be the name of a recipe that comes with RANS, one of {', '.join(known)}, "

@@ -44,7 +44,7 @@ def solve_all(
         Arrival(task, example.goal, objective.ending)
     if moves_goal(task):
         goal_motion(task, example.goal)
-    jobs = [(index, one, guesses) for index in range(len(objectives)) for one in each(starts)]
+    jobs = [(index, start, guesses) for index in range(len(objectives)) for start in each(starts)]
 
     def lost(index: int, one: Scenario, guesses: int) -> Trajectory:
         return unsolved(objectives[index], craft, one.start, "Worker_Died")

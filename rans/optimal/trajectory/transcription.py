@@ -132,7 +132,7 @@ class Optimality:
         count = (len(x) - 1) // sum(rows)
         return cls(
             float(np.abs(gradient).max()),
-            float(max(0.0, *(one.max(initial=0.0) for one in excess))),
+            float(max(0.0, *(gap.max(initial=0.0) for gap in excess))),
             float(max(product.max(initial=0.0) for product in products)),
             multipliers[1][: count * width].reshape(count, width),
             multipliers[0][:-1].reshape(count, -1)[:, :nozzles],
@@ -223,8 +223,8 @@ def _best(result: Sequence[Trajectory]) -> Trajectory:
     best = min(result, key=lambda one: (not one.solved, one.cost))
     return replace(
         best,
-        iterations=sum(one.iterations for one in result),
-        seconds=sum(one.seconds for one in result),
+        iterations=sum(solution.iterations for solution in result),
+        seconds=sum(solution.seconds for solution in result),
     )
 
 

@@ -111,7 +111,7 @@ class SpatialBounder:
 def _fewer(query: ArrivalSearch, steps: int, least: int, pair: int) -> np.ndarray | None:
     """Commands of few pulses that arrive: some more than throttled thrust needs, then ever fewer or more."""
     best = throttled(query.lattice, query.start, query.goal, query.goal_set, steps)
-    duties = [one.duties for one in best] or [np.ones((steps, len(query.wrenches)))]
+    duties = [bound.duties for bound in best] or [np.ones((steps, len(query.wrenches)))]
     first = max(least, _pulses(query.lattice, best[0].fuel)) if best else math.ceil(1.5 * least)
     pulses = least + pair * math.ceil((first - least) / pair) + pair
     result = None
