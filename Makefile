@@ -37,7 +37,7 @@ help:
 	@echo "make clean   remove what was built; runs/ stays"
 
 demo: .venv/installed
-	rans validate --spacecraft floating-platform --quick --output $(RUN)/good
+	rans validate floating-platform --quick --output $(RUN)/good
 	rans train go-to-pose --quality quick --output $(RUN)/quick $(QUICK_OPTIONS)
 	rans train go-to-pose --quality good --output $(RUN)/good $(GOOD_OPTIONS)
 	rans evaluate $(RUN)/good $(EVALUATE_OPTIONS)

@@ -58,7 +58,7 @@ def validations(docs: Path) -> Table:
         rows.append(
             (
                 name,
-                f"`rans validate --spacecraft {name} --output FOLDER`",
+                f"`rans validate {name} --output FOLDER`",
                 f"{passed} of {len(found['checks'])}",
                 f"{found['settings']['seconds']:.0f} s",
                 f"[{name}.json](validation/{name}.json)",

@@ -73,7 +73,7 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
         "train keep-distance --spacecraft puck --device cpu --set total_timesteps=9000 --output keep",
         "evaluate keep --episodes 8 --engine both --conditions workshop",  # Drake judges it too
         f"compare keep {FLIER} --with steer --certified 0 --episodes 8",
-        "validate --spacecraft puck --quick --layer thrusters",
+        "validate puck --quick --layer thrusters",
         "export keep --output gift --episodes 8",
         f"view gift {FLIER} --save page.html",
     )

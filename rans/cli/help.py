@@ -50,7 +50,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
         "torchrun --nproc-per-node 8 -m -- rans sweep go-to-pose --seeds 64",
     ),
-    "tune": ("rans tune lqr --task go-to-pose --spacecraft mine.toml",),
+    "tune": ("rans tune lqr:go-to-pose-2d@mine.toml",),
     "evaluate": (
         "rans evaluate runs/first",
         "rans evaluate runs/first --engine drake --episodes 64",
@@ -100,7 +100,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans init mine.toml --from atmos --mass 16 --batch",
         'rans init mine.toml --dimension 2 --mass 12 --size 0.4,0.4 --thruster "-0.2,0.1;1,0;1.5" --batch',
     ),
-    "validate": ("rans validate --spacecraft mine.toml --quick",),
+    "validate": ("rans validate mine.toml --quick",),
     "benchmark": ("rans benchmark --quick",),
     "list": (
         "rans list",

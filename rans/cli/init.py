@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from rans.errors import ConfigError
+from rans.cli.options import Former
+from rans.errors import ConfigError, brief, meant
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ class Init:
     base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None
     """Begin from this spacecraft (name or TOML file) and keep its values where you give none; or from a file
     of other software: URDF (.urdf), SDF (.sdf), or a table of the simulator 42 (.txt)."""
-    name: str | None = None
-    """Name of the spacecraft; by default the file's name."""
     dimension: int | None = None
     """2: the plane (x, y and heading); 3: space (position and attitude)."""
     mass: float | None = None
@@ -46,8 +45,6 @@ class Init:
     0.2,0.3,0.25."""
     size: str | None = None
     """Sides of a uniform box, m, such as 0.1,0.1,0.33 (in the plane two numbers), instead of --inertia."""
-    centre_of_mass: str | None = None
-    """Centre of mass in the frame of the thruster positions, m; by default the origin."""
     thruster: Annotated[
         UseAppendAction[tuple[str, ...]], arg(metavar="POSITION;DIRECTION;FORCE")
     ] = ()
@@ -58,29 +55,43 @@ class Init:
     ] = ()
     """A reaction wheel as "axis;torque;momentum;inertia", repeated for each: "0,0,1;0.1;0.7;0.001" in N m, N
     m s and kg m^2."""
-    actuators: str | None = None
-    """Kind of thrusters: on-off (the default), pulsed or throttle."""
-    counts: int | None = None
-    """Number of steps into which pulsed valves divide a control period."""
-    least: float | None = None
-    """Shortest pulse in counts, or least level of a throttle as a share of full force."""
-    most: float | None = None
-    """Largest level of a throttle as a share of full force."""
-    radius: float | None = None
-    """Outer radius for drawings, m."""
-    thrust_sharing: str | None = None
-    """none, or split: the open thrusters share the supply of one."""
-    picture: Path | None = None
-    """File of the drawing (.svg, .png or .pdf); by default next to the TOML file, as .svg."""
+    set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
+    """Another value of the file, as in `--set actuators=pulsed` or `--set radius=0.3`; may be repeated. Keys:
+    name (by default the file's name), centre_of_mass (m, in the frame of the thruster positions), actuators
+    (on-off, pulsed or throttle), counts (steps into which pulsed valves divide a control period), least (shortest
+    pulse in counts, or least level of a throttle as a share of full force), most (largest level), radius (m, for
+    drawings), thrust_sharing (none, or split: the open thrusters share the supply of one)."""
     batch: bool = False
     """Ask nothing: a missing value is an error. This is the default where the input is no terminal."""
     overwrite: bool = False
     """Overwrite existing files."""
+    name: Annotated[str | None, Former("write --set name=VALUE")] = None
+    """Name of the spacecraft."""
+    centre_of_mass: Annotated[str | None, Former("write --set centre_of_mass=VALUE")] = None
+    """Centre of mass, m."""
+    actuators: Annotated[str | None, Former("write --set actuators=VALUE")] = None
+    """Kind of thrusters."""
+    counts: Annotated[int | None, Former("write --set counts=VALUE")] = None
+    """Number of steps into which pulsed valves divide a control period."""
+    least: Annotated[float | None, Former("write --set least=VALUE")] = None
+    """Shortest pulse in counts, or least level of a throttle."""
+    most: Annotated[float | None, Former("write --set most=VALUE")] = None
+    """Largest level of a throttle."""
+    radius: Annotated[float | None, Former("write --set radius=VALUE")] = None
+    """Outer radius for drawings, m."""
+    thrust_sharing: Annotated[str | None, Former("write --set thrust_sharing=VALUE")] = None
+    """none, or split."""
+    picture: Annotated[
+        Path | None, Former("write `rans list FILE.toml --picture FILE`, which draws anywhere")
+    ] = None
+    """File of the drawing (.svg, .png or .pdf); None: next to the TOML file, as .svg."""
 
     def run(self) -> int:
         """Ask, check, write and draw; the exit code is 0."""
         from rans.api.drafting import check_free, check_target
 
+        if self.set:
+            return self._with_settings().run()
         picture = self.picture or self.file.with_suffix(".svg")
         check_target(self.file, self.overwrite)
         check_free(picture, self.overwrite)
@@ -94,6 +105,29 @@ class Init:
         draft.write(self.file, picture, overwrite=self.overwrite)
         self._show(draft, picture)
         return 0
+
+    def _with_settings(self) -> Init:
+        """The command with the values of --set as fields."""
+        kinds: dict[str, type] = {
+            **dict.fromkeys(("name", "centre_of_mass", "actuators", "thrust_sharing"), str),
+            "counts": int,
+            **dict.fromkeys(("least", "most", "radius"), float),
+        }
+        values: dict[str, Any] = {}
+        for change in self.set:
+            key, _, text = change.partition("=")
+            if key not in kinds or key in values or not text:
+                raise ConfigError(
+                    f"--set takes KEY=VALUE once for each of {', '.join(kinds)}, got {brief(change)}"
+                    f"{meant(key, kinds)}."
+                )
+            try:
+                values[key] = kinds[key](text)
+            except ValueError:
+                raise ConfigError(
+                    f"--set {key} takes a {'whole ' * (kinds[key] is int)}number, got {brief(text)}."
+                ) from None
+        return replace(self, set=(), **values)
 
     def _drafted(self, answers: dict[str, Any]) -> Draft:
         """Draft from the options and these answers."""
@@ -211,7 +245,7 @@ class Init:
         console.suggest(
             *([f"rans view any-craft-2d@{self.file}"] if flown else []),
             f"rans list {self.file}",
-            f"rans validate --spacecraft {self.file} --quick",
+            f"rans validate {self.file} --quick",
             f"rans train go-to-pose --spacecraft {self.file}",
         )
 

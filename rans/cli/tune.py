@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.cli.options import Former
 from rans.errors import ConfigError
 from rans.files import command_line, ready_folder
 from rans.registry import typed
@@ -31,30 +32,30 @@ class Tune:
     keeps the best so far.
     """
 
-    controller: Annotated[str, Positional, arg(metavar="CONTROLLER")]
-    """Name of the controller (see `rans list`), or MODULE:NAME."""
-    task: str = "go-to-pose"
-    """Task to tune it for."""
-    spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
-    floating-platform."""
+    controller: Annotated[str, Positional, arg(metavar="CONTROLLER[:TASK-2d@SPACECRAFT]")]
+    """Name of the controller (see `rans list`), or MODULE:NAME; with task and spacecraft to tune it for, such as
+    lqr:track-velocity-2d@mine.toml. By default go-to-pose and its spacecraft, floating-platform."""
     like: Annotated[str | None, arg(metavar="CONTESTANT")] = None
     """Take task, starts, spacecraft and control period from this contestant, such as
-    pretrained:go-to-pose-2d-pingu, in place of --task and --spacecraft."""
+    pretrained:go-to-pose-2d-pingu."""
+    conditions: str | None = None
+    """Conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default none."""
     candidates: int = 300
     """Number of settings to try, the default ones included."""
     starts: int = 256
     """Number of flights of each candidate."""
-    price: float = 0.01
-    """Price of impulse, s per N s. The cost of a candidate is the mean of settling time and time of first
-    rest, plus the impulse of the episode times this price."""
     seconds: float = math.inf
     """Processor time after which no further candidate is flown; use the same for every controller to give all
     an equal budget."""
-    conditions: str | None = None
-    """Conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default none."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """File of the result (.json); by default under runs/controllers, where commands find it."""
+    task: Annotated[str | None, Former("write CONTROLLER:TASK-2d")] = None
+    """Task to tune it for."""
+    spacecraft: Annotated[str | None, Former("write CONTROLLER:TASK-2d@SPACECRAFT")] = None
+    """Spacecraft to tune it for."""
+    price: Annotated[float, Former("leave it out, or call rans.tune(price=...) in Python")] = 0.01
+    """Price of impulse, s per N s. The cost of a candidate is the mean of settling time and time of first
+    rest, plus the impulse of the episode times this price."""
 
     def run(self) -> int:
         """Print default and tuned settings with their costs."""
@@ -68,37 +69,42 @@ class Tune:
 
         check_count("--candidates", self.candidates)
         check_count("--starts", self.starts)
-        within = ranges(typed(self.controller))
-        if self.like is None:
-            task = TASKS[typed(self.task)]()
+        name, setup_text = _parts(self.controller)
+        within = ranges(typed(name))
+        if self.like is not None and (setup_text or self.task or self.spacecraft):
+            raise ConfigError(
+                f"--like has a task and a spacecraft of its own: name the controller alone, {name}."
+            )
+        if setup_text:
+            task, craft, timing = _of_contestant(self.controller)
+            again = ["rans", "evaluate", self.controller]
+        elif self.like is None:
+            named = self.task or "go-to-pose"
+            task = TASKS[typed(named)]()
             spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
             craft = load_spacecraft(spacecraft)
             timing = task.timing
             again = [
                 "rans",
                 "evaluate",
-                f"{self.controller}:{self.task}-{craft.dimension}d@{spacecraft}",
+                f"{name}:{named}-{craft.dimension}d@{spacecraft}",
             ]
         else:
-            if self.spacecraft is not None:
-                raise ConfigError("--like has a spacecraft of its own: leave --spacecraft out.")
             task, craft, timing = _of_contestant(self.like)
-            again = ["rans", "compare", self.like, "--with", self.controller]
+            again = ["rans", "compare", self.like, "--with", name]
         world = None if self.conditions is None else load_conditions(self.conditions)
         label = conditions_label(self.conditions, world) if self.conditions and world else ""
         conditions = None if world is None else world.or_none
         setup = Setup(craft, task.for_evaluation(), timing, conditions)
-        file = self.output or OWN / file_name(
-            self.controller, craft, task, label if conditions else ""
-        )
+        file = self.output or OWN / file_name(name, craft, task, label if conditions else "")
         ready_folder(file.parent)
         known = (
-            None if self.output else tuned(self.controller, setup)
+            None if self.output else tuned(name, setup)
         )  # reject a damaged file before the search
         with progress() as bars:
-            step = stages(bars)(f"tuning {self.controller}", self.candidates)
+            step = stages(bars)(f"tuning {name}", self.candidates)
             result = tune(
-                self.controller,
+                name,
                 setup,
                 self.candidates,
                 self.starts,
@@ -110,10 +116,10 @@ class Tune:
         staying = known if known and known.outlasts(result) else None
         if staying is None:
             result.write(file)
-        before = defaults(CONTROLLERS[self.controller], within)
+        before = defaults(CONTROLLERS[name], within)
         Terminal().print(
             table(
-                f"{self.controller}, {task_name(task)}, {craft.name}: {result.budget()}",
+                f"{name}, {task_name(task)}, {craft.name}: {result.budget()}",
                 ("setting", "default", "tuned"),
                 [
                     *(
@@ -142,3 +148,22 @@ def _of_contestant(name: str) -> tuple[Task, Spacecraft, Timing]:
 
     run = contestant(typed(name))
     return run.task, run.craft, run.timing
+
+
+def _parts(text: str) -> tuple[str, str]:
+    """Name of a controller, and the TASK-2d@SPACECRAFT after it; empty if there is none.
+
+    Raises:
+        ConfigError: no controller has this form.
+    """
+    from rans.evaluation.fly.contestant_name import ContestantName
+    from rans.evaluation.fly.controllers import CONTROLLERS
+
+    first, _, setup = text.partition(":")
+    if not setup or first in CONTROLLERS:
+        return first, setup
+    # MODULE:NAME, and MODULE:NAME:TASK-2d of a class of the user's
+    if setup.count(":") == 0:
+        return text, ""
+    name = ContestantName.parse(text)
+    return name.name, name.setup

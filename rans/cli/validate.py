@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from rich.text import Text
+from tyro.conf import Positional, arg
 
 from rans.api import laboratory
 from rans.api.names import load_conditions, load_spacecraft
+from rans.cli.options import Former
 from rans.files import ready_folder
 from rans.terminal import Terminal, progress, stages, verdict
 
@@ -20,7 +23,7 @@ class Validate:
     The exit code is 1 if a check fails or cannot be made.
     """
 
-    spacecraft: str = "floating-platform"
+    craft: Annotated[str, Positional, arg(metavar="[SPACECRAFT]")] = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
     quick: bool = False
     """Use fewer states and flights and no compiler: about 15 s instead of some minutes."""
@@ -34,6 +37,8 @@ class Validate:
     """Seed of the random states and commands."""
     output: Path | None = None
     """Folder for validation.json and validation.html."""
+    spacecraft: Annotated[str | None, Former("name it after the command")] = None
+    """Name of a spacecraft, or a TOML file."""
 
     def run(self) -> int:
         """Print the table of checks."""
@@ -42,11 +47,12 @@ class Validate:
         from validation.study.study import study
 
         console = Terminal()
+        craft = self.spacecraft or self.craft
         if self.output is not None:
             ready_folder(self.output)
         with progress() as bars:
             report = study(
-                load_spacecraft(self.spacecraft),
+                load_spacecraft(craft),
                 self.seed,
                 self.quick,
                 self.layer,
@@ -66,7 +72,7 @@ class Validate:
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if self.output is not None:
             report.write(self.output / "validation.json")
-            page(report, self.spacecraft, self.conditions).write(self.output / "validation.html")
+            page(report, craft, self.conditions).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
         nothing = not total and report.skipped
         if nothing:

@@ -69,7 +69,7 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
 
 
 def test_from_a_spacecraft_everything_else_stays() -> None:
-    assert batch("--from", "atmos", "--mass", "16", "--name", "our atmos", "--batch") == 0
+    assert batch("--from", "atmos", "--mass", "16", "--set", "name=our atmos", "--batch") == 0
     craft, start = load_spacecraft("mine.toml"), load_spacecraft("atmos")
     assert (craft.name, craft.mass) == ("our atmos", 16.0)
     assert (craft.thrusters, craft.inertia, craft.actuators, craft.radius) == (
@@ -82,7 +82,7 @@ def test_from_a_spacecraft_everything_else_stays() -> None:
 
 @pytest.mark.parametrize("name", ["apollo-csm", "cubesat-6u", "mars-lander-steered"])
 def test_everything_a_file_can_hold_is_written(name: str) -> None:
-    assert batch("--from", name, "--name", name, "--batch") == 0
+    assert batch("--from", name, "--set", f"name={name}", "--batch") == 0
     craft, start = load_spacecraft("mine.toml"), load_spacecraft(name)
     assert np.array(craft.wrench_map) == pytest.approx(np.array(start.wrench_map), rel=1e-12)
     assert replace(craft, thrusters=start.thrusters) == start  # directions are normalized once more
@@ -150,15 +150,22 @@ def test_an_interrupt_writes_nothing(
         (["--from", "atmos", "--dimension", "3", "--batch"], "atmos has dimension 2"),
         (["--from", "atmoss", "--batch"], "no spacecraft named 'atmoss'"),
         (["--from", "atmos", "--mass", "-1", "--batch"], "mass must be a number from"),
-        (["--from", "atmos", "--actuators", "steam", "--batch"], "actuators are on-off"),
-        (["--from", "atmos", "--actuators", "pulsed", "--batch"], "pulsed actuators need counts"),
+        (["--from", "atmos", "--set", "actuators=steam", "--batch"], "actuators are on-off"),
         (
-            ["--from", "atmos", "--actuators", "on-off", "--counts", "5", "--batch"],
+            ["--from", "atmos", "--set", "actuators=pulsed", "--batch"],
+            "pulsed actuators need counts",
+        ),
+        (
+            ["--from", "atmos", "--set", "actuators=on-off", "--set", "counts=5", "--batch"],
             "have no counts",
+        ),
+        (["--from", "atmos", "--set", "colour=red", "--batch"], "--set takes KEY=VALUE once"),
+        (
+            ["--from", "atmos", "--set", "counts=many", "--batch"],
+            "takes a whole number, got 'many'",
         ),
         (["--from", "atmos", "--size", "0.1,x", "--batch"], "--size must be 2 or 3 numbers"),
         (["--from", "atmos", "--size", "1,1,1", "--batch"], "size must be 2 numbers"),
-        (["--from", "atmos", "--picture", "a.gif", "--batch"], "must end in .png, .svg or .pdf"),
     ],
 )
 def test_wrong_input_is_a_sentence_and_writes_nothing(

@@ -24,11 +24,7 @@ def test_what_is_tuned_flies_from_then_on(
         main(
             [
                 "tune",
-                "lqr",
-                "--task",
-                "track-velocity",
-                "--spacecraft",
-                "atmos",
+                "lqr:track-velocity-2d@atmos",
                 "--candidates",
                 "2",
                 "--starts",
@@ -63,7 +59,7 @@ def test_a_worse_result_replaces_nothing(
 ) -> None:
     """As of a search that was stopped early, or on fewer starts; a file of its own is another matter."""
     monkeypatch.chdir(tmp_path)
-    tune = ["tune", "lqr", "--task", "track-velocity", "--spacecraft", "atmos", "--starts", "2"]
+    tune = ["tune", "lqr:track-velocity-2d@atmos", "--starts", "2"]
     assert main([*tune, "--candidates", "4"]) == 0
     file = OWN / "lqr-track-velocity-atmos.json"
     good = file.read_text()
@@ -101,8 +97,11 @@ def test_what_is_damaged_is_told_before_anything_is_flown(
         (["pid"], "no controller named 'pid'"),
         (["lqr", "--candidates", "0"], "--candidates must be >= 1"),
         (["lqr", "--starts", "0"], "--starts must be >= 1"),
-        (["lqr", "--task", "hover"], "no task named 'hover'"),
-        (["lqr", "--price", "-1"], "--price must be finite"),
+        (["lqr:hover-2d"], "hover"),
+        (
+            ["lqr:go-to-pose-2d", "--like", "pretrained:go-to-pose-2d"],
+            "name the controller alone, lqr",
+        ),
         (["lqr", "--output", "/dev/null/x"], "cannot write"),
     ],
 )

@@ -38,10 +38,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     assert str(len(read["checks"])) in printed
     page = (folder / "validation.html").read_text("utf-8")
     assert "Everything checked has passed" in page
-    assert (
-        "rans validate --spacecraft floating-platform --seed 7 --quick --layer accelerations"
-        in page
-    )
+    assert "rans validate floating-platform --seed 7 --quick --layer accelerations" in page
     assert page.count("<figure") == 1
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
 
@@ -58,9 +55,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
 @pytest.mark.parametrize("layer", ["period", "disturbances", "oracles", "optimal"])
 def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
-    assert main(["validate", "--quick", "--spacecraft", "atmos", "--layer", layer]) == 0, (
-        capsys.readouterr()
-    )
+    assert main(["validate", "--quick", "atmos", "--layer", layer]) == 0, capsys.readouterr()
 
 
 def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +88,7 @@ def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, capsys) -> None:
     )
     file = tmp_path / "flat.toml"
     file.write_text(to_toml(flat), "utf-8")
-    assert main(["validate", "--quick", "--spacecraft", str(file)]) == 2
+    assert main(["validate", "--quick", str(file)]) == 2
     said = capsys.readouterr().err
     assert "Drake refuses its inertia" in said
     assert len(said.splitlines()) == 1
@@ -147,7 +142,7 @@ def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked
     file = tmp_path / "slow.toml"
     file.write_text("[thrusters]\nleast_on = 0.1\n", "utf-8")
     monkeypatch.setattr(validation.study.study, "_chosen", None)
-    assert main(["validate", "--quick", "--spacecraft", "atmos", "--conditions", str(file)]) == 2
+    assert main(["validate", "--quick", "atmos", "--conditions", str(file)]) == 2
     assert (
         "which is for on/off valves; the thrusters of 'atmos' are pulsed" in capsys.readouterr().err
     )
@@ -162,7 +157,7 @@ def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:
 
 
 def test_an_unknown_spacecraft_is_one_sentence(capsys) -> None:
-    assert main(["validate", "--spacecraft", "flying-saucer"]) == 2
+    assert main(["validate", "flying-saucer"]) == 2
     said = capsys.readouterr().err
     assert "flying-saucer" in said
     assert "Traceback" not in said
