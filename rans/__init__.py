@@ -104,6 +104,7 @@ if TYPE_CHECKING:
     from rans.optimal.control.mission_guidance import MissionGuidance
     from rans.optimal.control.mpc import MPC
     from rans.optimal.control.observer import ObserverMPC
+    from rans.optimal.control.passive_approach import PassiveApproach
     from rans.optimal.control.sampling import MPPI
     from rans.optimal.control.switching import Switching
     from rans.optimal.control.visiting import Visiting
@@ -140,6 +141,7 @@ _LAZY = {
     "Circumnavigation": "rans.optimal.control.circumnavigation",
     "ConvexGuidance": "rans.optimal.control.convex_guidance",
     "MissionGuidance": "rans.optimal.control.mission_guidance",
+    "PassiveApproach": "rans.optimal.control.passive_approach",
     "VelocityToGain": "rans.optimal.control.guidance",
     "Visiting": "rans.optimal.control.visiting",
 }
@@ -215,6 +217,7 @@ __all__ = [
     "MPPI",
     "MissionGuidance",
     "Circumnavigation",
+    "PassiveApproach",
     "VelocityToGain",
     "Visiting",
     "Lookahead",

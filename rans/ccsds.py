@@ -172,12 +172,11 @@ def write_ccsds(
     instants = [_text(start + timedelta(seconds=float(t))) for t in times]
     target = np.zeros((len(times), 3))
     folder = Path(folder)
-    files = tuple(
-        folder / f"episode-{episode}{suffix}" for suffix in (".oem", "-target.oem", ".aem")
-    )
+    names = (f"episode-{episode}{suffix}" for suffix in (".oem", "-target.oem", ".aem"))
+    of_craft, of_target, of_attitude = (folder / name for name in names)
     for file, name, motion in (
-        (files[0], flight.craft.name, (states[:, :3], states[:, 3:])),
-        (files[1], f"target of {flight.craft.name}", (target, target)),
+        (of_craft, flight.craft.name, (states[:, :3], states[:, 3:])),
+        (of_target, f"target of {flight.craft.name}", (target, target)),
     ):
         p, v = orbit.inertial(times, *motion)
         rows = [
@@ -203,8 +202,8 @@ def write_ccsds(
     }
     last = {"ATTITUDE_TYPE": "QUATERNION", "QUATERNION_TYPE": "LAST"}
     text = _message("CCSDS_AEM_VERS", "1.0", flight.craft.name, meta, instants, rows, last)
-    write_text(files[2], text)
-    return files
+    write_text(of_attitude, text)
+    return of_craft, of_target, of_attitude
 
 
 def read_opm(file: str | Path) -> OrbitState:

@@ -25,6 +25,11 @@ N = rans.Hold().mean_motion
 RADIUS = (EARTH / N**2) ** (1.0 / 3.0)
 
 
+def read(file: Path) -> Any:
+    """Message as another library reads it."""
+    return NdmIo().from_path(file)
+
+
 class Coasting:
     """Fires nothing."""
 
@@ -56,7 +61,7 @@ def flight() -> Flight:
 
 def test_a_foreign_reader_reads_them(flight: Flight, tmp_path: Path) -> None:
     oem, target, aem = (
-        NdmIo().from_path(file)
+        read(file)
         for file in write_ccsds(flight, tmp_path, 1, "2026-02-03T04:05:06", 51.6, 30.0, 90.0)
     )
     segment = oem.body.segment[0]
@@ -89,7 +94,7 @@ def test_opm_in_gives_the_state_that_oem_out_had(flight: Flight, tmp_path: Path)
     files = write_ccsds(flight, tmp_path, 0, inclination=63.4, node=200.0, latitude=17.0)
     states = []
     for file in files[:2]:
-        line = NdmIo().from_path(file).body.segment[0].data.state_vector[2]
+        line = read(file).body.segment[0].data.state_vector[2]
         numbers = [line.x, line.y, line.z, line.x_dot, line.y_dot, line.z_dot]
         names = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
         text = "".join(
@@ -102,7 +107,7 @@ def test_opm_in_gives_the_state_that_oem_out_had(flight: Flight, tmp_path: Path)
             "COMMENT X = 5\nOBJECT_NAME = craft\nOBJECT_ID = 2026-001A\nCENTER_NAME = EARTH\n"
             f"REF_FRAME = EME2000\nTIME_SYSTEM = UTC\nEPOCH = {line.epoch}\n{text}"
         )
-        assert NdmIo().from_path(opm).body.segment.metadata.object_name == "craft"
+        assert read(opm).body.segment.metadata.object_name == "craft"
         states.append(read_opm(opm))
     craft, target = states
     assert target.epoch == datetime(2026, 1, 1, 0, 3, 20, tzinfo=UTC)

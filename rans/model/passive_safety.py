@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,20 +59,10 @@ class Pieces(NamedTuple):
     """(B,) number of the flight to which each family belongs."""
 
 
-def transition(mean_motion: float, times: np.ndarray) -> np.ndarray:
-    """Matrices (B, 6, 6) from states to those after times (B,), s, by Clohessy-Wiltshire's equations."""
-    drift = ClohessyWiltshire(mean_motion)
-    times = np.asarray(times, dtype=float)
-    columns = []
-    for unit in np.eye(6):
-        zero = times * 0.0
-        p, v = drift.carry(
-            Vec3(*(zero + x for x in unit[:3])), Vec3(*(zero + x for x in unit[3:])), times
-        )
-        columns.append(
-            np.stack([np.broadcast_to(x, times.shape) for x in (*p.columns(), *v.columns())], -1)
-        )
-    return np.stack(columns, axis=-1)
+@lru_cache(maxsize=4096)
+def transition(mean_motion: float, time: float) -> np.ndarray:
+    """Matrix (6, 6) from states to those after a time, s, by Clohessy-Wiltshire's equations."""
+    return carried(mean_motion, np.eye(6), np.full(6, time)).T
 
 
 def pieces_of_periods(
@@ -97,7 +88,7 @@ def pieces_of_periods(
         flight: number of each period's flight.
     """
     n = mean_motion
-    whole = transition(n, np.array([period]))[0]
+    whole = transition(n, period)
     # Constant acceleration a that changes the velocity as the thrust did: its response is that of a position.
     change = after - before @ whole.T
     acceleration = np.linalg.solve(whole[:3, 3:], change[:, 3:].T).T
@@ -117,13 +108,10 @@ def pieces_of_periods(
         coasts = [before[rows]]
         for instant in instants[1:-1]:
             forced = np.concatenate(
-                [_position_response(n, instant), transition(n, np.array([instant]))[0, :3, 3:]]
+                [_position_response(n, instant), transition(n, instant)[:3, 3:]]
             )
-            coasts.append(
-                before[rows]
-                + acceleration[rows] @ (transition(n, np.array([-instant]))[0] @ forced).T
-            )
-        coasts.append(after[rows] @ transition(n, np.array([-period]))[0].T)
+            coasts.append(before[rows] + acceleration[rows] @ (transition(n, -instant) @ forced).T)
+        coasts.append(after[rows] @ transition(n, -period).T)
         # Thrust of one direction, whenever it was, is at most twice as far from the chord as constant thrust is.
         error = np.where(uneven[rows], 2.0 * bent[rows], bent[rows] / count**2)
         for first, second in itertools.pairwise(coasts):
@@ -190,6 +178,13 @@ def least_distances(mean_motion: float, pieces: Pieces, flights: int) -> np.ndar
         start = np.concatenate([begin, middle])
         end = np.concatenate([middle, finish])
     return np.maximum(best - PRECISION, 0.0)
+
+
+def pushed(mean_motion: float, states: np.ndarray, push: np.ndarray, time: float) -> np.ndarray:
+    """States (B, 6) after a time, s, under constant accelerations (B, 3) in W, m/s^2."""
+    whole = transition(mean_motion, time)
+    forced = np.concatenate([_position_response(mean_motion, time), whole[:3, 3:]])
+    return states @ whole.T + push @ forced.T
 
 
 def _position_response(n: float, time: float) -> np.ndarray:

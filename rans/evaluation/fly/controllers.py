@@ -72,6 +72,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         "landing": "rans.optimal.control.landing_guidance:LandingGuidance",
         "mission": "rans.optimal.control.mission_guidance:MissionGuidance",
         "circumnavigation": "rans.optimal.control.circumnavigation:Circumnavigation",
+        "passive": "rans.optimal.control.passive_approach:PassiveApproach",
         "visiting": "rans.optimal.control.visiting:Visiting",
     },
     _checked,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def passive_safety(
     lengths = np.full(count, periods) if flight.lengths is None else np.asarray(flight.lengths)
     counted = np.arange(periods)[:, None] < lengths
     away = np.linalg.norm(states[..., :3], axis=-1) >= zone.approach
-    finite = np.isfinite(states).all(axis=-1)
+    finite: Any = np.isfinite(states).all(axis=-1)
     counted &= np.logical_and.accumulate(away[:-1], axis=0) & finite[1:] & finite[:-1]
     everyone = np.arange(count)
     start = least_distances(n, single_coasts(states[0], np.full(count, seconds), everyone), count)

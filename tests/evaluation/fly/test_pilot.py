@@ -22,7 +22,8 @@ from rans.scenario import scenarios
 @pytest.mark.parametrize(
     "name",
     sorted(
-        set(CONTROLLERS.built_in) - {"circumnavigation", "convex", "landing", "mission", "visiting"}
+        set(CONTROLLERS.built_in)
+        - {"circumnavigation", "convex", "landing", "mission", "passive", "visiting"}
     ),
 )
 @pytest.mark.parametrize(
