@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
@@ -14,11 +16,20 @@ from typing import Any, NoReturn
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
 from rans.errors import legible
+from rans.progress import Progress as Step
 from rans.progress import Stages
 
 _LONGEST = 20_000
@@ -244,8 +255,57 @@ def progress() -> Progress:
 
 
 def stages(bars: Progress) -> Stages:
-    """`Stages` callback that shows each stage as a progress bar."""
+    """`Stages` callback that shows each stage as a progress bar, or in a log as lines if it takes long."""
+    if bars.disable:
+        return _in_log
     return lambda name, total, /: partial(bars.advance, bars.add_task(name, total=total))
+
+
+_LINE_EVERY = 10.0
+"""Time between two lines of a stage in a log, s."""
+
+
+def _in_log(name: str, total: int | None, /) -> Step:
+    """A stage as lines on standard error, from some seconds after its begin on."""
+    done = 0
+    last = time.monotonic()
+
+    def advance(count: int, /) -> None:
+        nonlocal done, last
+        done += count
+        if time.monotonic() - last >= _LINE_EVERY:
+            last = time.monotonic()
+            of = f" of {total:,}" if total else ""
+            Terminal(stderr=True).say(f"{name}: {done:,}{of}")
+
+    return advance
+
+
+@contextmanager
+def doing(what: str) -> Iterator[None]:
+    """Context that says what a command does while it prints nothing: a line that moves, and disappears at the end.
+
+    In a log it is a plain line, if it lasts for a second.
+    """
+    terminal = Terminal(stderr=True)
+    if terminal.is_terminal:
+        with Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}", markup=False),
+            TimeElapsedColumn(),
+            console=terminal,
+            transient=True,
+        ) as bars:
+            bars.add_task(what, total=None)
+            yield
+        return
+    line = threading.Timer(1.0, lambda: terminal.say(f"{what} ..."))
+    line.daemon = True
+    line.start()
+    try:
+        yield
+    finally:
+        line.cancel()
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rans.errors import legible
-from rans.terminal import Terminal, progress, table, verdict
+from rans.terminal import Terminal, doing, progress, stages, table, verdict
 
 
 def test_names_are_no_markup_and_no_commands(capsys: pytest.CaptureFixture[str]) -> None:
@@ -156,3 +156,21 @@ def test_a_sentence_breaks_between_words_on_a_terminal_only(
     Terminal().say("words that are many in a line")
     lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
     assert lines == ["words that are many", "in a line"]
+
+
+def test_a_long_stage_is_lines_in_a_log(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Clock readings are 0 s at the begin, then 4, 12 and 13 s: one line, at 12 s."""
+    readings = iter([0.0, 4.0, 12.0, 12.0, 13.0])
+    monkeypatch.setattr("rans.terminal.time.monotonic", lambda: next(readings))
+    step = stages(progress())("flying LQR", 1000)
+    for count in (100, 200, 50):
+        step(count)
+    assert capsys.readouterr().err == "flying LQR: 300 of 1,000\n"
+
+
+def test_what_is_done_within_a_second_is_no_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with doing("writing"):
+        pass
+    assert capsys.readouterr().err == ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,14 +18,19 @@ from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, stages, writing_at_end
+from rans.terminal import Terminal, progress, stages, table, writing_at_end
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from rans.evaluation.compare.contest import Contest
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.measure.statistics import Estimate
     from rans.tasks import Task
 
 
+_SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
+"""Controllers that solve an optimal control problem at every step, and the bounds."""
 _FIRST = (
     "settled",
     "mission won",
@@ -126,7 +131,11 @@ class Compare:
         show = partial(_write, comparison, folder, self.full)
         with writing_at_end(show), progress() as bars:
             try:
-                comparison.fly(flying, self.beside, self.certified, cache, stages(bars))
+                quick, rest = self._quick(contest)
+                comparison.fly(flying, quick, self.certified, cache, stages(bars))
+                if rest:
+                    _say_so_far(comparison, bars, rest)
+                    comparison.fly({}, rest, self.certified, cache, stages(bars))
                 if self.front:
                     comparison.trace(between, self.budget, cache, stages(bars))
             except KeyboardInterrupt:
@@ -140,6 +149,16 @@ class Compare:
             *more, shlex.join(["rans", "stress", run, *self._controllers(contest.task)])
         )
         return 1 if comparison.failures else 0
+
+    def _quick(self, contest: Contest) -> tuple[list[str], list[str]]:
+        """Opponents that answer in seconds, which fly first, and the slow ones after them."""
+        from rans.evaluation.compare.mission_bounds import bounded
+
+        names = [*(default_opponents(contest.task) if self.beside is None else self.beside)]
+        slow = next((k for k, name in enumerate(names) if name in _SLOW), len(names))
+        if bounded(contest):  # a mission's bound is computed between them
+            slow = len(names)
+        return names[:slow], names[slow:]
 
     def _interrupted(self, comparison: Comparison) -> str:
         """Sentence about the progress of an interrupted comparison."""
@@ -172,6 +191,26 @@ class Compare:
         if not self.budget >= 0:
             raise ConfigError(f"--front takes processor time >= 0 s, got {self.budget}.")
         check_count("--episodes", self.episodes)
+
+
+def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> None:
+    """Print the most important scores before the slow contestants and the bounds."""
+    from rans.evaluation.measure.statistics import figure
+    from rans.show.tables.comparison_tables import scoreboard
+
+    if not (board := scoreboard(comparison)):
+        return
+    keys = list(dict.fromkeys(key for row in board.values() for key in row))
+    rows = [
+        (key, *(figure(row[key].value) if key in row else "" for row in board.values()))
+        for key in keys
+        if key.startswith(_FIRST)
+    ]
+    bars.console.print(table(f"{comparison.contest.title()}, so far", ("", *board), rows))
+    more = " and ".join("certified bounds" if name == "optimal" else name.upper() for name in rest)
+    bars.console.print(
+        f"Next, in minutes: {more}. Ctrl-C ends here and writes what there is.", soft_wrap=True
+    )
 
 
 def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:

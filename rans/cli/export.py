@@ -14,6 +14,7 @@ from rans.cli.options import Former
 from rans.errors import ConfigError, brief
 from rans.files import read_json
 from rans.pretrained import pretrained_folder, pretrained_names
+from rans.terminal import Terminal, doing
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 
@@ -79,10 +80,9 @@ class Export:
         if self.margins:
             check_count("--margins", self.margins)
         output = self.output or Path("runs/exports") / folder.name
-        card = export(folder, output, self.format, self.episodes, margins=self.margins)
+        with doing(f"flying {folder.name} for its contract and its card, and writing {output}"):
+            card = export(folder, output, self.format, self.episodes, margins=self.margins)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
-        from rans.terminal import Terminal
-
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
         margins = read_json(output / "contract.json")["conditions"]["margins"]
         for line in [] if margins is None else margin_lines(margins):

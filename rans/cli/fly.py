@@ -95,7 +95,7 @@ class Fly:
         from rans.fast.learn.config import to_table
         from rans.fast.learn.run_folder import RunFolder
         from rans.model.spacecraft_file import load_spacecraft
-        from rans.terminal import Terminal
+        from rans.terminal import Terminal, doing
 
         def say(text: str) -> None:
             # A terminal that is gone ends no flight, and no bag's index.
@@ -170,7 +170,8 @@ class Fly:
             bus = opened_bus(self.bus, self.domain, self.address, self.ros)
             bus.close()
             say(f"Writing the agent of this flight into {folder}.")
-            export_for_flight(run.path, folder)
+            with doing("flying it for the range of its observations"):
+                export_for_flight(run.path, folder)
         stop = stop_on_signals()
         bus = opened_bus(self.bus, self.domain, self.address, self.ros)
         try:

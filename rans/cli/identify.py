@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from rans.errors import ConfigError
-from rans.terminal import Terminal
+from rans.terminal import Terminal, doing
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ class Identify:
         if not self.spacecraft:
             raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
         console = Terminal()
-        result = identify(self.logs, self.spacecraft, self.robot, self.window)
+        with doing("identifying: the flights are predicted for every candidate"):
+            result = identify(self.logs, self.spacecraft, self.robot, self.window)
         folder = result.write(self.output or Path("identified"))
         rows = [
             [

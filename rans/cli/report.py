@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from rans.terminal import Terminal
+from rans.terminal import Terminal, doing
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,10 @@ class Report:
         """Write report.html into the run folder and print a summary."""
         from rans.show.pages.report import report_from_run
 
-        report = report_from_run(self.run_folder)
         file = self.run_folder / "report.html"
-        report.write(file)
+        with doing(f"writing {file}"):
+            report = report_from_run(self.run_folder)
+            report.write(file)
         Terminal().print(report.summary())
         Terminal().say(report.hero)
         Terminal().say(f"The report is {file}.")

@@ -159,7 +159,7 @@ def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) ->
         ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
         ("lqr:-2d", "no task named ''"),
         ("lqr:dock-2d", "asks for 2d, but afrl-deputy moves in 3"),
-        ("nowhere", "nowhere is not a run folder"),
+        ("nowhere", "there is no run folder 'nowhere'"),
         (
             "go-to-pose-2",
             r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)",

@@ -60,7 +60,7 @@ def test_flights_side_by_side_have_one_scale() -> None:
     commands = np.zeros((20, 3, 8))
     commands[-1, 2, 3] = 1.0
     longer = flight_of(np.full((21, 3), 2.0), 0.0, commands)
-    figure = side_by_side([("one", entry().flight, 2), ("two", longer, 2)])
+    figure = side_by_side([("one", entry().flight, 2), ("two", longer, 2)], 1)
     first, timeline, second, longer_timeline = figure.axes
     assert [axes.get_title(loc="left") for axes in (first, second)] == ["one", "two"]
     assert first.get_xlim() == second.get_xlim()
