@@ -105,6 +105,7 @@ if TYPE_CHECKING:
     from rans.optimal.control.mpc import MPC
     from rans.optimal.control.observer import ObserverMPC
     from rans.optimal.control.passive_approach import PassiveApproach
+    from rans.optimal.control.passive_entry import PassiveEntry
     from rans.optimal.control.sampling import MPPI
     from rans.optimal.control.switching import Switching
     from rans.optimal.control.visiting import Visiting
@@ -142,6 +143,7 @@ _LAZY = {
     "ConvexGuidance": "rans.optimal.control.convex_guidance",
     "MissionGuidance": "rans.optimal.control.mission_guidance",
     "PassiveApproach": "rans.optimal.control.passive_approach",
+    "PassiveEntry": "rans.optimal.control.passive_entry",
     "VelocityToGain": "rans.optimal.control.guidance",
     "Visiting": "rans.optimal.control.visiting",
 }
@@ -218,6 +220,7 @@ __all__ = [
     "MissionGuidance",
     "Circumnavigation",
     "PassiveApproach",
+    "PassiveEntry",
     "VelocityToGain",
     "Visiting",
     "Lookahead",

@@ -67,7 +67,8 @@ API = {
     ),
     "Controllers": (
         "CONTROLLERS Controller LQR Switching MPC ObserverMPC MPPI VelocityToGain MissionGuidance ConvexGuidance "
-        "LandingGuidance Visiting Circumnavigation PassiveApproach Lookahead ArrivalCost Pilot pretrained_names"
+        "LandingGuidance Visiting Circumnavigation PassiveApproach PassiveEntry Lookahead ArrivalCost Pilot "
+        "pretrained_names"
     ),
     "Flights": "Scenario Timing Flight fly passive_safety write_ccsds read_opm relative_state trust_files",
     "Engine and learner": (

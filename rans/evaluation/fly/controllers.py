@@ -73,6 +73,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         "mission": "rans.optimal.control.mission_guidance:MissionGuidance",
         "circumnavigation": "rans.optimal.control.circumnavigation:Circumnavigation",
         "passive": "rans.optimal.control.passive_approach:PassiveApproach",
+        "passive-entry": "rans.optimal.control.passive_entry:PassiveEntry",
         "visiting": "rans.optimal.control.visiting:Visiting",
     },
     _checked,

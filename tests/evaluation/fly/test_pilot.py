@@ -23,7 +23,15 @@ from rans.scenario import scenarios
     "name",
     sorted(
         set(CONTROLLERS.built_in)
-        - {"circumnavigation", "convex", "landing", "mission", "passive", "visiting"}
+        - {
+            "circumnavigation",
+            "convex",
+            "landing",
+            "mission",
+            "passive",
+            "passive-entry",
+            "visiting",
+        }
     ),
 )
 @pytest.mark.parametrize(

@@ -58,7 +58,14 @@ def near_starts(setup: Setup, seconds: float, count: int = 2) -> Scenario:
 
 
 def test_every_controller_of_the_registry_is_flown_past_the_end() -> None:
-    assert set(CONTROLLERS.built_in) == {*QUICK, *SLOW, "landing", "passive", *OF_INSPECTIONS}
+    assert set(CONTROLLERS.built_in) == {
+        *QUICK,
+        *SLOW,
+        "landing",
+        "passive",
+        "passive-entry",
+        *OF_INSPECTIONS,
+    }
 
 
 @pytest.mark.parametrize("mission", ["hold", "dock"])

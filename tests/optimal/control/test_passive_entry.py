@@ -1,0 +1,87 @@
+"""Passively safe docking, in a simulation of its own: matrix exponentials, and coasts from many instants."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from rans.errors import ConfigError
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3
+from rans.optimal.control.passive_entry import PassiveEntry
+from rans.tasks import Dock
+
+TASK = Dock()
+N = TASK.mean_motion
+PERIOD = 10.0
+PARTS = 10
+"""Instants of each period at which thrusters shut in the test, a second apart."""
+MASS = 12.0
+STARTS = np.array([[28.0, -7.0, 120.0, 0.0, 0.1, 0.0], [-90.0, 60.0, -40.0, 0.1, 0.0, 0.05]])
+DEADLINE = 800.0
+
+_RATES = np.zeros((9, 9))
+_RATES[:3, 3:6] = np.eye(3)
+_RATES[3:6, 6:] = np.eye(3)
+_RATES[3, 0] = 3.0 * N**2
+_RATES[3, 4] = 2.0 * N
+_RATES[4, 3] = -2.0 * N
+_RATES[5, 2] = -(N**2)
+STEP = expm(_RATES * (PERIOD / PARTS))
+COAST = expm(_RATES[:6, :6] * (2.0 * math.pi / N / 400.0))
+
+
+def state_of(x: np.ndarray) -> SpatialState:
+    zero = np.zeros(len(x))
+    level = Quat(zero + 1.0, zero, zero, zero)
+    return SpatialState(Vec3(*x[:, :3].T), level, Vec3(*x[:, 3:].T), Vec3(zero, zero, zero))
+
+
+def flown() -> np.ndarray:
+    """States (K, N, 6) at every second until the deadline."""
+    pilot = PassiveEntry("afrl-deputy", TASK)
+    x = STARTS
+    goal = state_of(np.zeros_like(x))
+    zero = np.zeros(len(x))
+    planned = TASK.plan(state_of(x), goal, zero + DEADLINE)
+    directions = np.array([thruster.direction for thruster in pilot.craft.thrusters])
+    pilot.reset(len(x))
+    states = [x]
+    for k in range(int(DEADLINE / PERIOD)):
+        now = TASK.later(planned, k * PERIOD)
+        command = pilot.act(state_of(x), now, np.zeros((len(x), 1)))
+        # Thrusters of 1 N.
+        push = command @ directions / MASS
+        for _ in range(PARTS):
+            x = (np.concatenate([x, push], axis=1) @ STEP.T)[:, :6]
+            states.append(x)
+    return np.array(states)
+
+
+@pytest.mark.slow
+def test_coasts_miss_the_target_until_it_docks_on_purpose() -> None:
+    states = flown()
+    distance = np.linalg.norm(states[..., :3], axis=-1)
+    speed = np.linalg.norm(states[..., 3:], axis=-1)
+    for row in range(len(STARTS)):
+        docked = (distance[:, row] < 0.5) & (speed[:, row] < 0.2)
+        assert docked.any()
+        until = int(np.argmax(docked))
+        allowed = 0.2 + 2.0 * N * (distance[:until, row] - 0.5)
+        assert (speed[:until, row] < allowed).all()
+        # The approach begins at the end of a control period within 20 m.
+        inside = int(np.argmax(distance[::PARTS, row] < 20.0)) * PARTS
+        coasting = states[:inside, row]
+        nearest = np.linalg.norm(coasting[:, :3], axis=-1)
+        for _ in range(400):
+            coasting = coasting @ COAST.T
+            nearest = np.minimum(nearest, np.linalg.norm(coasting[:, :3], axis=-1))
+        assert nearest.min() > 5.0
+
+
+def test_it_flies_to_targets_only() -> None:
+    with pytest.raises(ConfigError, match="Hold is not one"):
+        PassiveEntry("vbar-chaser", "hold")
