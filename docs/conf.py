@@ -31,6 +31,7 @@ extensions = [
     "repository_links",
     "mathml",
     "reference",
+    "search_words",
     "self_contained",
 ]
 root_doc = "index"

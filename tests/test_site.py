@@ -78,6 +78,7 @@ def extension(name: str) -> ModuleType:
 
 PROSE = extension("prose")
 REFERENCE = extension("reference")
+SEARCH = extension("search_words")
 
 
 def entries(page: Path) -> list[str]:
@@ -141,6 +142,41 @@ def test_a_term_of_the_field_leads_to_a_page_that_has_it(term: str) -> None:
     )
     target = row.partition("](")[2].partition(")")[0].partition("#")[0]
     assert (DOCS / target).resolve() == page
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_the_search_finds_the_page_of_a_term_first(term: str) -> None:
+    """By a hidden entry, which ranks before titles and texts."""
+    assert term.lower() in SEARCH.WORDS[TERMS[term]]
+
+
+def test_every_hidden_word_is_of_one_page() -> None:
+    words = [word for several in SEARCH.WORDS.values() for word in several]
+    assert len(set(words)) == len(words)
+    assert all(word == word.lower().strip() and not set(";!") & set(word) for word in words)
+    assert all((DOCS / f"{page}.md").exists() for page in SEARCH.WORDS)
+    # Typed by strangers to RANS, who found nothing or the records of decisions.
+    found_nothing = "sim2real PWM PID hyperparameter rosbag TorchScript Docker conda URDF MATLAB"
+    found_records = ["docking", "reward function", "ROS 2", "early stopping", "limitations"]
+    assert {word.lower() for word in (*found_nothing.split(), *found_records)} <= set(words)
+
+
+def test_decisions_are_not_searched() -> None:
+    for page in (DOCS / "decisions").glob("*.md"):
+        assert page.read_text("utf-8").startswith("---\nnosearch: true\n---\n"), page
+
+
+def test_pages_are_ranked_as_the_script_of_the_site_does() -> None:
+    """Worked by hand: 100 x 7 / 7 of an entry, 100 x 7 / 12 of a longer one, 15 x 7 / 13 + 1 of a title."""
+    index = {
+        "docnames": ["tasks", "port", "arm"],
+        "titles": ["Docking tasks", "A port", "Arm"],
+        "alltitles": {"Docking tasks": [(0, None)], "Docking at a port of a station": [(1, None)]},
+        "indexentries": {"docking": [(1, "", True)], "docking ring": [(2, "", True)]},
+    }
+    assert SEARCH.ranking(index, " Docking ") == [(100, "port"), (58, "arm"), (9, "tasks")]
+    assert SEARCH.ranking(index, "dock") == [(57, "port")]
+    assert SEARCH.ranking(index, "nothing") == []
 
 
 @pytest.mark.parametrize("page", PROSE.pages(), ids=lambda page: page.name)
