@@ -16,7 +16,7 @@ import torch
 from rans_gradient.learner import GradientLearner, GradientSettings
 
 from rans.fast.engine import Engine
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import ExplorationSettings, PPOSettings
 from rans.fast.learn.learner import Learner
 from rans.fast.learn.member import begin
 from rans.model.actuators import Throttle
@@ -38,7 +38,7 @@ _SETTINGS = PPOSettings(
     learning_rate=0.01,
     symmetric=False,
     backbone="attention",
-    initial_duty=0.2,
+    exploration=ExplorationSettings(initial_duty=0.2),
 )
 
 

@@ -93,7 +93,13 @@ if TYPE_CHECKING:
     from rans.fast.envs.sb3 import SB3VecEnv
     from rans.fast.envs.single import SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv
-    from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
+    from rans.fast.learn.config import (
+        ExplorationSettings,
+        FilterSettings,
+        MemorySettings,
+        PPOSettings,
+        ScheduleSettings,
+    )
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight
     from rans.optimal.control.circumnavigation import Circumnavigation
@@ -119,6 +125,8 @@ _LAZY = {
     "PPOSettings": "rans.fast.learn.config",
     "MemorySettings": "rans.fast.learn.config",
     "FilterSettings": "rans.fast.learn.config",
+    "ScheduleSettings": "rans.fast.learn.config",
+    "ExplorationSettings": "rans.fast.learn.config",
     "SB3VecEnv": "rans.fast.envs.sb3",
     "SpacecraftEnv": "rans.fast.envs.single",
     "SpacecraftVectorEnv": "rans.fast.envs.vector",
@@ -241,6 +249,8 @@ __all__ = [
     "PPOSettings",
     "MemorySettings",
     "FilterSettings",
+    "ScheduleSettings",
+    "ExplorationSettings",
     "SB3VecEnv",
     "SpacecraftEnv",
     "SpacecraftVectorEnv",

@@ -26,10 +26,12 @@ from rans.display import default, meanings
 from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.config import (
+    ExplorationSettings,
     Failures,
     FilterSettings,
     MemorySettings,
     PPOSettings,
+    ScheduleSettings,
     TrainConfig,
 )
 from rans.model.spacecraft import Spacecraft
@@ -72,7 +74,8 @@ API = {
     ),
     "Flights": "Scenario Timing Flight fly passive_safety write_ccsds read_opm relative_state trust_files",
     "Engine and learner": (
-        "Engine PPO PPOSettings MemorySettings FilterSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv"
+        "Engine PPO PPOSettings MemorySettings FilterSettings ScheduleSettings ExplorationSettings SB3VecEnv "
+        "SpacecraftEnv SpacecraftVectorEnv"
     ),
     "Errors": "RansError ConfigError NonFiniteState SolverFailed WorkerLost",
 }
@@ -301,6 +304,8 @@ def settings_page() -> str:
     parts = [
         ("Training", "", TrainConfig),
         ("PPO", "ppo.", PPOSettings),
+        ("Step size", "ppo.schedule.", ScheduleSettings),
+        ("Exploration", "ppo.exploration.", ExplorationSettings),
         ("Memory", "ppo.memory.", MemorySettings),
         ("Kalman filters", "ppo.filters.", FilterSettings),
         ("Resampling of failures", "failures.", Failures),

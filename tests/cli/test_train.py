@@ -323,7 +323,7 @@ def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
         3,
         16,
     )
-    assert config.ppo.anneal == 0.7
+    assert config.ppo.schedule.anneal == 0.7
 
 
 def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) -> None:

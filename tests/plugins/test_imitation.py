@@ -13,7 +13,7 @@ import torch
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.agent_files.agent import read_policy
-from rans.fast.learn.config import MemorySettings, TrainConfig
+from rans.fast.learn.config import ExplorationSettings, MemorySettings, TrainConfig
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
@@ -67,7 +67,7 @@ def config(**changes: Any) -> TrainConfig:
         learning_rate=3e-3,
         head="gated",
         symmetric=False,
-        log_std_init=-2.0,
+        exploration=ExplorationSettings(log_std_init=-2.0),
     )
     return replace(base, ppo=ppo, **changes)
 

@@ -10,6 +10,7 @@ import pytest
 import torch
 from scipy.stats import norm
 
+from rans.fast.learn.config import ExplorationSettings
 from rans.policy.heads import ClippedGaussian, OnOff
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout
@@ -98,7 +99,7 @@ def test_body_frame_in_space() -> None:
 
 @pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
 def test_untrained_agents_open_thrusters_as_often_as_asked(continuous: bool) -> None:
-    learner = tiny_learner(initial_duty=0.1, continuous=continuous)
+    learner = tiny_learner(exploration=ExplorationSettings(0.1), continuous=continuous)
     policy = learner.network.evaluate(learner.engine.observe()).policy
     share = policy.mean if isinstance(policy, ClippedGaussian) else torch.sigmoid(policy.logit)  # type: ignore
     # An untrained head has a gain of 0.01 on features of order one: its logits are within 0.1 or so.

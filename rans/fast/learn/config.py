@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
@@ -156,8 +157,54 @@ class FilterSettings(Settings):
             )
 
 
+@dataclass(frozen=True)
+class ScheduleSettings(Settings):
+    """How the step size changes during a training.
+
+    Raises:
+        ConfigError: a value is out of its range.
+    """
+
+    desired_kl: float | None = 0.016
+    """Target KL divergence of an update, to which the step size adapts. None: constant step size."""
+    max_learning_rate: float = 1e-2
+    """Upper bound of the adapted step size."""
+    anneal: float = 0.0
+    """Final share of all steps over which the bound of the step size decreases to zero, for the precision of agents
+    that are trained to the end."""
+
+    def __post_init__(self) -> None:
+        require(
+            self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl"
+        )
+        require(self, "finite and > 0", lambda x: 0 < x < math.inf, "max_learning_rate")
+        require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
+
+
+@dataclass(frozen=True)
+class ExplorationSettings(Settings):
+    """Distribution of the commands before the first update.
+
+    Raises:
+        ConfigError: a value is out of its range.
+    """
+
+    initial_duty: float = 0.5
+    """Initial probability that a thruster is open. Agents that should rest with all valves shut learn it sooner
+    with a low value."""
+    log_std_init: float = 0.0
+    """Initial logarithm of the standard deviation of throttled or pulsed commands, where a command of 1 is full
+    thrust for a control period. Use -2 where that is a large part of the impulse of a flight."""
+
+    def __post_init__(self) -> None:
+        require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
+        require(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
+
+
 _NO_MEMORY = MemorySettings()
 _NO_FILTERS = FilterSettings()
+_SCHEDULE = ScheduleSettings()
+_EXPLORATION = ExplorationSettings()
 
 
 @renamed(
@@ -169,6 +216,11 @@ _NO_FILTERS = FilterSettings()
     filtered_steady="filters.steady",
     filtered_response="filters.response",
     filtered_gate="filters.gate",
+    desired_kl="schedule.desired_kl",
+    max_learning_rate="schedule.max_learning_rate",
+    anneal="schedule.anneal",
+    initial_duty="exploration.initial_duty",
+    log_std_init="exploration.log_std_init",
 )
 @now_constant(preprocessor="body")
 @dataclass(frozen=True)
@@ -189,13 +241,8 @@ class PPOSettings:
     """Passes over the transitions in an update."""
     learning_rate: float = 1e-3
     """Initial step size."""
-    desired_kl: float | None = 0.016
-    """Target KL divergence of an update, to which the step size adapts. None: constant step size."""
-    max_learning_rate: float = 1e-2
-    """Upper bound of the adapted step size."""
-    anneal: float = 0.0
-    """Final share of all steps over which the bound of the step size decreases to zero, for the precision of agents
-    that are trained to the end."""
+    schedule: ScheduleSettings = _SCHEDULE
+    """How the step size changes during a training."""
     gamma: float = 0.98
     """Discount per control period."""
     gae_lambda: float = 0.95
@@ -236,12 +283,8 @@ class PPOSettings:
     privileged_critic: bool = False
     """Whether the critic has layers of its own with privileged observations: all draws of the conditions, or
     without conditions the true mass properties of the spacecraft."""
-    initial_duty: float = 0.5
-    """Initial probability that a thruster is open. Agents that should rest with all valves shut learn it sooner
-    with a low value."""
-    log_std_init: float = 0.0
-    """Initial logarithm of the standard deviation of throttled or pulsed commands, where a command of 1 is full
-    thrust for a control period. Use -2 where that is a large part of the impulse of a flight."""
+    exploration: ExplorationSettings = _EXPLORATION
+    """Distribution of the commands before the first update."""
 
     def __post_init__(self) -> None:
         require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
@@ -257,19 +300,12 @@ class PPOSettings:
             "finite and > 0",
             lambda x: 0 < x < math.inf,
             "learning_rate",
-            "max_learning_rate",
             "clip_range",
             "max_grad_norm",
             "reward_scale",
         )
         require(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom")
-        require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
-        require(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
-        require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
-        require(
-            self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl"
-        )
         for name, kind in (
             ("activation", Activation),
             ("backbone", BackboneName),
@@ -297,7 +333,10 @@ class PPOSettings:
 
 
 class Coefficients(NamedTuple):
-    """Hyper-parameters that may differ between members, by their names in `PPOSettings`; (K,), NaN for None."""
+    """Hyper-parameters that may differ between members, by their last names in `PPOSettings`.
+
+    Each is (K,), with NaN for None.
+    """
 
     learning_rate: Tensor
     desired_kl: Tensor
@@ -312,9 +351,15 @@ class Coefficients(NamedTuple):
     reward_scale: Tensor
 
     @classmethod
+    def entry(cls, name: str) -> str:
+        """Entry of `PPOSettings` that has a hyper-parameter, such as "schedule.anneal"."""
+        inner = name in ScheduleSettings.__dataclass_fields__
+        return f"schedule.{name}" if inner else name
+
+    @classmethod
     def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
         """Hyper-parameters of K members, in the dtype and on the device of another tensor."""
-        table = ([getattr(setting, name) for setting in settings] for name in cls._fields)
+        table = ([attrgetter(cls.entry(name))(one) for one in settings] for name in cls._fields)
         return cls(
             *(
                 like.new_tensor([float("nan") if x is None else x for x in column])

@@ -111,7 +111,9 @@ def begin(
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
         *(
-            architecture.initial(seed, setting.initial_duty, setting.log_std_init)
+            architecture.initial(
+                seed, setting.exploration.initial_duty, setting.exploration.log_std_init
+            )
             for seed, setting in zip(seeds, settings, strict=True)
         ),
         strict=True,

@@ -25,7 +25,7 @@ from rans.files import LOCK, Lock, inside, read_json, write_json
 from rans.policy.architecture import Architecture
 from rans.structure import entries
 
-_BATCHED = {"seed", *(f"ppo.{name}" for name in Coefficients._fields)}
+_BATCHED = {"seed", *(f"ppo.{Coefficients.entry(name)}" for name in Coefficients._fields)}
 """Config entries in which members of a batch may differ, besides numeric settings of the task."""
 
 Item = TypeVar("Item")

@@ -19,7 +19,7 @@ import rans
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.learn.config import MemorySettings
+from rans.fast.learn.config import MemorySettings, ScheduleSettings
 from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
@@ -51,7 +51,7 @@ def test_learning_in_pieces_changes_nothing() -> None:
 def test_step_sizes_fall_towards_the_end() -> None:
     """Every update wants longer steps, so the bound is what is taken: in the last of eight an eighth."""
     rates: list[float] = []
-    model = made(desired_kl=1e6, learning_rate=1e-3, max_learning_rate=1e-3, anneal=1.0)
+    model = made(learning_rate=1e-3, schedule=ScheduleSettings(1e6, 1e-3, 1.0))
     model.learn(1024, lambda model: rates.append(model.log["train/learning_rate"]))
     assert rates == pytest.approx([1e-3 * (8 - n) / 8 for n in range(8)], rel=1e-6)
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
+from rans.fast.learn.config import ScheduleSettings
 from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
@@ -21,7 +22,7 @@ ONE_BATCH: dict[str, Any] = {
     "n_steps": 8,
     "batch_size": 256,
     "n_epochs": 1,
-    "desired_kl": None,
+    "schedule": ScheduleSettings(desired_kl=None),
 }
 HEADS = pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
 
@@ -248,7 +249,7 @@ def rate_after(learner: PPOLearner, divergence: float, times: int = 1) -> float:
 
 
 def test_step_size_follows_the_divergence() -> None:
-    learner = tiny_learner(desired_kl=0.01, learning_rate=1e-3)
+    learner = tiny_learner(schedule=ScheduleSettings(0.01), learning_rate=1e-3)
     expected = {0.021: 1e-3 / 1.5, 0.0049: 1e-3, 0.0051: 1e-3, 0.019: 1e-3, 1e9: 1e-3 / 1.5}
     for divergence, wanted in expected.items():
         assert rate_after(learner, divergence) == pytest.approx(wanted, rel=1e-6)
@@ -258,14 +259,14 @@ def test_step_size_follows_the_divergence() -> None:
 
 def test_the_step_size_falls_to_zero_over_the_last_share() -> None:
     """Bounded by 4e-3 until half of the steps remain, then in proportion to what remains."""
-    learner = tiny_learner(desired_kl=0.01, learning_rate=1e-3, max_learning_rate=4e-3, anneal=0.5)
+    learner = tiny_learner(schedule=ScheduleSettings(0.01, 4e-3, 0.5), learning_rate=1e-3)
     for remaining, bound in ((1.0, 4e-3), (0.5, 4e-3), (0.25, 2e-3), (0.0, 0.0)):
         learner.slow_down(remaining)
         assert rate_after(learner, 0.0, 30) == pytest.approx(bound, rel=1e-6)
 
 
 def test_constant_step_size() -> None:
-    learner = trained(iterations=2, desired_kl=None, learning_rate=2e-3)
+    learner = trained(iterations=2, schedule=ScheduleSettings(None), learning_rate=2e-3)
     assert float(learner.adam.rate) == pytest.approx(2e-3, rel=1e-6)
 
 

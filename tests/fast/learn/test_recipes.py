@@ -26,7 +26,7 @@ def test_a_recipe_trains_what_its_name_says(name: str) -> None:
     assert name.startswith(f"{config.task.removesuffix('-priced')}-{dimension}d")
     assert name.endswith("-shared") == config.spacecraft.endswith("-shared")
     assert config.solved_share is None
-    assert config.ppo.anneal > 0
+    assert config.ppo.schedule.anneal > 0
     assert from_table(to_table(config)) == config
 
 

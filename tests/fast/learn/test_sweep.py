@@ -14,7 +14,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, load_agent
 from rans.fast.engine import Engine
 from rans.fast.learn import adam, ppo
-from rans.fast.learn.config import MemorySettings
+from rans.fast.learn.config import MemorySettings, ScheduleSettings
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.learn.member import Member, begin
 from rans.fast.learn.ppo import PPOLearner
@@ -33,12 +33,11 @@ CHOICES: list[dict[str, Any]] = [
         "ent_coef": 0.01,
         "clip_range": 0.1,
         "reward_scale": 0.3,
-        "max_learning_rate": 2.0**-9,
-        "anneal": 0.8,
+        "schedule": ScheduleSettings(max_learning_rate=2.0**-9, anneal=0.8),
     },
     {
         "learning_rate": 2.0**-8,
-        "desired_kl": None,
+        "schedule": ScheduleSettings(desired_kl=None),
         "max_grad_norm": 0.05,
         "vf_coef": 1.0,
         "gae_lambda": 0.8,

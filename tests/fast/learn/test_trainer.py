@@ -13,7 +13,12 @@ import torch
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.fast.distributed import Processes
-from rans.fast.learn.config import MemorySettings, PPOSettings
+from rans.fast.learn.config import (
+    ExplorationSettings,
+    MemorySettings,
+    PPOSettings,
+    ScheduleSettings,
+)
 from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder, run_path
 from rans.fast.learn.trainer import Trainer, check_device
@@ -109,7 +114,7 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_the_bound_of_the_step_size_falls_towards_the_end(tmp_path: Path) -> None:
     """The trainer slows down: in the last of sixteen iterations a sixteenth of the way is left."""
-    ppo = replace(TINY, desired_kl=1e6, learning_rate=1e-3, max_learning_rate=1e-3, anneal=1.0)
+    ppo = replace(TINY, learning_rate=1e-3, schedule=ScheduleSettings(1e6, 1e-3, 1.0))
     rows: list[dict[str, Any]] = []
     tiny_trainer(tmp_path / "run", replace(CONFIG, ppo=ppo, report_interval=1)).train(newest(rows))
     rates = [row["train/learning_rate"] for row in rows]
@@ -121,7 +126,8 @@ def test_thrusters_open_at_first_as_often_as_the_config_says(tmp_path: Path) -> 
     """Judged by the deterministic agent, which opens what is likelier open than shut: none, and all."""
     for duty, expected in ((0.01, 0.0), (0.99, 1.0)):
         trainer = tiny_trainer(
-            tmp_path / str(duty), replace(CONFIG, ppo=replace(TINY, initial_duty=duty))
+            tmp_path / str(duty),
+            replace(CONFIG, ppo=replace(TINY, exploration=ExplorationSettings(duty))),
         )
         assert trainer.selection.judge()[0]["duty"] == pytest.approx(expected, abs=1e-6)
         trainer.learner.learn()
