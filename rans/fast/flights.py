@@ -95,7 +95,7 @@ class Flights:
 
         architecture = self._network.architecture
         try:
-            lacking = CpuLayers.capabilities.missing(architecture)
+            lacking = CpuLayers.lacking(architecture)
             tables = parameters(self._network)
             program = None if lacking else trace_flight(self.world, architecture, tables)
             with one_thread():

@@ -19,6 +19,7 @@ from rans.compile.cpu.flights import CpuFlights
 from rans.episode import Setup
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure import metrics
 from rans.fast import flights as module
@@ -27,6 +28,9 @@ from rans.fast.stepping.step import Backend
 from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.policy.any_craft import for_craft
 from rans.policy.filter_bank import Filters
 from rans.tasks import GoToPose
 from rans.verdict import Failure
@@ -95,6 +99,28 @@ def test_the_program_does_what_stepping_does(kind: str) -> None:
     alike(a, b, different=2, share=1e-3)
     assert (a.ways, b.ways) == ({"CPU, float32"}, {"stepping, cpu"})
     assert sum(count > 0 for count in a.failures.values()) >= 3
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "pingu"])
+def test_allocation_is_flown(name: str) -> None:
+    """On/off thrusters, and throttled ones beside a wheel; an uneven craft has more subsets than pay."""
+    craft = load_spacecraft(name)
+    agent = contestant("pretrained:any-craft-2d").controller
+    assert isinstance(agent, Agent)
+    network = for_craft(agent.network, craft, 0.1)
+    given = Setup(craft, GoToPose(), Timing(0.1, 1, 40))
+    program = Flights(network, given)
+    stepped = Flights(network, given, generated=False)
+    assert isinstance(program._whole, CpuFlights)
+    alike(program.fly(0, COUNT, 5), stepped.fly(0, COUNT, 5), different=2, share=1e-3)
+    uneven = replace(
+        PLATFORM,
+        thrusters=tuple(
+            replace(one, force=1.0 + 0.07 * k) for k, one in enumerate(PLATFORM.thrusters)
+        ),
+    )
+    network = for_craft(agent.network, uneven, 0.1)
+    assert Flights(network, Setup(uneven, GoToPose(), Timing(0.1, 1, 40)))._whole is None
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

@@ -9,8 +9,13 @@ import numpy as np
 
 from rans.compile.cpu.llvm import FLOAT, LONG, POINTER, Code, MachineModule, Value
 from rans.compile.cpu.matmul import WIDTH, dense_layer
+from rans.policy.allocated import choice
+from rans.policy.architecture import Architecture
 from rans.policy.capabilities import Capabilities
 from rans.policy.scalars import Stage
+
+_SUBSETS = 128
+"""Ways to open thrusters up to which machine code compares them faster than a product of matrices does."""
 
 
 class LayersMemory(NamedTuple):
@@ -31,8 +36,19 @@ class CpuLayers:
         tables: the policy's parameters (`rans.policy.traced.parameters`).
     """
 
-    capabilities: ClassVar[Capabilities] = Capabilities(recurrent=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(
+        backbones=("dense", "allocated"), recurrent=True
+    )
     """Kinds of policies that `rans.compile.cpu.flights` flies with these layers."""
+
+    @classmethod
+    def lacking(cls, architecture: Architecture) -> str:
+        """What these layers lack for flights of a policy, in words; "": nothing."""
+        if missing := cls.capabilities.missing(architecture):
+            return missing
+        chosen = choice(architecture.tokens) if architecture.backbone == "allocated" else None
+        many = chosen is not None and len(chosen.offset) > _SUBSETS
+        return f"more than {_SUBSETS} ways to open thrusters" if many else ""
 
     def __init__(self, stage: Stage, tables: Mapping[str, np.ndarray]) -> None:
         self._layers = stage.layers
