@@ -167,7 +167,7 @@ def _failure_probability(result: Mapping[str, Any]) -> list[Tile]:
     flights = (
         f"{bound['failures']:,} of {bound['flights']:,} flights failed\n{sure:.6g} % confidence"
     )
-    return [Tile("failure probability", f"at most {bound['at most']:.3g}", flights)]
+    return [Tile("failure probability, at most", f"{bound['at most']:.3g}", flights)]
 
 
 def headline(measured: Metrics) -> tuple[str, list[Tile]]:

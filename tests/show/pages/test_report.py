@@ -247,8 +247,8 @@ def test_the_first_screen_says_how_sure(run: Path) -> None:
         assert len(tiles) <= 6
         return [(tile.value, tile.note) for tile in tiles if tile.label == label]
 
-    assert of("failure probability") == [
-        ("at most 0.0146", "17 of 2,000 flights failed\n99 % confidence")
+    assert of("failure probability, at most") == [
+        ("0.0146", "17 of 2,000 flights failed\n99 % confidence")
     ]
     (run / "assurance-lab.json").unlink()
     assert of("failure probability") == [("not yet", f"rans assure {run.name}")]
