@@ -209,6 +209,15 @@ def write_ccsds(
 def read_opm(file: str | Path) -> OrbitState:
     """Read the state of an Orbit Parameter Message in the keyword notation.
 
+    >>> message = "CCSDS_OPM_VERS = 3.0, OBJECT_NAME = iss, CENTER_NAME = EARTH, REF_FRAME = EME2000"
+    >>> message += ", TIME_SYSTEM = UTC, EPOCH = 2026-01-01T00:00:00, X = 6800.0, Y = 0.0, Z = 0.0"
+    >>> message += ", X_DOT = 0.0, Y_DOT = 4.7, Z_DOT = 6.0"
+    >>> file = tempfile.mkdtemp() + "/iss.opm"
+    >>> with open(file, "w") as lines:
+    ...     _ = lines.write(message.replace(", ", chr(10)))
+    >>> rans.read_opm(file).v.tolist()
+    [0.0, 4700.0, 6000.0]
+
     Raises:
         ConfigError: the file is no such message, or a number of its state is missing.
     """
@@ -239,6 +248,16 @@ def read_opm(file: str | Path) -> OrbitState:
 
 def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.ndarray, np.ndarray]:
     """State of a craft in the Hill frame of a target, as missions on an orbit start from it.
+
+    >>> from dataclasses import replace
+    >>> from datetime import datetime
+    >>> import numpy as np
+    >>> from rans.ccsds import OrbitState
+    >>> p, v = np.array([7e6, 0.0, 0.0]), np.array([0.0, 7546.053, 0.0])
+    >>> target = OrbitState("target", "EME2000", datetime(2026, 1, 1), p, v)
+    >>> n, p, v = rans.relative_state(target, replace(target, p=np.array([7000100.0, 0.0, 0.0])))
+    >>> p.tolist(), f"{n:.6f}"
+    ([100.0, 0.0, 0.0], '0.001078')
 
     Args:
         target: target, on an orbit that is nearly circular.
