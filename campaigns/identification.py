@@ -37,6 +37,10 @@ _OPEN = 0.25
 """Probability that a thruster is open."""
 _CHOICES = 8
 """Random commands of which the calmest is given."""
+_WHEELS = (0.75, 1.25)
+"""Factors on torque and inertia of hidden wheels, as those of `lab` on forces and inertia."""
+_ENCODER = 0.1
+"""rad/s: noise of wheel speeds, one revolution a minute."""
 _HELD = 2
 """Control periods for which a random command is held, so that speeds and angles are told apart from noise."""
 _HEADINGS = (
@@ -51,6 +55,31 @@ def hidden_flights(
     craft: Spacecraft, count: int, seconds: float, period: float, seed: int
 ) -> tuple[list[FlightLog], np.ndarray]:
     """Logs of hidden craft, and their true parameters (count, P) in the order of `parameters_of`."""
+    if not craft.wheels:
+        return _flights(craft, count, seconds, period, seed)
+    # Conditions have no ranges of wheels: each hidden craft is another spacecraft.
+    random = np.random.default_rng(seed)
+    flights = []
+    for k in range(count):
+        hidden = replace(
+            craft,
+            wheels=tuple(
+                replace(
+                    wheel,
+                    max_torque=wheel.max_torque * random.uniform(*_WHEELS),
+                    inertia=wheel.inertia * random.uniform(*_WHEELS),
+                )
+                for wheel in craft.wheels
+            ),
+        )
+        flights.append(_flights(hidden, 1, seconds, period, seed + 1000 * (k + 1)))
+    return [log for logs, _ in flights for log in logs], np.concatenate([one for _, one in flights])
+
+
+def _flights(
+    craft: Spacecraft, count: int, seconds: float, period: float, seed: int
+) -> tuple[list[FlightLog], np.ndarray]:
+    """The same with the wheels of the craft."""
     lab = load_conditions("lab")
     conditions = replace(lab, body=replace(lab.body, mass=1.0))
     steps = round(seconds / period)
@@ -63,11 +92,18 @@ def hidden_flights(
     episode = world.begin(start, goal, np.zeros(count, np.int32), drawn)
     width = 6 if craft.dimension == 2 else 13
     readings = []
+    speeds = []
     commands = []
     command = np.zeros((count, craft.command_count))
     for k in range(steps):
         columns = leaves(world.read(episode, drawn))[:width]
         readings.append(np.stack([np.broadcast_to(x, count) for x in columns], axis=-1))
+        speeds.append(
+            [
+                momentum / wheel.inertia - wheel.axis[-1] * episode.state.spin()[-1]
+                for momentum, wheel in zip(episode.state.stores, craft.wheels, strict=True)
+            ]
+        )
         if k % _HELD == 0:
             command = _calming(craft, episode.state, random, _HELD * period)
         commands.append(command)
@@ -84,6 +120,7 @@ def hidden_flights(
             rows[:, 2] if d == 2 else rows[:, 3:7],
             rows[:, 3:5] if d == 2 else rows[:, 7:10],
             rows[:, 5] if d == 2 else rows[:, 10:],
+            _measured(speeds, i, random) if craft.wheels else None,
         )
         for i in range(count)
         for rows in [np.array([row[i] for row in readings])]
@@ -93,7 +130,15 @@ def hidden_flights(
     forces = [thruster.force * g for thruster, g in zip(craft.thrusters, body.gain, strict=True)]
     lag = parameters.lag
     fields = [*forces, *body.inertia, *body.centre, *leaves(parameters.push), lag.latency, lag.rise]
+    for wheel in craft.wheels:
+        fields += [wheel.max_torque, wheel.inertia]
     return logs, np.stack([np.broadcast_to(x, count) for x in fields], axis=-1)
+
+
+def _measured(speeds: list[Any], number: int, random: np.random.Generator) -> np.ndarray:
+    """Speeds of the wheels of one craft over time, with the noise of their encoders."""
+    exact = [[np.broadcast_to(x, (number + 1,))[number] for x in row] for row in speeds]
+    return np.array(exact) + random.normal(0.0, _ENCODER, (len(exact), len(exact[0])))
 
 
 def _calming(
@@ -102,9 +147,14 @@ def _calming(
     """The calmest of several random commands: it leaves least speed and spin, so that a flight stays in a room."""
     columns = np.array(craft.wrench_map)
     count = len(state.p.x)
-    choices = (random.random((_CHOICES, count, len(columns))) < _OPEN).astype(float)
-    wrench = choices @ columns
     d = craft.dimension
+    choices = (random.random((_CHOICES, count, len(columns))) < _OPEN).astype(float)
+    if craft.wheels:
+        turns = np.array(craft.wheel_map)
+        columns = np.concatenate([columns, np.pad(turns, ((0, 0), (d, 0)))])
+        motors = random.uniform(-1.0, 1.0, (_CHOICES, count, len(turns)))
+        choices = np.concatenate([choices, motors], axis=2)
+    wrench = choices @ columns
     force = Vec2(*np.moveaxis(wrench[..., :2], -1, 0))
     if d == 3:
         force = Vec3(*np.moveaxis(wrench[..., :3], -1, 0))
@@ -119,6 +169,10 @@ def _calming(
         (radius * (w + lasting * wrench[..., d + j] / inertia[j])) ** 2
         for j, w in enumerate(state.spin())
     )
+    for k, (wheel, momentum) in enumerate(zip(craft.wheels, state.stores, strict=True)):
+        # Away from its limit, where a motor gives no more torque.
+        after = momentum + lasting * wheel.max_torque * choices[..., craft.thruster_count + k]
+        spin = spin + (after / wheel.max_momentum) ** 2
     best = np.argmin(speed + spin, axis=0)
     return choices[best, np.arange(count)]
 
@@ -191,11 +245,15 @@ class Hidden:
             "centre of mass": ("centre", "mm"),
             "disturbance force": ("disturbance", "N"),
             "disturbance torque": ("torque", "N m"),
+            "torque of a wheel's motor": ("motor", "%"),
+            "inertia of a wheel": ("rotor", "%"),
         }
         errors = values - truth
         held = np.abs(errors) <= SPREAD * deviations
         for title, (word, unit) in groups.items():
             columns = [k for k, name in enumerate(names) if name.startswith(word)]
+            if not columns:
+                continue
             # Products of inertia of a symmetric craft are zero, and so is what they are compared with.
             columns = [k for k in columns if unit != "%" or np.all(truth[:, k] != 0.0)]
             error = np.abs(errors[:, columns])

@@ -86,6 +86,8 @@ def write_excitation(
             exists, or the disk refuses.
     """
     check_identifiable(craft)
+    if craft.wheels:
+        raise ConfigError(f"{craft.name!r} has reaction wheels, for which no commands are chosen.")
     for name, value in (("--box", side), ("seconds", seconds), ("period", period)):
         positive(name, value)
     if folder.exists():

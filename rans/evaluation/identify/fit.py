@@ -31,7 +31,7 @@ from rans.model.spacecraft import Spacecraft
 
 WINDOW = 5.0
 """s: length of a window. Longer ones determine small forces better; errors of the model add up over them."""
-CHANNELS = ("position", "attitude", "velocity", "spin")
+CHANNELS = ("position", "attitude", "velocity", "spin", "wheel speed")
 """Measured quantities, in the order of the columns of a residual."""
 _FACTOR_PRIOR = 0.3
 """Standard deviation of the prior of factors on force and inertia: data sheets err by a tenth to a quarter."""
@@ -85,9 +85,9 @@ class Fit:
     noise: dict[str, float]
     """Standard deviation of the readings' errors, in m, rad, m/s and rad/s, of what was measured."""
     residuals: tuple[np.ndarray, ...]
-    """Readings minus prediction of each log, (M, 6 or 12); in space the attitude's is a rotation vector."""
+    """Readings minus prediction of each log, (M, 6 + W or 12); in space the attitude's is a rotation vector."""
     nominal_residuals: tuple[np.ndarray, ...]
-    """Readings minus the prediction of the data sheet, of each log, (M, 6 or 12), with windows' starts fitted."""
+    """Readings minus the prediction of the data sheet, of each log, with windows' starts fitted."""
     logs: tuple[FlightLog, ...]
 
     @property
@@ -133,6 +133,13 @@ def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
     ]
     result.append(Parameter("latency", "s", 0.0, _LATENCY_PRIOR, 0.0))
     result.append(Parameter("rise", "s", 0.0, _RISE_PRIOR, 0.0))
+    for k, wheel in enumerate(craft.wheels):
+        full = wheel.max_torque
+        about = wheel.inertia
+        result += [
+            Parameter(f"motor of wheel {k}", "N m", full, _FACTOR_PRIOR * full, 1e-3 * full),
+            Parameter(f"rotor of wheel {k}", "kg m^2", about, _FACTOR_PRIOR * about, 1e-3 * about),
+        ]
     return tuple(result)
 
 
@@ -149,7 +156,10 @@ def physics_of(craft: Spacecraft, values: np.ndarray) -> Physics:
     else:
         push = Wrench(Vec3(*force), Vec3(*(next(columns) for _ in range(3))))
     body = Body(craft.mass, inertia, centre, gain, (0.0,) * count)
-    return Physics(body, push, next(columns), next(columns))
+    latency, rise = next(columns), next(columns)
+    wheels = [(next(columns), next(columns)) for _ in craft.wheels]
+    torques = tuple(torque for torque, _ in wheels)
+    return Physics(body, push, latency, rise, torques, tuple(about for _, about in wheels))
 
 
 class _Problem:
@@ -159,7 +169,7 @@ class _Problem:
         self.craft = craft
         self.parameters = parameters_of(craft)
         self.planar = craft.dimension == 2
-        self.width = 6 if self.planar else 12
+        self.width = 6 + len(craft.wheels) if self.planar else 12
         """Entries of a residual, and of the change of a start."""
         self.groups: list[_Group] = []
         for number, log in enumerate(logs):
@@ -217,7 +227,10 @@ class _Group:
         self.number = number
         self.windows = windows
         self.thrusts = thrusts
-        columns = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
+        parts = [log.position, log.attitude, log.velocity, log.spin]
+        if log.wheel_speeds is not None:
+            parts.append(log.wheel_speeds)
+        columns = np.column_stack(parts)
         self.times = np.stack([log.times[part] for part in windows])
         self.begin = self.times[:, 0]
         self.readings = np.stack([columns[part] for part in windows])
@@ -233,9 +246,11 @@ def _rotation_vector(path: np.ndarray, readings: np.ndarray) -> np.ndarray:
     return 2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
 
 
-def channel_columns(planar: bool) -> dict[str, slice]:
-    """Columns of each measured quantity in a residual of 6 or 12 entries."""
-    ends = (0, 2, 3, 5, 6) if planar else (0, 3, 6, 9, 12)
+def channel_columns(craft: Spacecraft) -> dict[str, slice]:
+    """Columns of each measured quantity in a residual of 6 entries and one a wheel, or 12 in space."""
+    ends = (0, 2, 3, 5, 6) if craft.dimension == 2 else (0, 3, 6, 9, 12)
+    if craft.wheels:
+        ends = (*ends, ends[-1] + len(craft.wheels))
     return {name: slice(a, b) for name, a, b in zip(CHANNELS, ends, ends[1:], strict=False)}
 
 
@@ -298,8 +313,9 @@ class _Solver:
         self.starts = [group.starts for group in problem.groups]
         self.frozen = frozen
         """Whether only starts and noise are fitted."""
-        self.columns = channel_columns(problem.planar)
+        self.columns = channel_columns(problem.craft)
         self.noise = {"position": 0.01, "attitude": 0.01, "velocity": 0.02, "spin": 0.02}
+        self.noise["wheel speed"] = 1.0
         """Standard deviations, at first of a laboratory's order of magnitude."""
         measured = set()
         for group in problem.groups:

@@ -49,6 +49,8 @@ class FlightLog:
     """(M, d), m/s, in W."""
     spin: np.ndarray
     """(M,) or (M, 3), rad/s, in the body frame B."""
+    wheel_speeds: np.ndarray | None = None
+    """(M, W), rad/s: speed of each reaction wheel about its axis, relative to the body; None: not measured."""
 
     @property
     def duration(self) -> float:
@@ -104,6 +106,14 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
         name: getattr(log, name)[inside]
         for name in ("times", "position", "attitude", "velocity", "spin")
     }
+    speeds = log.wheel_speeds
+    if speeds is None:
+        speeds = np.full((len(log.times), len(craft.wheels)), np.nan)
+    if speeds.shape != (len(log.times), len(craft.wheels)):
+        raise ConfigError(
+            f"{what} has speeds of {speeds.shape[1]} wheels, but {craft.name!r} has {len(craft.wheels)}."
+        )
+    parts["wheel_speeds"] = speeds[inside]
     poses = np.column_stack([parts["position"], parts["attitude"]])
     if np.isnan(poses).all():
         raise ConfigError(f"{what} has no poses: positions and attitudes are needed.")
@@ -114,8 +124,8 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     """Log of a CSV file whose first line names its columns.
 
     ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on;
-    the velocities (`RATE_COLUMNS`) may be missing. An empty cell is a value that was not measured, or the last
-    command.
+    the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on (rad/s), may be missing. An empty
+    cell is a value that was not measured, or the last command.
 
     Raises:
         ConfigError: the file cannot be read, a column is missing, or a cell is no number.
@@ -159,6 +169,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     d = craft.dimension
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])
+    speeds = columns([f"s{k}" for k in range(len(craft.wheels))]) if craft.wheels else None
     commands = columns(inputs)
     has_command = ~np.isnan(commands).any(axis=1)
     measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
@@ -172,4 +183,5 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         pose[measured, 2] if d == 2 else pose[measured, 3:],
         rates[measured, :d],
         rates[measured, 2] if d == 2 else rates[measured, 3:],
+        None if speeds is None else speeds[measured],
     )

@@ -21,7 +21,7 @@ from rans.model.fields import Quat
 from rans.model.spacecraft import Spacecraft
 
 STEP = 0.02
-"""s: longest step of the grid. Readings between two instants are interpolated linearly, which errs by a h^2 / 8:
+"""s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
 2e-4 rad under 4 rad/s^2, far below the noise of readings."""
 
 
@@ -36,6 +36,10 @@ class Physics(NamedTuple):
     """(K,), s from a command until the force begins to change."""
     rise: np.ndarray
     """(K,), s of the linear change of the force."""
+    wheel_torques: tuple[np.ndarray, ...] = ()
+    """(K,) of each reaction wheel, N m: torque of the motor at full command."""
+    wheel_inertias: tuple[np.ndarray, ...] = ()
+    """(K,) of each, kg m^2 about its axis."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,12 @@ class Thrust:
     """(E, n): integral of that, s^2."""
     shares: np.ndarray
     """(E, n): shares of full force from each instant on."""
+    motor_times: np.ndarray
+    """(T,), s: instants at which motors of wheels change their torque."""
+    motors: np.ndarray
+    """(T, W): their shares of full torque from each instant on, within the limits of the wheels' momenta."""
+    turned: np.ndarray
+    """(T, W): integral of these shares up to each instant, s."""
 
     @classmethod
     def of(cls, craft: Spacecraft, log: FlightLog) -> Thrust:
@@ -74,7 +84,17 @@ class Thrust:
         second = np.zeros_like(u)
         first[1:] = np.cumsum(u[:-1] * steps, axis=0)
         second[1:] = np.cumsum(first[:-1] * steps + 0.5 * u[:-1] * steps**2, axis=0)
-        return cls(t, first, second, u)
+        motors = _motors(craft, log)
+        held = np.diff(log.command_times)[:, None]
+        turned = np.zeros_like(motors)
+        turned[1:] = np.cumsum(motors[:-1] * held, axis=0)
+        return cls(t, first, second, u, log.command_times, motors, turned)
+
+    def spun(self, t: np.ndarray) -> np.ndarray:
+        """Integral of the motors' shares up to times of any shape: (..., W), s; they follow commands at once."""
+        index = np.clip(np.searchsorted(self.motor_times, t, side="right") - 1, 0, None)
+        since = np.maximum(t - self.motor_times[index], 0.0)[..., None]
+        return self.turned[index] + self.motors[index] * since
 
     def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First and second integral at times of any shape: (..., n) each."""
@@ -98,21 +118,42 @@ class Thrust:
         return np.where(rise[:, None, None] > 1e-6, (second - before) / ramp, first)
 
 
+def _motors(craft: Spacecraft, log: FlightLog) -> np.ndarray:
+    """Shares (T, W) of full torque of motors of the designed strength, which stop at the largest momentum."""
+    wheels = craft.wheels
+    commands = log.commands[:, craft.thruster_count :][:, : len(wheels)].copy()
+    torques = np.array([wheel.max_torque for wheel in wheels])
+    limits = np.array([wheel.max_momentum for wheel in wheels])
+    speeds = log.wheel_speeds
+    measured = speeds is not None and len(wheels) > 0 and np.isfinite(speeds[0]).all()
+    momenta = np.zeros(len(wheels))
+    if measured and speeds is not None:
+        momenta = np.array([wheel.inertia for wheel in wheels]) * speeds[0]
+    period = log.period
+    for command in commands:
+        largest = (limits - momenta) / (torques * period)
+        least = (-limits - momenta) / (torques * period)
+        command[:] = np.clip(command, least, largest)
+        momenta = momenta + torques * period * command
+    return commands
+
+
 def check_identifiable(craft: Spacecraft) -> None:
     """Refuse craft whose motion this module does not predict.
 
     Raises:
-        ConfigError: the craft burns propellant, or has wheels or effectors of other kinds.
+        ConfigError: the craft burns propellant, has wheels in space, or effectors of other kinds.
     """
     reasons = {
         "burns propellant": craft.propellant is not None,
-        "has reaction wheels": bool(craft.wheels),
+        "has reaction wheels in space": bool(craft.wheels) and craft.dimension == 3,
         "has effectors of other kinds": bool(craft.further_effectors),
     }
     for reason, holds in reasons.items():
         if holds:
             raise ConfigError(
-                f"{craft.name!r} {reason}, and only spacecraft with thrusters alone can be identified from a log."
+                f"{craft.name!r} {reason}, and only spacecraft with thrusters, and in the plane wheels, can be "
+                "identified from a log."
             )
 
 
@@ -141,44 +182,48 @@ def predicted(
     begin: np.ndarray,
     times: np.ndarray,
 ) -> np.ndarray:
-    """States at the readings of K windows of M readings each: columns (K, M, 6 or 13).
+    """States at the readings of K windows of M readings each: columns (K, M, 6 + W or 13).
 
-    They are x, y, heading, vx, vy, spin, or p, quaternion, v, w.
+    They are x, y, heading, vx, vy, spin and the speeds of wheels, or p, quaternion, v, w.
 
     Args:
         craft: spacecraft as designed.
         thrusts: forces that were commanded.
         physics: parameters.
-        start: (K, 6 or 13), states at the beginnings of the windows.
+        start: (K, 6 + W or 13), states at the beginnings of the windows.
         begin: (K,), s, the beginnings.
         times: (K, M), s, times of the readings, ascending.
     """
-    length = times[:, -1] - begin
-    count = max(1, int(np.ceil(np.max(length) / STEP)))
-    step = np.maximum(length, 1e-9) / count
-    grid = begin[:, None] + step[:, None] * np.arange(count + 1)
+    # Readings lie on the grid: between its instants velocities have kinks where thrusters open.
+    gaps = np.diff(np.concatenate([begin[:, None], times], axis=1), axis=1)
+    counts = np.maximum(1, np.ceil(np.max(gaps, axis=0) / STEP - 1e-9).astype(int))
+    step = np.repeat(np.maximum(gaps, 1e-12) / counts, counts, axis=1)
+    grid = begin[:, None] + np.concatenate(
+        [np.zeros((len(begin), 1)), np.cumsum(step, axis=1)], axis=1
+    )
     delivered = thrusts.delivered(grid, physics.latency, physics.rise)
     gain = np.stack([np.broadcast_to(g, len(times)) for g in physics.body.gain], axis=-1)
-    shares = np.diff(delivered, axis=1) / step[:, None, None] * gain[:, None]
+    shares = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
     wrenches = shares @ np.array(craft.wrench_map)
 
     if craft.dimension == 2:
-        path = _planar(craft, physics, start, wrenches, step)
+        motors = np.diff(thrusts.spun(grid), axis=1) / step[..., None]
+        path = _planar(craft, physics, start, wrenches, step, motors)
     else:
         path = _spatial(craft, physics, start, wrenches, step)
 
-    # Readings between the instants of the grid.
-    instant = np.clip((times - begin[:, None]) / step[:, None], 0.0, count)
-    index = np.minimum(instant.astype(int), count - 1)
-    rows = np.arange(len(times))[:, None]
-    part = (instant - index)[..., None]
-    return path[rows, index] + (path[rows, index + 1] - path[rows, index]) * part
+    return path[:, np.cumsum(counts)]
 
 
 def _planar(
-    craft: Spacecraft, physics: Physics, start: np.ndarray, wrench: np.ndarray, step: np.ndarray
+    craft: Spacecraft,
+    physics: Physics,
+    start: np.ndarray,
+    wrench: np.ndarray,
+    step: np.ndarray,
+    motors: np.ndarray,
 ) -> np.ndarray:
-    """States (K, S + 1, 6) in the plane, as cumulative sums with the heading at the middle of each step.
+    """States (K, S + 1, 6 + W) in the plane, as cumulative sums with the heading at the middle of each step.
 
     They are some hundred times as fast as the engine's steps, one after the other; the error of a step is of third
     order in its turn, 1e-6 of the thrust at 1 rad/s.
@@ -187,10 +232,16 @@ def _planar(
     x, y = (np.asarray(c)[:, None] for c in physics.body.centre)
     push = physics.disturbance
     torque = wrench[..., 2] - (x * force[..., 1] - y * force[..., 0])
+    axes = [wheel.axis[2] for wheel in craft.wheels]
+    turns = [
+        np.asarray(full)[:, None] * motors[..., k] for k, full in enumerate(physics.wheel_torques)
+    ]
+    for axis, turn in zip(axes, turns, strict=True):
+        torque = torque - axis * turn
     rate = (torque + np.asarray(push.torque)[:, None]) / np.asarray(physics.body.inertia[0])[
         :, None
     ]
-    h = step[:, None]
+    h = step
     spin = _summed(start[:, 5], rate * h)
     heading = _summed(start[:, 2], spin[:, :-1] * h + 0.5 * rate * h**2)
     middle = heading[:, :-1] + 0.5 * h * spin[:, :-1] + 0.125 * h**2 * rate
@@ -207,7 +258,13 @@ def _planar(
         position = _summed(start[:, j], velocity[:, :-1] * h + 0.5 * acceleration * h**2)
         columns.append((position, velocity))
     (x, vx), (y, vy) = columns
-    return np.stack([x, y, heading, vx, vy, spin], axis=-1)
+    # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
+    speeds = []
+    for k, (axis, turn) in enumerate(zip(axes, turns, strict=True)):
+        about = np.asarray(physics.wheel_inertias[k])[:, None]
+        absolute = _summed(start[:, 6 + k] + axis * start[:, 5], turn * h / about)
+        speeds.append(absolute - axis * spin)
+    return np.stack([x, y, heading, vx, vy, spin, *speeds], axis=-1)
 
 
 def _summed(start: np.ndarray, changes: np.ndarray) -> np.ndarray:
@@ -231,7 +288,6 @@ def _spatial(
     inverse = np.linalg.inv(inertia)
     push = _stacked(physics.disturbance.force.columns()) / craft.mass
     twist = _stacked(physics.disturbance.torque.columns())
-    h = step[:, None]
 
     def rate(spin: np.ndarray, attitude: np.ndarray, thrust: np.ndarray) -> np.ndarray:
         """Angular acceleration in B: Euler's equations."""
@@ -242,6 +298,7 @@ def _spatial(
     path = np.empty((len(start), wrench.shape[1] + 1, 13))
     path[:, 0] = start
     for k in range(wrench.shape[1]):
+        h = step[:, k, None]
         p, q, v, w = np.split(path[:, k], (3, 7, 10), axis=1)
         w_half = w + 0.5 * h * rate(w, q, torque[:, k])
         q_half = product(q, exponential(0.25 * h * (w + w_half)))

@@ -25,7 +25,13 @@ from rans.randomization.conditions_file import conditions_text
 
 SPREAD = 1.96
 """Standard deviations of a two-sided interval of 95 %."""
-UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
+UNITS = {
+    "position": "m",
+    "attitude": "rad",
+    "velocity": "m/s",
+    "spin": "rad/s",
+    "wheel speed": "rad/s",
+}
 
 
 @dataclass(frozen=True)
@@ -88,8 +94,17 @@ class Identification:
         offset = [self.fit.value(f"centre {axis}") for axis in "xyz"[: craft.dimension]]
         centre = np.array(craft.centre_of_mass)
         centre[: craft.dimension] += offset
+        wheels = tuple(
+            replace(
+                wheel,
+                max_torque=self.fit.value(f"motor of wheel {k}"),
+                inertia=self.fit.value(f"rotor of wheel {k}"),
+            )
+            for k, wheel in enumerate(craft.wheels)
+        )
         return replace(
             craft,
+            wheels=wheels,
             name=f"{craft.name}-identified",
             thrusters=thrusters,
             inertia=tuple(map(tuple, tensor)),
@@ -134,7 +149,7 @@ class Identification:
         turns = ("z",) if craft.dimension == 2 else axes
         noise = self.fit.noise
         position, attitude, velocity, spin = (
-            SensorConditions(noise=round(noise.get(name, 0.0), 6)) for name in CHANNELS
+            SensorConditions(noise=round(noise.get(name, 0.0), 6)) for name in CHANNELS[:4]
         )
         return Conditions(
             body=BodyConditions(
@@ -189,7 +204,7 @@ class Identification:
 
     def channels(self) -> list[Channel]:
         """How well each measured quantity is predicted, before and after."""
-        columns = channel_columns(self.fit.craft.dimension == 2)
+        columns = channel_columns(self.fit.craft)
         result = []
         for name in CHANNELS:
             if name not in self.fit.noise:
@@ -224,6 +239,8 @@ class Identification:
                 f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; fire "
                 "thrusters that the flight did not fire, one at a time and in both directions."
             )
+        if any(name.startswith("rotor") for name in silent):
+            result.append("Only measured speeds of wheels determine the inertia of their rotors.")
         coloured = [channel for channel in self.channels() if not channel.is_white]
         if coloured:
             names = ", ".join(f"{one.name} ({one.correlation:+.2f})" for one in coloured)

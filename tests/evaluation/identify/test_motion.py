@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from campaigns.identification import hidden_flights
-from rans.evaluation.identify.fit import fit, physics_of
+from rans.evaluation.identify.fit import fit, parameters_of, physics_of
 from rans.evaluation.identify.log import FlightLog
 from rans.evaluation.identify.motion import Thrust, predicted, windows_of
 from rans.model.spacecraft_file import load_spacecraft
@@ -103,3 +105,87 @@ def test_a_lever_of_the_wrong_sign_is_seen_in_the_residuals() -> None:
     )
     # The readings' noise is 0.5 degrees; a torque of 0.3 N m of the wrong sign turns by more in a window.
     assert fit(PLATFORM, [wrong]).noise["attitude"] > 0.05
+
+
+@pytest.fixture(scope="module")
+def wheeled() -> tuple[FlightLog, np.ndarray]:
+    (log,), (values,) = hidden_flights(load_spacecraft("pingu"), 1, 8.0, 0.2, seed=5)
+    return log, values
+
+
+@pytest.mark.slow
+def test_a_wheel_is_predicted_as_the_engine_moves_it(wheeled: tuple[FlightLog, np.ndarray]) -> None:
+    """From rest, over 8 s; speeds reach tens of rad/s and are read with 0.1 rad/s of noise."""
+    log, values = wheeled
+    craft = load_spacecraft("pingu")
+    assert log.wheel_speeds is not None
+    start = np.zeros((1, 7))
+    start[0, :2] = log.position[0]
+    start[0, 2] = log.attitude[0]
+    path = predicted(
+        craft,
+        Thrust.of(craft, log),
+        physics_of(craft, values[None]),
+        start,
+        log.times[:1],
+        log.times[None],
+    )[0]
+    assert np.ptp(log.wheel_speeds) > 10.0
+    assert np.std(path[:, 6] - log.wheel_speeds[:, 0]) < 0.12
+    assert np.std(path[:, 5] - log.spin) < 0.012
+
+
+@pytest.mark.slow
+def test_a_wheel_is_found_from_its_speeds(wheeled: tuple[FlightLog, np.ndarray]) -> None:
+    log, values = wheeled
+    found = fit(load_spacecraft("pingu"), [log])
+    error = found.values - values
+    assert np.abs(error[-2:]) / values[-2:] == pytest.approx(0.0, abs=0.02)
+    assert (
+        np.sum(error @ np.linalg.solve(found.covariance, error)) < 42.3
+    )  # of 18 squares in 999 of 1,000
+    unmeasured = fit(load_spacecraft("pingu"), [replace(log, wheel_speeds=None)])
+    assert unmeasured.is_identifiable()[-2:].tolist() == [True, False]
+
+
+def test_a_motor_turns_wheel_and_craft_as_worked_by_hand() -> None:
+    """Half of the torque for 0.5 s: the craft gains -T t / J, and the wheel T t / I + T t / J relative to it."""
+    craft = load_spacecraft("pingu")
+    commands = np.zeros((5, 9))
+    commands[1, 8] = 0.5
+    log = log_of(commands)
+    values = np.array([one.nominal for one in parameters_of(craft)])[None]
+    path = predicted(
+        craft,
+        Thrust.of(craft, log),
+        physics_of(craft, values),
+        np.zeros((1, 7)),
+        np.zeros(1),
+        log.times[None],
+    )[0]
+    gained = 0.5 * craft.wheels[0].max_torque * 0.5
+    after = np.array([0.0, 0.0, 1.0, 1.0, 1.0])
+    spin = -gained / craft.inertia[2][2]
+    assert path[:, 5] == pytest.approx(spin * after, abs=1e-9)
+    assert path[:, 6] == pytest.approx((gained / craft.wheels[0].inertia - spin) * after, abs=1e-6)
+    # 0.7 N m s is its largest momentum: after 7 s of full torque the motor gives none.
+    commands = np.zeros((20, 9))
+    commands[:, 8] = 1.0
+    spun = Thrust.of(craft, log_of(commands)).spun(np.array([5.0, 7.0, 9.0]))[:, 0]
+    assert spun == pytest.approx([5.0, 7.0, 7.0])
+
+
+def test_readings_between_kinks_are_exact() -> None:
+    """A thruster that opens at once in every second period: velocities have kinks at readings."""
+    commands = np.zeros((9, 8))
+    straight = np.flatnonzero(np.array(PLATFORM.wrench_map)[:, 0] > 0.0)[:1]
+    commands[::2, straight] = 1.0
+    log = log_of(commands, 0.125)
+    physics = physics_of(PLATFORM, np.array([one.nominal for one in parameters_of(PLATFORM)])[None])
+    path = predicted(
+        PLATFORM, Thrust.of(PLATFORM, log), physics, np.zeros((1, 6)), np.zeros(1), log.times[None]
+    )
+    turned = PLATFORM.wrench_map[int(straight[0])][2] / PLATFORM.inertia[2][2] * 0.125
+    assert path[0, :, 5] == pytest.approx(
+        turned * (np.arange(10) // 2 + np.arange(10) % 2)[:9], abs=1e-9
+    )
