@@ -82,19 +82,21 @@ def test_mission_guidance_stays_after_the_arrival(mission: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*QUICK, *SLOW])
 @pytest.mark.parametrize("mission", MISSIONS)
-def test_controllers_hold_for_5000_s_after_the_last_deadline(name: str, mission: str) -> None:
+def test_controllers_hold_long_after_the_last_deadline(name: str, mission: str) -> None:
+    """For 5,000 s, or 1,000 s where a program is solved in every period, which takes 20 ms."""
     setup = setup_of(MISSIONS[mission])
     task = setup.task
     assert isinstance(task, OrbitalMission)
+    seconds = 1000.0 if name in SLOW else 5000.0
     if name in SLOW and name != "mppi":
-        # One craft near the goal: these solve a program in every period, 20 ms each.
+        # One craft near the goal, which has 400 s after its deadline to come to rest.
         starts = near_starts(setup, 100.0, 1)
-        latest = 1000.0
+        latest = 500.0
     else:
         starts = scenarios(task, setup.craft, 90210, 1 if name in SLOW else 4)
         # Who has not held by then, or comes late, has the time of another plan.
         latest = 2.0 * task.deadline[1] + 1000.0
-    continued = flown_on(setup, made(name, setup), starts, latest + 5000.0)
+    continued = flown_on(setup, made(name, setup), starts, latest + seconds)
     rest = continued.after(latest)
     assert rest.spent(1000.0).max() < REVERSALS * task.velocity_tolerance
     assert rest.reached.all()
