@@ -282,10 +282,14 @@ def _in_log(name: str, total: int | None, /) -> Step:
 
 
 @contextmanager
-def doing(what: str) -> Iterator[None]:
+def doing(what: str, in_log: bool = True) -> Iterator[None]:
     """Context that says what a command does while it prints nothing: a line that moves, and disappears at the end.
 
     In a log it is a plain line, if it lasts for a second.
+
+    Args:
+        what: what is done, without a period.
+        in_log: whether a log has that line.
     """
     terminal = Terminal(stderr=True)
     if terminal.is_terminal:
@@ -298,6 +302,9 @@ def doing(what: str) -> Iterator[None]:
         ) as bars:
             bars.add_task(what, total=None)
             yield
+        return
+    if not in_log:
+        yield
         return
     line = threading.Timer(1.0, lambda: terminal.say(f"{what} ..."))
     line.daemon = True

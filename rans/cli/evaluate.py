@@ -22,11 +22,12 @@ from rans.files import (
     write_json,
 )
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, stages
+from rans.terminal import Terminal, doing, progress, stages
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
+    from rans.randomization.conditions import Conditions
 
 _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
@@ -115,7 +116,7 @@ class Evaluate:
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Terminal(room=ROOM)
         if run.conditions is not None:
-            console.print(f"Conditions: {run.conditions.description or self.conditions}.")
+            console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
         for metrics in measured.values():
             console.print(metrics.table(console.width, self.full))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
@@ -175,7 +176,7 @@ class Evaluate:
         metrics = measure_many(statistics, run.controller.name, run.judged)
         console = Terminal(room=ROOM)
         if run.conditions is not None:
-            console.print(f"Conditions: {run.conditions.description or self.conditions}.")
+            console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
         console.print(metrics.table(console.width, self.full))
         listed = [
             {"episode": int(number), "failure": Failure(kind).name}
@@ -219,8 +220,6 @@ class Evaluate:
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine with the same options are kept."""
         from rans.evaluation.measure.aggregate import save_episodes
-        from rans.show.pages.race import replay
-        from rans.show.pages.screen import Screen
 
         folder, suffix = self._output(run)
         file = self._file(run)
@@ -231,12 +230,15 @@ class Evaluate:
                 before = {}
             write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
-        screen = Screen(race=replay(flight, run.controller.name))
-        write_json(inside(folder, f"screen-evaluation{suffix}.json"), screen.to_json())
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
+            from rans.show.pages.race import replay
+            from rans.show.pages.screen import Screen
 
-            save_flight_figures(flight, folder, suffix)
+            with doing("drawing the flights", in_log=False):
+                save_flight_figures(flight, folder, suffix)
+                screen = Screen(race=replay(flight, run.controller.name))
+                write_json(inside(folder, f"screen-evaluation{suffix}.json"), screen.to_json())
         return file
 
     def _write_ccsds(self, run: LoadedRun, flight: Flight) -> None:
@@ -267,6 +269,14 @@ class Evaluate:
         """File of the results of both engines; ConfigError if it is a symbolic link."""
         folder, suffix = self._output(run)
         return inside(folder, f"evaluation{suffix}.json")
+
+    def _named_conditions(self, conditions: Conditions) -> str:
+        """Conditions as the user named them, or else what they change."""
+        from rans.randomization.conditions_file import conditions_text
+
+        lines = conditions_text(conditions).split("\n")
+        changes = ", ".join(line for line in lines if line and not line.startswith("#"))
+        return conditions.description or self.conditions or changes or "everything as designed"
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
         """Options under which results are comparable."""

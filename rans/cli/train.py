@@ -32,7 +32,7 @@ from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
 from rans.system import ALARMS, lower_priority, set_alarm
 from rans.tasks.feasible import obstacles
-from rans.terminal import Terminal
+from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -270,7 +270,8 @@ class Train:
 
         elsewhere = tuple(name for name in self.log if name != "terms")
         check(elsewhere)
-        trainer = self._trainer()
+        with doing("preparing the training", in_log=False):
+            trainer = self._trainer()
         begun = trainer.steps
         if not trainer.processes.is_first:
             with StopGently() as stop:
