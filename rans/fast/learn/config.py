@@ -438,7 +438,7 @@ class TrainConfig:
     """Further settings of an algorithm of another package, by their names there."""
     begin_from: str | None = None
     """Run folder, or pretrained:NAME, of an agent with the same network whose weights and input normalisation are
-    the initial ones; null: random weights."""
+    the initial ones, or of an agent for any craft, which is imitated first; null: random weights."""
     guard: bool = False
     """Whether training and evaluation use the safety filter for the spacecraft and task (docs/missions/guard.md).
     On a GPU only together with plain."""

@@ -16,6 +16,7 @@ from rans.fast.agent_files.tensors import pack
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.algorithms import LEARNERS, own_settings
+from rans.fast.learn.any_craft import imitate, teacher
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.failures import FailedStarts
@@ -122,8 +123,13 @@ class Trainer:
         own = own_settings(first.algorithm, first.learner)
         making = algorithm.making(first, craft, own)
         self.learner = begin(self.engine, settings, seeds, by_torch, making)
+        self._teacher = None
         if first.begin_from is not None and not run.has_checkpoint:
-            begin_from(self.learner.network, first.begin_from)
+            self._teacher = teacher(
+                first.begin_from, self.engine, self.learner.network.architecture
+            )
+            if self._teacher is None:
+                begin_from(self.learner.network, first.begin_from)
         self.failures = FailedStarts(configs, self.engine, self.learner)
         self.selection = Selection(
             self.learner.network,
@@ -202,6 +208,10 @@ class Trainer:
                     for number in range(len(self.members))
                 ]
             self._events = [Events(folder) for folder in folders]
+        if self._teacher is not None and self.steps == 0:
+            begun = time.monotonic()
+            imitate(self.engine, self.learner.network, self._teacher, self.config.ppo)
+            self.seconds += time.monotonic() - begun
         self._begun = (self.steps, self.seconds)
         stopped = False
         if not self.config.compiled:

@@ -1,0 +1,80 @@
+"""A training that begins from the agent for any craft: imitation of its commands, then reinforcement learning."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.learn import any_craft
+from rans.fast.learn.config import MemorySettings, TrainConfig
+from rans.fast.learn.recipes import training
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer
+from rans.model.spacecraft_file import load_spacecraft
+
+
+def config(task: str = "go-to-pose", craft: str = "floating-platform", **ppo: Any) -> TrainConfig:
+    base = training(task, craft, "cpu")
+    sizes = {"n_envs": 64, "n_steps": 16, "batch_size": 256, "layers": (32, 32)} | ppo
+    changes: dict[str, Any] = {"begin_from": "pretrained:any-craft-2d", "total_timesteps": 64 * 16}
+    return replace(base, ppo=replace(base.ppo, **sizes), **changes)
+
+
+def trainer(folder: Path, given: TrainConfig) -> Trainer:
+    return Trainer([given], load_spacecraft(given.spacecraft), RunFolder(folder))
+
+
+@pytest.mark.parametrize(
+    "craft", ["floating-platform", pytest.param("roboran-platform", marks=pytest.mark.slow)]
+)
+def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with the symmetries of the platform, where thrusters are numbered as the goal is ahead."""
+    monkeypatch.setattr(any_craft, "_ROUNDS", 3)
+    monkeypatch.setattr(any_craft, "_UPDATES", 60)
+    monkeypatch.setattr(any_craft, "_BATCH", 512)
+    begun = trainer(tmp_path, config(craft=craft))
+    engine = begun.engine
+    expert = any_craft.teacher(
+        "pretrained:any-craft-2d", engine, begun.learner.network.architecture
+    )
+    assert expert is not None
+
+    def error() -> float:
+        """Mean difference of commands at the starts of episodes."""
+        seen = engine.observe()
+        with torch.no_grad():
+            commands = [
+                one.deterministic_action(seen, None)[0] for one in (expert, begun.learner.network)
+            ]
+        return float((commands[0] - commands[1]).abs().mean())
+
+    before = error()
+    any_craft.imitate(engine, begun.learner.network, expert, begun.config.ppo)
+    assert error() < 0.4 * before
+    assert (engine.elapsed() == 0).all()
+
+
+@pytest.mark.slow
+def test_a_training_begins_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An iteration of PPO after the imitation reaches goals that an iteration alone does not."""
+    monkeypatch.setattr(any_craft, "_ROUNDS", 4)
+    given = config(n_envs=256, batch_size=1024)
+    run = RunFolder(tmp_path)
+    begun = Trainer([given], load_spacecraft(given.spacecraft), run)
+    run.begin(given, "test")
+    begun.train(lambda _: None)
+    assert run.metrics()[-1]["success"] > 0.2
+
+
+def test_what_cannot_imitate_it_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="has a memory"):
+        trainer(tmp_path, config(memory=MemorySettings("history")))
+    with pytest.raises(ConfigError, match="observes something else"):
+        trainer(tmp_path, config("track-velocity"))
+    with pytest.raises(ConfigError, match="observes something else"):
+        trainer(tmp_path, config(craft="free-flyer"))
