@@ -159,7 +159,7 @@ def init_spacecraft(
     if isinstance(start, Foreign):
         if dimension is None:
             raise ConfigError(
-                f"{start.source} does not say whether it moves in the plane or in space: give --dimension, 2 or 3."
+                f"{start.source} does not say whether it moves in the plane or in space: set dimension to 2 or 3."
             )
         origin = f"Written by rans init, from {start.source}."
         mass = start.mass if mass is None else mass

@@ -57,12 +57,12 @@ class Assure:
     as lab."""
     seed: int = ASSURANCE_SEED
     """Seed of starts, goals and conditions."""
-    restart: bool = False
-    """Discard an interrupted campaign and begin again."""
     output: Path | None = None
     """Folder of the results; by default that of the agent."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
+    restart: Annotated[bool, Former("delete the file of the campaign")] = False
+    """Discard an interrupted campaign and begin again."""
     worst: Annotated[int, Former("leave it out: 4 of each kind are repeated")] = 4
     """Failed flights of each kind to repeat in Drake: this many of the worst, and as many of the first."""
     device: Annotated[

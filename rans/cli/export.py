@@ -38,10 +38,11 @@ class Export:
     """Format of the agent. None has the safety filter, which needs RANS: the contract names it, and `rans fly` on
     the folder applies it (docs/missions/guard.md)."""
     episodes: int = 1024
-    """Number of evaluation flights for the model card."""
-    margins: int = 256
-    """Number of flights at each latency, mass and sensor noise around the conditions of the training, from which
-    the contract states the intervals in which the agent holds its goal. 0: it does not state them."""
+    """Number of evaluation flights for the model card. A quarter as many fly at each latency, mass and sensor noise
+    around the conditions of the training, from which the contract states the intervals in which the agent holds its
+    goal; with fewer than 256 episodes it states none."""
+    margins: Annotated[int | None, Former("give --episodes four times as many")] = None
+    """Number of flights at each latency, mass and sensor noise; 0: the contract has no intervals."""
     spacecraft: Annotated[str | None, Former("write any-craft-2d@SPACECRAFT")] = None
     """Spacecraft for which an agent for any craft is exported."""
     guard: Annotated[bool, Former("leave it out: exported files have no safety filter")] = False
@@ -77,15 +78,19 @@ class Export:
             )
         if self.format == "rans" and _comes_with_rans(folder):
             raise ConfigError(f"{folder.name} comes with RANS in this format already, in {folder}.")
-        if self.margins:
-            check_count("--margins", self.margins)
+        margins = self.margins
+        if margins is None:
+            # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.
+            margins = self.episodes // 4 if self.episodes >= 256 else 0
+        if margins:
+            check_count("--margins", margins)
         output = self.output or Path("runs/exports") / folder.name
         with doing(f"flying {folder.name} for its contract and its card, and writing {output}"):
-            card = export(folder, output, self.format, self.episodes, margins=self.margins)
+            card = export(folder, output, self.format, self.episodes, margins=margins)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
-        margins = read_json(output / "contract.json")["conditions"]["margins"]
-        for line in [] if margins is None else margin_lines(margins):
+        stated = read_json(output / "contract.json")["conditions"]["margins"]
+        for line in [] if stated is None else margin_lines(stated):
             Terminal().say(line)
         if self.format == "numpy":
             Terminal().suggest(f"cd {shlex.quote(str(output))} && python agent.py")

@@ -31,10 +31,12 @@ class Follow:
     """Speed along the path, m/s."""
     episodes: int = 16
     """Number of flights; each starts at rest near the first point of the path, with another attitude."""
-    seed: int = EVALUATION_SEED
-    """Seed of the starts."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
+    seed: Annotated[int, Former("leave it out, or call rans.follow(..., seed=...) in Python")] = (
+        EVALUATION_SEED
+    )
+    """Seed of the starts."""
     look_ahead: Annotated[
         float, Former("leave it out, or call rans.follow(..., look_ahead=...) in Python")
     ] = 0.25

@@ -97,8 +97,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "identify": ("rans identify flight.csv --spacecraft floating-platform",),
     "init": (
         "rans init mine.toml",
-        "rans init mine.toml --from atmos --mass 16 --batch",
-        'rans init mine.toml --dimension 2 --mass 12 --size 0.4,0.4 --thruster "-0.2,0.1;1,0;1.5" --batch',
+        "rans init mine.toml --from atmos --set mass=16 --batch",
+        'rans init mine.toml --set mass=12 --set size=0.4,0.4 --thruster "-0.2,0.1;1,0;1.5"',
     ),
     "validate": ("rans validate mine.toml --quick",),
     "benchmark": ("rans benchmark --quick",),

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
 
 Answer = TypeVar("Answer")
+_TEXTS = ("inertia", "size", "centre_of_mass", "name", "actuators", "thrust_sharing")
+"""Keys of --set whose values are texts or lists."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +38,6 @@ class Init:
     base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None
     """Begin from this spacecraft (name or TOML file) and keep its values where you give none; or from a file
     of other software: URDF (.urdf), SDF (.sdf), or a table of the simulator 42 (.txt)."""
-    dimension: int | None = None
-    """2: the plane (x, y and heading); 3: space (position and attitude)."""
-    mass: float | None = None
-    """Mass, kg."""
-    inertia: str | None = None
-    """Moment of inertia about the centre of mass, kg m^2: one number, or in space three, such as
-    0.2,0.3,0.25."""
-    size: str | None = None
-    """Sides of a uniform box, m, such as 0.1,0.1,0.33 (in the plane two numbers), instead of --inertia."""
     thruster: Annotated[
         UseAppendAction[tuple[str, ...]], arg(metavar="POSITION;DIRECTION;FORCE")
     ] = ()
@@ -56,15 +49,25 @@ class Init:
     """A reaction wheel as "axis;torque;momentum;inertia", repeated for each: "0,0,1;0.1;0.7;0.001" in N m, N
     m s and kg m^2."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """Another value of the file, as in `--set actuators=pulsed` or `--set radius=0.3`; may be repeated. Keys:
-    name (by default the file's name), centre_of_mass (m, in the frame of the thruster positions), actuators
-    (on-off, pulsed or throttle), counts (steps into which pulsed valves divide a control period), least (shortest
-    pulse in counts, or least level of a throttle as a share of full force), most (largest level), radius (m, for
-    drawings), thrust_sharing (none, or split: the open thrusters share the supply of one)."""
+    """A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: dimension
+    (2: the plane, 3: space), mass (kg), inertia (kg m^2, about the centre of mass: one number, or in space
+    three) or size (m, the sides of a uniform box), centre_of_mass (m, in the frame of the thruster positions),
+    name (by default the file's name), actuators (on-off, pulsed or throttle), counts (steps into which pulsed
+    valves divide a control period), least (shortest pulse in counts, or least level of a throttle as a share of
+    full force), most (largest level), radius (m, for drawings), thrust_sharing (none, or split: the open
+    thrusters share the supply of one)."""
     batch: bool = False
     """Ask nothing: a missing value is an error. This is the default where the input is no terminal."""
     overwrite: bool = False
     """Overwrite existing files."""
+    dimension: Annotated[int | None, Former("write --set dimension=VALUE")] = None
+    """2 or 3."""
+    mass: Annotated[float | None, Former("write --set mass=VALUE")] = None
+    """Mass, kg."""
+    inertia: Annotated[str | None, Former("write --set inertia=VALUE")] = None
+    """Moment of inertia, kg m^2."""
+    size: Annotated[str | None, Former("write --set size=VALUE")] = None
+    """Sides of a uniform box, m."""
     name: Annotated[str | None, Former("write --set name=VALUE")] = None
     """Name of the spacecraft."""
     centre_of_mass: Annotated[str | None, Former("write --set centre_of_mass=VALUE")] = None
@@ -109,9 +112,9 @@ class Init:
     def _with_settings(self) -> Init:
         """The command with the values of --set as fields."""
         kinds: dict[str, type] = {
-            **dict.fromkeys(("name", "centre_of_mass", "actuators", "thrust_sharing"), str),
-            "counts": int,
-            **dict.fromkeys(("least", "most", "radius"), float),
+            **dict.fromkeys(_TEXTS, str),
+            **dict.fromkeys(("dimension", "counts"), int),
+            **dict.fromkeys(("mass", "least", "most", "radius"), float),
         }
         values: dict[str, Any] = {}
         for change in self.set:
@@ -138,10 +141,10 @@ class Init:
             "base": self.base,
             "dimension": self.dimension,
             "mass": self.mass,
-            "inertia": self.inertia and numbers(self.inertia, "--inertia", (1, 3)),
-            "size": self.size and numbers(self.size, "--size", (2, 3)),
+            "inertia": self.inertia and numbers(self.inertia, "inertia", (1, 3)),
+            "size": self.size and numbers(self.size, "size", (2, 3)),
             "centre_of_mass": self.centre_of_mass
-            and numbers(self.centre_of_mass, "--centre-of-mass", (2, 3)),
+            and numbers(self.centre_of_mass, "centre_of_mass", (2, 3)),
             "thrusters": self.thruster,
             "wheels": self.wheel,
             "actuators": self.actuators,

@@ -91,7 +91,7 @@ class Foreign:
             for one in self.nozzles:
                 if abs(one.direction[2]) > 1e-6:
                     raise ConfigError(
-                        f"{one.name} of {self.source} pushes along z, out of the plane: take --dimension 3, or "
+                        f"{one.name} of {self.source} pushes along z, out of the plane: set dimension to 3, or "
                         "give the thrusters of the plane with --thruster."
                     )
         if any(nozzle.force is None or nozzle.position is None for nozzle in self.nozzles):

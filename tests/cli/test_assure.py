@@ -137,7 +137,6 @@ def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str])
         ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
         ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
         ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),
-        ([AGENT, "--device", "abacus", "--episodes", "1"], "abacus"),
     ],
 )
 def test_wrong_input_is_refused_in_a_sentence(

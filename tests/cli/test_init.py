@@ -22,7 +22,7 @@ SQUARE = [
     "0, -0.2; 0, 2; 1",
     "0, 0.2; 0, -2; 1",
 ]
-BOX = ["--dimension", "2", "--mass", "12", "--size", "0.4,0.4", "--batch"]
+BOX = ["--set", "dimension=2", "--set", "mass=12", "--set", "size=0.4,0.4", "--batch"]
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, *lines: str | type[BaseException]) -> Iterator[object]:
@@ -69,7 +69,7 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
 
 
 def test_from_a_spacecraft_everything_else_stays() -> None:
-    assert batch("--from", "atmos", "--mass", "16", "--set", "name=our atmos", "--batch") == 0
+    assert batch("--from", "atmos", "--set", "mass=16", "--set", "name=our atmos", "--batch") == 0
     craft, start = load_spacecraft("mine.toml"), load_spacecraft("atmos")
     assert (craft.name, craft.mass) == ("our atmos", 16.0)
     assert (craft.thrusters, craft.inertia, craft.actuators, craft.radius) == (
@@ -147,9 +147,9 @@ def test_an_interrupt_writes_nothing(
         ([*BOX, "--thruster=0,0;0,0;1"], "must not be zero"),
         ([*BOX, "--thruster=0,0;1,0;-1"], "force must be a number from 1e-09"),
         ([*BOX, "--thruster=0,0;1,0;1", "--wheel=1,0,0;1"], "a wheel is its axis"),
-        (["--from", "atmos", "--dimension", "3", "--batch"], "atmos has dimension 2"),
+        (["--from", "atmos", "--set", "dimension=3", "--batch"], "atmos has dimension 2"),
         (["--from", "atmoss", "--batch"], "no spacecraft named 'atmoss'"),
-        (["--from", "atmos", "--mass", "-1", "--batch"], "mass must be a number from"),
+        (["--from", "atmos", "--set", "mass=-1", "--batch"], "mass must be a number from"),
         (["--from", "atmos", "--set", "actuators=steam", "--batch"], "actuators are on-off"),
         (
             ["--from", "atmos", "--set", "actuators=pulsed", "--batch"],
@@ -164,8 +164,8 @@ def test_an_interrupt_writes_nothing(
             ["--from", "atmos", "--set", "counts=many", "--batch"],
             "takes a whole number, got 'many'",
         ),
-        (["--from", "atmos", "--size", "0.1,x", "--batch"], "--size must be 2 or 3 numbers"),
-        (["--from", "atmos", "--size", "1,1,1", "--batch"], "size must be 2 numbers"),
+        (["--from", "atmos", "--set", "size=0.1,x", "--batch"], "size must be 2 or 3 numbers"),
+        (["--from", "atmos", "--set", "size=1,1,1", "--batch"], "size must be 2 numbers"),
     ],
 )
 def test_wrong_input_is_a_sentence_and_writes_nothing(
@@ -188,7 +188,7 @@ def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_without_a_terminal_nothing_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
-    assert batch("--mass", "12") == 2
+    assert batch("--set", "mass=12") == 2
     assert "needs dimension" in capsys.readouterr().err
 
 
@@ -240,8 +240,8 @@ def test_what_a_robots_file_does_not_say_is_asked(monkeypatch: pytest.MonkeyPatc
 def test_without_a_terminal_the_missing_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     robot()
     assert batch("--from", "robot.urdf", "--batch") == 2
-    assert "give --dimension, 2 or 3" in capsys.readouterr().err
-    assert batch("--from", "robot.urdf", "--batch", "--dimension", "2") == 2
+    assert "set dimension to 2 or 3" in capsys.readouterr().err
+    assert batch("--from", "robot.urdf", "--batch", "--set", "dimension=2") == 2
     said = capsys.readouterr().err.replace("\n", " ")
     assert "--thruster '0.2, 0.1; -1, 0; FORCE'" in " ".join(said.split())
     assert not Path("mine.toml").exists()

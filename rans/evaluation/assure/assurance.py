@@ -200,7 +200,7 @@ class Assurance:
             raise ConfigError(
                 f"{file} holds {flights:,} of {last_look:,} flights of a campaign that was {was}, "
                 f"and this is another one (by its {', '.join(differing)}): {go_on}choose "
-                "another folder with --output, or replace it with --restart."
+                "another folder with --output, or delete that file."
             )
 
     def _differs_in(self, about: Any) -> list[str]:

@@ -149,7 +149,7 @@ class Campaign:
             )
         except (KeyError, TypeError) as error:
             raise ConfigError(
-                f"the earlier campaign is damaged: it lacks {error}; begin again with --restart."
+                f"the earlier campaign is damaged: it lacks {error}; delete its file to begin again."
             ) from error
 
 

@@ -103,7 +103,7 @@ def test_what_was_interrupted_goes_on_to_the_same_end() -> None:
         whole.events,
         whole.listed,
     )
-    with pytest.raises(ConfigError, match="--restart"):
+    with pytest.raises(ConfigError, match="delete its file"):
         gone_on.go_on_from({"flights": 3})
 
 
