@@ -37,6 +37,7 @@ from rans.files import (
 )
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
+from rans.proof.proved import FILE, proved
 from rans.scenario import EVALUATION_SEED
 from rans.structure import LARGEST_TOML
 
@@ -127,6 +128,14 @@ def export(
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
+    if (source.path / FILE).exists() and (proof := proved(source.path)).same_weights:
+        about["proved"] = {
+            "property": proof.sentence,
+            "uncertainty": proof.uncertainty,
+            "cells": proof.cells,
+            "sha256": proof.sha256,
+            "meaning": "of the certificate, which rans prove --check judges again",
+        }
     if stack := stack_of(folder):
         about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}
     write_json(folder / "contract.json", about)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 import torch
 
 from rans.cli import main
+from rans.pretrained import pretrained_folder
 from rans.proof.relaxation import TorchLayer
 from rans.proof.trap import (
     BOUND,
@@ -323,6 +325,27 @@ def test_a_report_has_the_proof(
     (run / "agent.safetensors").write_bytes(b"trained anew")
     (section,) = report_from_run(run).sections
     assert section.findings[0].passed is False
+
+
+def test_a_contract_has_the_proof(table: dict[str, Any], tmp_path: Path) -> None:
+    """Of the very weights that are exported, and only of them."""
+    from rans.deploy.export import export
+
+    run = tmp_path / "run"
+    shutil.copytree(pretrained_folder("track-velocity-2d"), run)
+    own = hashlib.sha256((run / "agent.safetensors").read_bytes()).hexdigest()
+    for weights in (own, "0" * 64):
+        (run / "proof.json").write_text(
+            json.dumps(table | {"agent": table["agent"] | {"agent.safetensors": weights}})
+        )
+        folder = tmp_path / weights[:8]
+        export(run, folder, "numpy", margins=0)
+        about = json.loads((folder / "contract.json").read_text())
+        if weights == own:
+            digest = hashlib.sha256((run / "proof.json").read_bytes()).hexdigest()
+            assert about["proved"]["sha256"] == digest
+        else:
+            assert "proved" not in about
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -15,8 +14,9 @@ from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure
 from rans.evaluation.stress.outcome import WANTED
-from rans.files import inside, number, read_bytes, read_json, read_json_lines, read_text
+from rans.files import inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
+from rans.proof.proved import proved
 from rans.show.figures.panels import series_style
 from rans.show.pages.assure_counts import counts, is_over, verdict
 from rans.show.pages.chart import Chart, Mark, Series
@@ -70,7 +70,7 @@ def report_from_run(run: Path) -> Page:
         "compare.json": comparison_section,
         "stress.json": stress_section,
         **{file.name: partial(assurance_section, file) for file in assurances},
-        "proof.json": partial(proof_section, run / "proof.json"),
+        "proof.json": partial(proof_section, run),
         "sweep.json": partial(_sweep, inside(run, "sweep.svg")),
         "metrics.jsonl": training_section,
         "validation.json": validation_section,
@@ -400,17 +400,10 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     )
 
 
-def proof_section(file: Path, certificate: Mapping[str, Any]) -> Section:
+def proof_section(run: Path, _: Mapping[str, Any]) -> Section:
     """Section of the certificate of a trapping set; it is of no use for other weights than the run's."""
-    keep, start = certificate["keep"], certificate["start"]
-    digest = hashlib.sha256(read_bytes(file, 2**30)).hexdigest()
-    weights = hashlib.sha256(read_bytes(file.with_name("agent.safetensors"), 2**30)).hexdigest()
-    own = certificate["agent"]["agent.safetensors"] == weights
-    off = [f"{name} {value:g}" for name, value in certificate["uncertainty"].items() if value]
-    sentence = (
-        f"Proved: with its goal at rest, from every velocity up to {start['speed']:g} m/s and every spin up to "
-        f"{start['spin']:g} rad/s, it never exceeds {keep['speed']:g} m/s and {keep['spin']:g} rad/s."
-    )
+    proof = proved(run)
+    off = [f"{name} {value:g}" for name, value in proof.uncertainty.items() if value]
     return Section(
         "Proof",
         "By rans prove; its --check judges the certificate again.",
@@ -418,18 +411,20 @@ def proof_section(file: Path, certificate: Mapping[str, Any]) -> Section:
             Table(
                 ("", "value"),
                 [
-                    ["cells", f"{len(certificate['cells']):,}"],
+                    ["cells", f"{proof.cells:,}"],
                     ["may be off", ", ".join(off) or "nothing"],
-                    ["certificate, SHA-256", digest],
+                    ["certificate, SHA-256", proof.sha256],
                 ],
             )
         ],
         findings=[
-            Finding(sentence, True)
-            if own
+            Finding(proof.sentence, True)
+            if proof.same_weights
             else Finding("The certificate is of other weights than this run's.", False)
         ],
-        summary=[("proved", f"certificate SHA-256 {digest[:16]}")] if own else [],
+        summary=[("proved", f"certificate SHA-256 {proof.sha256[:16]}")]
+        if proof.same_weights
+        else [],
     )
 
 
