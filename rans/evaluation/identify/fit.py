@@ -169,7 +169,7 @@ class _Problem:
         self.craft = craft
         self.parameters = parameters_of(craft)
         self.planar = craft.dimension == 2
-        self.width = 6 + len(craft.wheels) if self.planar else 12
+        self.width = 6 + craft.wheel_count if self.planar else 12
         """Entries of a residual, and of the change of a start."""
         self.groups: list[_Group] = []
         for number, log in enumerate(logs):
@@ -250,7 +250,7 @@ def channel_columns(craft: Spacecraft) -> dict[str, slice]:
     """Columns of each measured quantity in a residual of 6 entries and one a wheel, or 12 in space."""
     ends = (0, 2, 3, 5, 6) if craft.dimension == 2 else (0, 3, 6, 9, 12)
     if craft.wheels:
-        ends = (*ends, ends[-1] + len(craft.wheels))
+        ends = (*ends, ends[-1] + craft.wheel_count)
     return {name: slice(a, b) for name, a, b in zip(CHANNELS, ends, ends[1:], strict=False)}
 
 

@@ -108,10 +108,10 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     }
     speeds = log.wheel_speeds
     if speeds is None:
-        speeds = np.full((len(log.times), len(craft.wheels)), np.nan)
-    if speeds.shape != (len(log.times), len(craft.wheels)):
+        speeds = np.full((len(log.times), craft.wheel_count), np.nan)
+    if speeds.shape != (len(log.times), craft.wheel_count):
         raise ConfigError(
-            f"{what} has speeds of {speeds.shape[1]} wheels, but {craft.name!r} has {len(craft.wheels)}."
+            f"{what} has speeds of {speeds.shape[1]} wheels, but {craft.name!r} has {craft.wheel_count}."
         )
     parts["wheel_speeds"] = speeds[inside]
     poses = np.column_stack([parts["position"], parts["attitude"]])
@@ -169,7 +169,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     d = craft.dimension
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])
-    speeds = columns([f"s{k}" for k in range(len(craft.wheels))]) if craft.wheels else None
+    speeds = columns([f"s{k}" for k in range(craft.wheel_count)]) if craft.wheels else None
     commands = columns(inputs)
     has_command = ~np.isnan(commands).any(axis=1)
     measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
