@@ -208,7 +208,7 @@ def of_user_code(error: BaseException) -> str:
     owner = getattr(error, "obj", None)
     if isinstance(error, AttributeError) and type(owner).__module__.startswith("rans."):
         names = [name for name in dir(owner) if not name.startswith("_")]
-        text += f" It has{meant(error.name, names)} {', '.join(names)}."
+        text += f" It has{meant(error.name or '', names)} {', '.join(names)}."
     return text + (f"\n    {frame.line}" if frame.line else "")
 
 

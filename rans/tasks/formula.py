@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from rans.model.dynamics import State
-from rans.model.fields import map_leaves
+from rans.model.fields import Field, map_leaves
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.tasks.base import Task, reward_terms
 from rans.tasks.derived import example_state
@@ -72,13 +74,20 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
 
 
 def _compute(task: Task, dimension: Dimension) -> None:
-    """Compute a reward with numbers, for two episodes: what raises there too is a mistake in the task."""
-    state, goal = (
-        map_leaves(lambda x: np.zeros(2) + x, one) for one in example_state(task, dimension)
-    )
-    zero = np.zeros(2)
-    task.observation_terms(state, goal)
-    task.reward(Transition(state, goal, (zero,), (zero,), state, 1.0, (1.0,)))
+    """Compute a reward with numbers: what raises there too is a mistake in the task.
+
+    A task that computes one episode but not two, because it converts a field to a number, is none.
+    """
+
+    def compute(form: Callable[[float], Field]) -> None:
+        state, goal = (map_leaves(form, one) for one in example_state(task, dimension))
+        command = (form(0.0),)
+        task.observation_terms(state, goal)
+        task.reward(Transition(state, goal, command, command, state, 1.0, (1.0,)))
+
+    compute(lambda x: float(np.ravel(x)[0]))
+    with contextlib.suppress(*UNTRACEABLE):
+        compute(lambda x: np.zeros(2) + x)
 
 
 def _length(symbol: Symbol, known: dict[int, float]) -> float:

@@ -287,7 +287,7 @@ def test_files_for_others(comparison: Comparison) -> None:
     section = comparison_section(read)
     assert section.summary[1][1].startswith("settles from 0 of 3 starts")
     html = page(comparison).html()
-    assert html.count("<figure") == 6  # plane, gaps, two starts, errors, return and latency
+    assert html.count("<figure") == 7  # plane, gaps, two starts, errors, return and latency, craft
     assert "http" not in html.replace("http://www.w3.org", "")
 
 
