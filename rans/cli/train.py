@@ -266,9 +266,9 @@ class Train:
             return self._train(curve)
 
     def _train(self, curve: Callable[[Rows], str] | None) -> int:
-        from rans.fast.learn.loggers import check, loggers
+        from rans.fast.learn.loggers import LoggerName, check, loggers
 
-        elsewhere = tuple(name for name in self.log if name != "terms")
+        elsewhere: list[LoggerName] = [name for name in self.log if name != "terms"]
         check(elsewhere)
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()

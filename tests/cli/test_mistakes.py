@@ -45,7 +45,7 @@ from rans.structure import structure
         ("--train", "did you mean train?"),
         ("init slider", "slider.toml"),
         ("report runs/nowhere", "there is no such folder"),
-        ("optimal go-to-pose --start 3,1", "p.x=3"),
+        ("optimal go-to-pose --start 3,1", "such as 3 1 40deg"),
     ],
 )
 def test_leads_to_what_it_is_called_here(
