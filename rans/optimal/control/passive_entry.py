@@ -33,14 +33,15 @@ from rans.tasks.base import Task
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Cone
 
-_DRAWN = 4000
-"""Number of plans that are drawn for each start."""
+_TRIES = ((4000, 0.75), (16_000, 0.92))
+"""Numbers of plans that are drawn for a start, and the largest part of the time to the deadline that their first
+coast takes: the second ones where none of the first is safe."""
 _CHECKED = 200
 """Number of plans whose coasts are computed at once, the cheapest first."""
 _FLOWN = 8
 """Number of plans of each batch, safe if burns were impulses, that are flown ahead."""
-_PARTS = (0.15, 0.75)
-"""Least and largest part of the time to the deadline that the first coast takes."""
+_EARLIEST = 0.15
+"""Least part of the time to the deadline that the first coast takes."""
 _DEPTHS = (0.8, 0.97)
 """Least and largest distance of its end from the target, in those of `CoastZone.approach`."""
 _REST = (0.3, 0.5, 0.75, 1.0)
@@ -140,7 +141,7 @@ class PassiveEntry:
         self._step += 1
         if not len(self._points):
             self._entered, self._arrivals = np.zeros(size, bool), np.zeros(size)
-            plans = [self._planned(*one) for one in zip(states, goal.notes[0], strict=True)]
+            plans = [self._planned(p, float(t)) for p, t in zip(states, goal.notes[0], strict=True)]
             self._points = np.array([point for point, _ in plans])
             self._ends = np.array([end for _, end in plans])
         # Within the approach mission guidance makes a plan of its own.
@@ -184,43 +185,54 @@ class PassiveEntry:
         """End of the first coast from a state (6,), m, and its instant, s."""
         n, radius = self.task.mean_motion, self._zone.radius
         orbit = 2.0 * math.pi / n
-        points, ends, before, after, price = self._drawn(start, float(deadline))
         own = least_distances(n, single_coasts(start[None], np.array([orbit]), np.array([0])), 1)[0]
-        order = np.argsort(price, kind="stable")
-        order = order[price[order] < _OUT_OF_LIMIT]
-        best, farthest = int(np.argmin(price)), -1.0
-        for begin in range(0, len(order), _CHECKED):
-            some = order[begin : begin + _CHECKED]
-            number = np.arange(len(some))
-            nothing = np.zeros(len(some))
-            pieces = [single_coasts(after[some], orbit + ends[some], number)]
-            if own >= radius:
-                pieces.append(Pieces(before[some], after[some], nothing + orbit, nothing, number))
-            distance = least_distances(n, joined(pieces), len(some))
-            # Those that are safe as impulses are flown ahead.
-            ahead = some[distance > radius + _CLEAR][:_FLOWN]
-            if not len(ahead):
-                continue
-            flown = self._flown(start, points[ahead], ends[ahead], own < radius)
-            safe = flown > radius + _CLEAR
-            if safe.any():
-                chosen = ahead[int(np.argmax(safe))]
-                return points[chosen], float(ends[chosen])
-            if flown.max() > farthest:
-                best, farthest = int(ahead[int(np.argmax(flown))]), float(flown.max())
-        return points[best], float(ends[best])
+        best: tuple[np.ndarray, float] | None = None
+        farthest = -1.0
+        for count, latest in _TRIES:
+            points, ends, before, after, price = self._drawn(start, deadline, count, latest)
+            order = np.argsort(price, kind="stable")
+            order = order[price[order] < _OUT_OF_LIMIT]
+            for begin in range(0, len(order), _CHECKED):
+                some = order[begin : begin + _CHECKED]
+                number = np.arange(len(some))
+                nothing = np.zeros(len(some))
+                pieces = [single_coasts(after[some], orbit + ends[some], number)]
+                if own >= radius:
+                    pieces.append(
+                        Pieces(before[some], after[some], nothing + orbit, nothing, number)
+                    )
+                distance = least_distances(n, joined(pieces), len(some))
+                # Those that are safe as impulses are flown ahead.
+                ahead = some[distance > radius + _CLEAR][:_FLOWN]
+                if not len(ahead):
+                    continue
+                flown = self._flown(start, points[ahead], ends[ahead], own < radius)
+                safe = flown > radius + _CLEAR
+                if safe.any():
+                    chosen = ahead[int(np.argmax(safe))]
+                    return points[chosen], float(ends[chosen])
+                if flown.max() > farthest:
+                    chosen = ahead[int(np.argmax(flown))]
+                    best, farthest = (points[chosen], float(ends[chosen])), float(flown.max())
+            if best is None:
+                chosen = int(np.argmin(price))
+                best = points[chosen], float(ends[chosen])
+        assert best is not None
+        return best
 
-    def _drawn(self, start: np.ndarray, deadline: float) -> tuple[np.ndarray, ...]:
-        """Plans of a start.
+    def _drawn(
+        self, start: np.ndarray, deadline: float, count: int, latest: float
+    ) -> tuple[np.ndarray, ...]:
+        """So many plans of a start, with the largest part of the time that their first coast takes.
 
         Returns:
             Ends of first coasts (K, 3), their instants (K,), states (K, 6) before and after the burn, and prices
             (K,).
         """
-        n, period, count = self.task.mean_motion, self._period, _DRAWN
+        n, period = self.task.mean_motion, self._period
         random = np.random.default_rng(0)
         half = 0.5 * period
-        time = whole_periods(deadline * random.uniform(*_PARTS, count), period)
+        time = whole_periods(deadline * random.uniform(_EARLIEST, latest, count), period)
         time = np.maximum(time, 2.0 * period)
         direction = random.normal(size=(count, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
