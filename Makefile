@@ -7,8 +7,8 @@ RUN := runs/demo-$(shell date +%Y%m%d-%H%M%S)
 endif
 # The agent with a page of its own is trained for minutes; beside it fly one of seconds and one that comes with RANS.
 ifdef QUICK  # minutes become seconds and the agents stay beginners: tests the way, not the result
-QUICK_OPTIONS := --set total_timesteps=100000
-GOOD_OPTIONS := --set 'curriculum=[]' --set total_timesteps=300000
+QUICK_OPTIONS := --total-timesteps 100000
+GOOD_OPTIONS := --set 'curriculum=[]' --total-timesteps 300000
 EVALUATE_OPTIONS := --episodes 128
 COMPARE_OPTIONS := --episodes 2 --certified 1
 else
@@ -72,7 +72,7 @@ release: build/release/bin/twine build/bare/bin/pip
 	build/bare/bin/pip install --quiet --force-reinstall --no-deps dist/rans-*.whl
 	build/bare/bin/pip install --quiet -c constraints.txt dist/rans-*.whl
 	cd build/bare && bin/rans --version && bin/rans list && bin/rans evaluate pretrained:go-to-pose-2d --episodes 16 && \
-		rm -rf core && bin/rans train go-to-pose --set total_timesteps=20000 --output core && bin/rans evaluate core --episodes 16
+		rm -rf core && bin/rans train go-to-pose --total-timesteps 20000 --output core && bin/rans evaluate core --episodes 16
 	build/bare/bin/pip uninstall --quiet --yes rans-agents
 	cd build/bare && ! bin/rans evaluate pretrained:dock-port-2d --episodes 16 2>missing && grep -q "rans\[agents\]" missing
 	build/bare/bin/pip install --quiet --no-deps dist/rans_agents-*.whl

@@ -76,6 +76,8 @@ def test_every_name_at_the_top_has_an_example() -> None:
         "PPOSettings",
         "MemorySettings",
         "FilterSettings",
+        "ScheduleSettings",
+        "ExplorationSettings",
         "TASKS",
         "CONTROLLERS",
         "__version__",
@@ -229,7 +231,7 @@ def test_names_do_where_objects_do() -> None:
         ),
         (
             lambda: rans.evaluate("nobody"),
-            "nobody is not a run folder: there is nothing of that name",
+            "there is no run folder 'nobody'",
         ),
         (
             lambda: rans.evaluate("go-to-pose-2d", episodes=0),

@@ -242,12 +242,12 @@ def _parse(arguments: list[str]) -> Any:
             description=_ABOUT,
             registry=registry(),
         )
-    if arguments[0].startswith(
-        "--tyro-"
-    ):  # completion, which treats every line of a text as a word
-        from rans.cli.help import explain
+    from rans.cli.help import explained, with_help
 
-        explain(commands.values())
+    # Completion treats every line of a text as a word.
+    if arguments[0].startswith("--tyro-"):
+        with explained(commands.values()):
+            return parse()
     if not {"-h", "--help"} & {*arguments}:
         try:
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
@@ -256,12 +256,8 @@ def _parse(arguments: list[str]) -> Any:
             if error.code != 2:
                 return parse()
         # Once more, with texts of the options in which only meaningful defaults are named.
-        from rans.cli.help import explain
-
-        explain(commands.values())
-        return parse()
-    from rans.cli.help import with_help
-
+        with explained(commands.values(), arguments=arguments):
+            return parse()
     return with_help(parse, commands)
 
 

@@ -7,13 +7,13 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import redirect_stdout
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from rans.cli.options import EVERYWHERE, is_in_help
+from rans.cli.options import EVERYWHERE, is_in_help, option_name
 from rans.display import meanings
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
@@ -207,15 +207,11 @@ def _parted(text: str) -> str:
 
 def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
     """Result of ``parse``; its printed help is wrapped and followed by examples."""
-    before = {command: dict(command.__annotations__) for command in commands.values()}
-    explain(commands.values(), joined=True)
     page = _Page()
     try:
-        with redirect_stdout(page):
+        with explained(commands.values(), joined=True), redirect_stdout(page):
             return parse()
     finally:
-        for command, annotations in before.items():
-            command.__annotations__ = annotations
         page.seek(0)
         width = shutil.get_terminal_size().columns
         text = "\n".join(_lines(page.read(), width))
@@ -236,40 +232,50 @@ def _print_examples(command: str, width: int) -> None:
     print(f"\nGuide: docs/{GUIDES[command]}.md")
 
 
-_SOURCE: dict[type, dict[str, Any]] = {}
-"""Annotations of commands before they were given texts."""
-
-
-def explain(commands: Iterable[type], joined: bool = False) -> None:
-    """Give tyro one-line texts of fields, plain names of values, and only meaningful defaults.
+@contextmanager
+def explained(
+    commands: Iterable[type], joined: bool = False, arguments: Sequence[str] = ()
+) -> Iterator[None]:
+    """Give tyro one-line texts of fields, plain names of values, and only meaningful defaults for a while.
 
     By itself tyro treats the second line of a text as a new paragraph, and writes {None}|STR and (default: None).
 
     Args:
         commands: classes of commands, whose annotations change.
         joined: whether short commands in backticks have "~" for spaces, which `with_help` undoes.
+        arguments: what is parsed. Former options among them are known, all others are hidden.
     """
+    before = {described: described.__annotations__ for described in commands}
+    options = {word.partition("=")[0].replace("_", "-") for word in arguments}
+    try:
+        for described in before:
+            _explain(described, joined, options)
+        yield
+    finally:
+        for described, annotations in before.items():
+            described.__annotations__ = annotations
+
+
+def _explain(described: type, joined: bool, options: Collection[str]) -> None:
+    """Give the fields of a command texts for tyro, and hide former options but these."""
     from typing_extensions import Doc
     from tyro.conf import Suppress
 
-    for described in commands:
-        # Anew from the annotations of the source, which may have had texts already.
-        described.__annotations__ = _SOURCE.setdefault(described, described.__annotations__)
-        hints = get_type_hints(described, include_extras=True)
-        texts = meanings(described)
-        described.__annotations__ = {
-            name: Annotated[
-                hint,
-                Doc(_joined(texts[name]) if joined else texts[name]),
-                *_tyro_options(name, hint),
-            ]
-            if name in texts
-            else hint
-            for name, hint in hints.items()
-        }
-        for name, hint in hints.items():
-            if not is_in_help(hint):
-                described.__annotations__[name] = Suppress[hint]
+    hints = get_type_hints(described, include_extras=True)
+    texts = meanings(described)
+    described.__annotations__ = {
+        name: Annotated[
+            hint,
+            Doc(_joined(texts[name]) if joined else texts[name]),
+            *_tyro_options(name, hint),
+        ]
+        if name in texts
+        else hint
+        for name, hint in hints.items()
+    }
+    for name, hint in hints.items():
+        if not is_in_help(hint) and option_name(name, hint) not in options:
+            described.__annotations__[name] = Suppress[hint]
 
 
 def _tyro_options(name: str, hint: Any) -> list[Any]:

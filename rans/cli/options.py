@@ -59,7 +59,7 @@ def is_in_help(hint: Any) -> bool:
 def warn_of_former(name: str, command: type, arguments: Iterable[str]) -> None:
     """Warn of every former option of a command among its arguments, with what to do instead."""
     hints = get_type_hints(command, include_extras=True)
-    options = {_option(field, hint): former(hint) for field, hint in hints.items()}
+    options = {option_name(field, hint): former(hint) for field, hint in hints.items()}
     for word in arguments:
         option = word.partition("=")[0].replace("_", "-")
         if (found := options.get(option)) is not None:
@@ -83,7 +83,7 @@ def _annotations(hint: Any) -> tuple[Any, ...]:
     return hint.__metadata__ if get_origin(hint) is Annotated else ()
 
 
-def _option(field: str, hint: Any) -> str:
+def option_name(field: str, hint: Any) -> str:
     """Option of a field, such as --guard-slack of guard_slack, unless its annotation has another name."""
     named = (getattr(annotation, "name", None) for annotation in _annotations(hint))
     return f"--{next(filter(None, named), field).replace('_', '-')}"

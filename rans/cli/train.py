@@ -66,8 +66,10 @@ class Train:
     cores; less impulse and smaller errors) or best (a GPU, or hours); also for your own spacecraft and
     conditions."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """Change an entry of the config (see `rans list TRAINING`), as in `--set total_timesteps=5e6`,
+    """Change an entry of the config (see `rans list TRAINING`), as in `--set ppo.gamma=0.98`,
     `--set guard=true` or `--set algorithm=NAME`; may be repeated."""
+    total_timesteps: int | None = None
+    """Environment steps after which training ends, such as 5e6; with --resume those before are counted too."""
     seed: int | None = None
     """Random seed; on a CPU the same seed gives the same agent, bit for bit. By default 0."""
     device: str | None = None
@@ -76,7 +78,7 @@ class Train:
     """Folder for the run; by default a new one under runs/."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or start it if there is none; beyond its
-    steps with `--set total_timesteps=N`."""
+    steps with `--total-timesteps N`."""
     view: bool = False
     """Show the newest agent in the browser during the training."""
     log: Annotated[
@@ -86,8 +88,6 @@ class Train:
     table of hyper-parameters), wandb (Weights & Biases), mlflow."""
     run_folder: Annotated[Path | None, arg(name="run"), Former("write --output FOLDER")] = None
     """Folder for the run."""
-    total_timesteps: Annotated[int | None, Former("write --set total_timesteps=N")] = None
-    """Environment steps after which training ends."""
     config: Annotated[Path | None, Former("name the file in place of the task")] = None
     """config.json of another run."""
     algorithm: Annotated[str | None, Former("write --set algorithm=NAME")] = None
@@ -172,7 +172,7 @@ class Train:
             if replace(self, resume=None, total_timesteps=None, **allowed) != Train():
                 raise ConfigError(
                     "--resume reads everything from the run folder but the number of steps, which "
-                    "--set total_timesteps=N raises; give no other options. To change more, start again with "
+                    "--total-timesteps N raises; give no other options. To change more, start again with "
                     f"rans train {self.resume / 'config.json'}."
                 )
             if not self.resume.exists():
@@ -387,7 +387,7 @@ def _train_on(path: Path, steps: int) -> str:
     """Command that trains an agent for twice as many steps, of which two digits count."""
     digits = 10 ** max(0, len(str(2 * steps)) - 2)
     total = max(1, 2 * steps // digits) * digits
-    return shlex.join(["rans", "train", "--resume", str(path), "--set", f"total_timesteps={total}"])
+    return shlex.join(["rans", "train", "--resume", str(path), "--total-timesteps", str(total)])
 
 
 def _nominal_hole(trainer: Trainer) -> str:

@@ -35,7 +35,7 @@ from rans.structure import structure
         ("train", "say what to train"),
         ("train --resume runs/nowhere", "runs/nowhere is not a run folder"),
         ("train go-to-pose --quality god", "did you mean good?"),
-        ("train --resume . --set total_timesteps=many", "1e6"),
+        ("train --resume . --total-timesteps many", "1e6"),
         ("export x --format torchscript", "sb3 or rans or onnx or numpy or c"),
         ("export x --onnx", "--format onnx"),
         ("assure x --below 1e-3", "--failure-below"),
@@ -67,7 +67,7 @@ def test_a_solved_task_is_trained_on() -> None:
     assert _has_solved(config, [{"success": 0.1}, *[good] * SOLVED_IN_A_ROW])
     assert not _has_solved(config, [*[good] * SOLVED_IN_A_ROW, {"success": 0.1}])
     assert not _has_solved(replace(config, solved_share=None), [good] * SOLVED_IN_A_ROW)
-    assert "--set total_timesteps=400000" in _train_on(Path("runs/x"), 204_800)
+    assert "--total-timesteps 400000" in _train_on(Path("runs/x"), 204_800)
 
 
 def test_words_of_other_programs_lead_to_commands_and_hide_none() -> None:

@@ -88,7 +88,7 @@ def test_the_end_of_a_training(
     )
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
     assert ("86% of its last episodes succeed" in text) is (ending == "Out of steps, not solved")
-    assert ("--resume 'runs/a b' --set total_timesteps=1000000; or another --seed" in text) is (
+    assert ("--resume 'runs/a b' --total-timesteps 1000000; or another --seed" in text) is (
         ending == "Out of steps, not solved"
     )
 

@@ -112,7 +112,7 @@ def test_it_serves_until_it_is_interrupted() -> None:
     ("arguments", "said"),
     [
         ([], "name at least one contestant"),
-        (["nowhere"], "nowhere is not a run folder"),
+        (["nowhere"], "there is no run folder 'nowhere'"),
         (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
         (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
         (["lqr:go-to-pose-2d", "--save", "frames.xyz"], "or a picture (.png or .jpg)"),
