@@ -126,7 +126,7 @@ def test_a_checkpoint_of_an_early_version_is_not_opened(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(1))
     trainer.run.checkpoint_file.rename(tmp_path / "run" / "checkpoint.pt")
-    with pytest.raises(ConfigError, match=r"early version of RANS .* train it anew with --config"):
+    with pytest.raises(ConfigError, match=r"early version of RANS .* train it anew from"):
         resumed(tmp_path / "run")
 
 
@@ -174,7 +174,7 @@ def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
     tiny_trainer(tmp_path / "run").train(ignore)
     (tmp_path / "run" / "checkpoint.safetensors").unlink()
     with pytest.raises(
-        ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"
+        ConfigError, match=r"agent without a checkpoint .* anew from .*config\.json"
     ):
         resumed(tmp_path / "run")
     assert len(RunFolder(tmp_path / "run").metrics()) == 1

@@ -37,7 +37,7 @@ def test_a_file_names_the_same_keys(tmp_path: Path) -> None:
         (["p.z=3"], "a state has no 'p.z'"),
         (["p.x=far"], "p.x must be a finite number, got 'far'"),
         (["p.x=inf"], "p.x must be a finite number"),
-        (["nowhere.toml"], "or a TOML file with these keys; nowhere.toml"),
+        (["nowhere.toml"], "or a TOML file with these keys: cannot read nowhere.toml"),
         (["p.x=1", "heading"], "such as p.x=3, got 'heading'"),
     ],
 )
