@@ -19,7 +19,9 @@ from rans.show.figures.panels import BLUE, GREY, INK, LINES, STYLE
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "http://www.w3.org/1999/xlink"
-_DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6"}
+_BODY = "#dce6f0"
+"""Fill of a craft in `rans.drawing.draw_layout`."""
+_DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6", _BODY: "#33475b"}
 """Inks, and what they are where readers like dark pages."""
 _GROUND = ":root{color-scheme:light dark}"
 _ELEMENTS = {

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+
 from rans.drawing import draw_layout
 from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
@@ -17,7 +19,7 @@ from rans.evaluation.stress.outcome import WANTED
 from rans.files import inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
 from rans.proof.proved import proved
-from rans.show.figures.panels import series_style
+from rans.show.figures.panels import STYLE, series_style
 from rans.show.pages.assure_counts import counts, is_over, verdict
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import (
@@ -146,7 +148,9 @@ def _pictured(run: Path, evaluations: Sequence[Path]) -> Iterator[Section]:
     craft = inside(run, "spacecraft.toml")
     if not pictures and craft.is_file():
         drawn = read_spacecraft(craft)
-        pictures.append(Picture.of(draw_layout(drawn), f"Forces of the thrusters of {drawn.name}."))
+        with matplotlib.rc_context(STYLE):  # whose inks dark pages change
+            layout = draw_layout(drawn)
+        pictures.append(Picture.of(layout, f"Forces of the thrusters of {drawn.name}."))
     if pictures:
         title = "Paths and spacecraft" if screen.pictures else "Spacecraft"
         yield Section(title, pictures=pictures, first=True)
