@@ -79,7 +79,7 @@ def hidden_flights(
 def _flights(
     craft: Spacecraft, count: int, seconds: float, period: float, seed: int
 ) -> tuple[list[FlightLog], np.ndarray]:
-    """The same with the wheels of the craft."""
+    """Logs of a craft with errors drawn from `lab`, and the true parameters (count, P)."""
     lab = load_conditions("lab")
     conditions = replace(lab, body=replace(lab.body, mass=1.0))
     steps = round(seconds / period)

@@ -366,7 +366,7 @@ class MixedInteger:
     least_on: int = 2
     """Periods of the minimum on-time that is also solved for; 1 leaves it out."""
     seed: int = 0
-    """Of the starts."""
+    """Seed of the starts."""
     output: Path | None = None
     """JSON file to write."""
 

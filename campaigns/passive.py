@@ -69,7 +69,7 @@ class Passive:
     only: str = ""
     """Measure one row alone, such as "hold, mission", and keep the others as they are in the evidence."""
     seed: int = EVALUATION_SEED
-    """Of the starts."""
+    """Seed of the starts."""
     docs: Path | None = None
     """Folder of the documents whose tables and evidence are written; None: they are not."""
 
@@ -126,7 +126,7 @@ class Passive:
 
 
 def _quantile(values: np.ndarray, part: float) -> float:
-    """That value of a flight that a part of all flights do not exceed."""
+    """Quantile of one value per flight: the least value that so large a part of the flights do not exceed."""
     return float(np.quantile(values, part, method="inverted_cdf"))
 
 

@@ -241,7 +241,7 @@ class Cell(NamedTuple):
     name: str
     """By which the row is called."""
     seed: int
-    """Of the starts."""
+    """Seed of the starts."""
     faults: Faults
     after: float
     """s after which the faults begin."""

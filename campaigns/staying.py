@@ -149,7 +149,7 @@ class Staying:
     episodes: int = 256
     """Starts."""
     seed: int = SELECTION_SEED
-    """Of the starts."""
+    """Seed of the starts."""
     output: Path | None = None
     """JSON file to write."""
 

@@ -95,7 +95,7 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
 
 
 def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
-    """The same policy for another craft and control period (s); warns outside of `RANGES` and `MARGIN`.
+    """Policy for one craft and control period (s) by a network for any; warns outside of `RANGES` and `MARGIN`.
 
     Raises:
         ConfigError: see `authority`; or the network is that of one craft only.

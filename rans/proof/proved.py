@@ -22,10 +22,11 @@ class Proved:
     sentence: str
     """What never happens, from which starts."""
     cells: int
+    """Number of cells that cover the trapping set."""
     uncertainty: dict[str, float]
     """By how much each quantity may be off in the proof; 0: not at all."""
     sha256: str
-    """Of the certificate."""
+    """SHA-256 of the certificate's file, in hexadecimal."""
     same_weights: bool
     """Whether it is of the weights beside it. Of others it says nothing about this agent."""
 

@@ -25,7 +25,7 @@ class Gate(GoToPose):
         {line}
 """
 LINE = 11
-"""Of the planted mistake."""
+"""Number of the line with the planted mistake."""
 
 
 _numbers = itertools.count()

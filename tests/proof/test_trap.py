@@ -328,7 +328,7 @@ def test_a_report_has_the_proof(
 
 
 def test_a_contract_has_the_proof(table: dict[str, Any], tmp_path: Path) -> None:
-    """Of the very weights that are exported, and only of them."""
+    """The contract names a certificate only if it is of the weights that are exported."""
     from rans.deploy.export import export
 
     run = tmp_path / "run"

@@ -226,7 +226,10 @@ def _odometry(fields: Mapping[str, np.ndarray]) -> tuple[np.ndarray, Readings, n
 
 
 def _estimates(topics: Topics) -> tuple[np.ndarray, Readings, np.ndarray]:
-    """The same of the estimator's topics, whose attitudes are interpolated to the times of its positions."""
+    """Times in microseconds, readings in RANS's frames and counters of resets (M, R) of PX4's estimator.
+
+    Attitudes are interpolated to the times of positions.
+    """
     place, attitude, rates = (topics.get(name) for name in _ESTIMATES)
     assert place is not None
     assert attitude is not None

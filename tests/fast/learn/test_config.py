@@ -198,7 +198,7 @@ def test_numbers_of_a_group_out_of_range(kind: type, name: str, value: float) ->
 
 
 def test_former_names_of_a_schedule_and_of_exploration() -> None:
-    """Those of the version before, in Python and in a config file."""
+    """Settings that the previous version had are read from Python and from a config file."""
     with pytest.warns(DeprecationWarning, match="name it (schedule|exploration)"):
         former = PPOSettings(desired_kl=None, anneal=0.5, initial_duty=0.2)  # type: ignore[call-arg]
     assert former == PPOSettings(
