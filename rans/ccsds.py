@@ -23,6 +23,7 @@ from rans.files import read_text, write_text
 from rans.flight import Flight
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Quat, map_leaves
+from rans.tasks import Task
 
 EARTH = 3.986004418e14
 """Gravitational parameter of the Earth, m^3/s^2 (IERS Conventions 2010)."""
@@ -106,16 +107,18 @@ class OrbitState:
     """Velocity, (3,) m/s."""
 
 
-def orbit_of(flight: Flight, inclination: float, node: float, latitude: float) -> Orbit:
-    """Orbit of a flight's target, with angles in degrees.
+def orbit_of(
+    task: Task, dimension: int, inclination: float = 0.0, node: float = 0.0, latitude: float = 0.0
+) -> Orbit:
+    """Orbit of the target of a task that is flown in so many dimensions, with angles in degrees.
 
     Raises:
-        ConfigError: the flight is not one in space near a target on an orbit.
+        ConfigError: the task is not one in space near a target on an orbit.
     """
-    drift = flight.task.drift
-    if not isinstance(drift, ClohessyWiltshire) or flight.craft.dimension != 3:
+    drift = task.drift
+    if not isinstance(drift, ClohessyWiltshire) or dimension != 3:
         raise ConfigError(
-            f"CCSDS messages are of missions in space on an orbit, such as hold, and {type(flight.task).__name__} "
+            f"CCSDS messages are of missions in space on an orbit, such as hold, and {type(task).__name__} "
             "is not one."
         )
     return Orbit(drift.mean_motion, *map(math.radians, (inclination, node, latitude)))
@@ -156,7 +159,7 @@ def write_ccsds(
         ConfigError: the flight is of another kind, there is no such episode, the epoch is none, or the files cannot
             be written.
     """
-    orbit = orbit_of(flight, inclination, node, latitude)
+    orbit = orbit_of(flight.task, flight.craft.dimension, inclination, node, latitude)
     count = flight.commands.shape[1]
     if not 0 <= episode < count:
         raise ConfigError(f"the flight has episodes 0 to {count - 1}, got {episode}.")

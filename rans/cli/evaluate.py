@@ -107,6 +107,10 @@ class Evaluate:
         run = contestant(self.contestant, self.protocol, trust=self.trust)
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack)
+        if self.ccsds:
+            from rans.ccsds import orbit_of
+
+            orbit_of(run.task, run.craft.dimension)  # reject other missions before the flights
         ready_folder(ContestantName.parse(self.contestant).output_folder)
         self._file(run)  # reject a symbolic link before the flights
         if self._many(run):
