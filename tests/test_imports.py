@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -94,9 +95,17 @@ def modules() -> list[tuple[str, Path]]:
     return [(name, file) for name, file in found if name not in ROOMS]
 
 
-NAMES = {name for name, _ in modules()}
+MODULES = dict(modules())
+NAMES = set(MODULES)
 
 
+@cache
+def parsed(file: Path) -> ast.Module:
+    """The syntax tree of a file, which most tests below look through."""
+    return ast.parse(file.read_text("utf-8"))
+
+
+@cache
 def imports(file: Path) -> set[str]:
     """Names that a file imports, in functions and by `importlib` too, but not those for type checkers."""
     found: set[str] = set()
@@ -114,7 +123,7 @@ def imports(file: Path) -> set[str]:
         for child in ast.iter_child_nodes(node):
             visit(child)
 
-    visit(ast.parse(file.read_text("utf-8")))
+    visit(parsed(file))
     return found
 
 
@@ -124,51 +133,44 @@ def unit(name: str) -> str:
     return parts[0] if parts[0] == "campaigns" else ".".join(parts[:2])
 
 
-every_module = pytest.mark.parametrize(
-    ("name", "file"), modules(), ids=[name for name, _ in modules()]
-)
+def test_imports_point_down() -> None:
+    found = []
+    for name, file in MODULES.items():
+        assert unit(name) in RANK, f"{name} is new: give it a place in LAYERS"
+        for imported in imports(file):
+            ours = imported.startswith(tuple(f"{room}." for room in ROOMS))
+            if ours and unit(imported) != unit(name) and RANK[unit(imported)] >= RANK[unit(name)]:
+                found.append(f"{name} imports {imported}")
+    assert not found
 
 
-@every_module
-def test_imports_point_down(name: str, file: Path) -> None:
-    assert unit(name) in RANK, f"{name} is new: give it a place in LAYERS"
-    for imported in imports(file):
-        ours = imported.startswith(tuple(f"{room}." for room in ROOMS))
-        if ours and unit(imported) != unit(name):
-            assert RANK[unit(imported)] < RANK[unit(name)], f"{name} imports {imported}"
-
-
-@every_module
-def test_nothing_imports_the_front_door(name: str, file: Path) -> None:
+def test_nothing_imports_the_front_door() -> None:
     """`import rans` reaches every layer; only the command's start may, and a name from it is no submodule's."""
-    tree = ast.parse(file.read_text("utf-8"))
-    bare = {
-        alias.name
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Import)
-        for alias in node.names
-        if alias.name in ROOMS
-    }
-    names = {
-        f"{node.module}.{alias.name}"
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and node.module in ROOMS
-        for alias in node.names
-    }
-    assert not bare
-    assert names <= NAMES
+    found = []
+    for name, file in MODULES.items():
+        for node in ast.walk(parsed(file)):
+            if isinstance(node, ast.Import):
+                names = {alias.name for alias in node.names} & {*ROOMS}
+            elif isinstance(node, ast.ImportFrom) and node.module in ROOMS:
+                names = {f"{node.module}.{alias.name}" for alias in node.names} - NAMES
+            else:
+                continue
+            found += [f"{name} imports {imported}" for imported in names]
+    assert not found
 
 
-@every_module
-def test_each_engine_keeps_to_its_library(name: str, file: Path) -> None:
-    libraries = {imported.partition(".")[0] for imported in imports(file)}
-    if unit(name) == "rans.fast":
-        assert not libraries & {"pydrake", "casadi"}
-    if RANK[unit(name)] <= RANK["rans.flight"]:
-        spaces = (
-            {"gymnasium"} if name == "rans.effectors.commands" else set()
-        )  # imported where one is asked for
-        assert not libraries & HEAVY - spaces
+def test_each_engine_keeps_to_its_library() -> None:
+    found = []
+    for name, file in MODULES.items():
+        libraries = {imported.partition(".")[0] for imported in imports(file)}
+        refused = set()
+        if unit(name) == "rans.fast":
+            refused |= {"pydrake", "casadi"}
+        if RANK[unit(name)] <= RANK["rans.flight"]:
+            # imported where a space is asked for
+            refused |= HEAVY - ({"gymnasium"} if name == "rans.effectors.commands" else set())
+        found += [f"{name} imports {library}" for library in libraries & refused]
+    assert not found
 
 
 def test_the_judge_knows_nothing_of_our_equations() -> None:
@@ -188,47 +190,52 @@ def derived(kind: type) -> set[str]:
     }.union(*map(derived, kind.__subclasses__()))
 
 
-@every_module
-def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors(name: str, file: Path) -> None:
-    if name.startswith(OWN_ROOMS) or not name.startswith("rans."):
-        return
-    kinds = derived(Task) | derived(Actuators) | derived(Effector)
-    tree = ast.parse(file.read_text("utf-8"))
+def kinds_asked_for(tree: ast.Module, kinds: set[str]) -> set[str]:
+    """Those of some kinds that a module gives to `isinstance`."""
     imported = {
         alias.asname or alias.name: alias.name
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(OWN_ROOMS)
         for alias in node.names
     }
-    asked = {
+    return {
         imported[part.id]
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "isinstance"
         for part in ast.walk(node.args[1])
         if isinstance(part, ast.Name) and imported.get(part.id) in kinds
     }
-    assert asked == CHECKED.get(name, set()) | JUDGES.get(name, set())
 
 
-@every_module
-def test_commands_are_counted_by_the_spacecraft(name: str, file: Path) -> None:
+def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors() -> None:
+    kinds = derived(Task) | derived(Actuators) | derived(Effector)
+    asked = {
+        name: kinds_asked_for(parsed(file), kinds)
+        for name, file in MODULES.items()
+        if name.startswith("rans.") and not name.startswith(OWN_ROOMS)
+    }
+    assert {name: found for name, found in asked.items() if found} == CHECKED | JUDGES
+
+
+def test_commands_are_counted_by_the_spacecraft() -> None:
     """`Spacecraft.thruster_count` and its neighbours say which effectors are meant."""
-    if not name.startswith("rans.") or name.startswith(("rans.model", "rans.effectors")):
-        return
-    counted = {
-        node.args[0].attr
-        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+    found = {
+        name
+        for name, file in MODULES.items()
+        if name.startswith("rans.") and not name.startswith(("rans.model", "rans.effectors"))
+        for node in ast.walk(parsed(file))
         if isinstance(node, ast.Call)
         and ast.unparse(node.func) == "len"
         and isinstance(node.args[0], ast.Attribute)
+        and node.args[0].attr in {"thrusters", "wheels"}
     }
-    assert not counted & {"thrusters", "wheels"} or name == "rans.compile.cuda.flight"
+    assert found <= {"rans.compile.cuda.flight"}
 
 
-def loaders_used(source: str) -> set[str]:
+def loaders_used(tree: ast.Module) -> set[str]:
     """Loaders that a module imports, under any name, or reads from another module."""
     used = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom):
             used |= {alias.name for alias in node.names}
         elif isinstance(node, ast.Attribute):
@@ -236,16 +243,19 @@ def loaders_used(source: str) -> set[str]:
     return used & LOADERS
 
 
-@every_module
-def test_names_become_values_at_the_door(name: str, file: Path) -> None:
-    if name.startswith("rans.") and not name.startswith(DOORS) and name not in INNER_DOORS:
-        assert not loaders_used(file.read_text("utf-8"))
+def test_names_become_values_at_the_door() -> None:
+    found = {
+        name: loaders_used(parsed(file))
+        for name, file in MODULES.items()
+        if name.startswith("rans.") and not name.startswith(DOORS) and name not in INNER_DOORS
+    }
+    assert not {name: used for name, used in found.items() if used}
 
 
 def test_loaders_are_seen_under_any_name() -> None:
-    assert loaders_used("from rans.tasks import load_task as task") == {"load_task"}
-    found = loaders_used("from rans.model import spacecraft_file as s; s.load_spacecraft('x')")
-    assert found == {"load_spacecraft"}
+    assert loaders_used(ast.parse("from rans.tasks import load_task as task")) == {"load_task"}
+    source = "from rans.model import spacecraft_file as s; s.load_spacecraft('x')"
+    assert loaders_used(ast.parse(source)) == {"load_spacecraft"}
 
 
 def test_tests_import_nothing_from_other_tests() -> None:
