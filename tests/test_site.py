@@ -130,24 +130,24 @@ def test_the_reference_has_every_public_name_command_task_and_spacecraft() -> No
         assert f"## {name}\n" in made["spacecraft.md"]
 
 
-@pytest.mark.parametrize("term", TERMS)
-def test_a_term_of_the_field_leads_to_a_page_that_has_it(term: str) -> None:
-    page = DOCS / f"{TERMS[term]}.md"
-    text = " ".join(page.read_text("utf-8").lower().split())
-    assert term.lower() in text, f"{page.name} should say {term}"
-    row = next(
-        line
-        for line in (DOCS / "terms.md").read_text("utf-8").splitlines()
-        if line.startswith("|") and term.lower() in line.partition("](")[0].lower()
-    )
-    target = row.partition("](")[2].partition(")")[0].partition("#")[0]
-    assert (DOCS / target).resolve() == page
+def test_a_term_of_the_field_leads_to_a_page_that_has_it() -> None:
+    lines = (DOCS / "terms.md").read_text("utf-8").splitlines()
+    for term, name in TERMS.items():
+        page = DOCS / f"{name}.md"
+        text = " ".join(page.read_text("utf-8").lower().split())
+        assert term.lower() in text, f"{page.name} should say {term}"
+        row = next(
+            line
+            for line in lines
+            if line.startswith("|") and term.lower() in line.partition("](")[0].lower()
+        )
+        target = row.partition("](")[2].partition(")")[0].partition("#")[0]
+        assert (DOCS / target).resolve() == page, term
 
 
-@pytest.mark.parametrize("term", TERMS)
-def test_the_search_finds_the_page_of_a_term_first(term: str) -> None:
+def test_the_search_finds_the_page_of_a_term_first() -> None:
     """By a hidden entry, which ranks before titles and texts."""
-    assert term.lower() in SEARCH.WORDS[TERMS[term]]
+    assert not [term for term, page in TERMS.items() if term.lower() not in SEARCH.WORDS[page]]
 
 
 def test_every_hidden_word_is_of_one_page() -> None:
@@ -177,13 +177,6 @@ def test_pages_are_ranked_as_the_script_of_the_site_does() -> None:
     assert SEARCH.ranking(index, " Docking ") == [(100, "port"), (58, "arm"), (9, "tasks")]
     assert SEARCH.ranking(index, "dock") == [(57, "port")]
     assert SEARCH.ranking(index, "nothing") == []
-
-
-@pytest.mark.parametrize("page", PROSE.pages(), ids=lambda page: page.name)
-def test_the_words_of_a_page_are_the_fields(page: Path) -> None:
-    if page.relative_to(ROOT).as_posix() in PROSE.NOT_YET:
-        pytest.skip("is to be rewritten")
-    assert list(PROSE.complaints(page)) == []
 
 
 def test_the_linter_sees_words_in_prose_and_none_in_code(

@@ -1,4 +1,8 @@
-"""Every task with every price charged, on every spacecraft, in batches of any states."""
+"""Every task with every price charged, in the plane and in space, in batches of any states.
+
+A task knows of a spacecraft its dimension and its count of thrusters only: one craft of each dimension
+says what all would.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask
-from tests.support.crafts import ANY_CRAFT, FREE_CRAFT, random_states
+from tests.support.crafts import ANY_CRAFT, random_states
 from tests.support.transitions import COUNT
 
 
@@ -30,7 +34,7 @@ def priced(task: Any) -> Any:
     )
 
 
-@pytest.fixture(params=FREE_CRAFT)
+@pytest.fixture(params=["floating-platform", "free-flyer"])
 def craft(request: pytest.FixtureRequest) -> Spacecraft:
     return load_spacecraft(request.param)
 

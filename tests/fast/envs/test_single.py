@@ -30,8 +30,10 @@ from tests.support.switching import SwitchingGoToPose
 PLANE = "rans/GoToPose2D-v0"
 IDS = [gymnasium_ids(name)[d - 2] for name in TASKS for d in TASKS[name].dimensions]
 SHUT = np.zeros(8, dtype=np.int64)
-ANY_CRAFT_IDS = [gymnasium_ids(name)[d - 2] for name in ANY_CRAFT for d in (2, 3)]
-ALL_IDS = pytest.mark.parametrize("name", ANY_CRAFT_IDS)
+# Every task, by turns in the plane and in space.
+ALL_IDS = pytest.mark.parametrize(
+    "name", [gymnasium_ids(name)[number % 2] for number, name in enumerate(ANY_CRAFT)]
+)
 
 
 def make(name: str = PLANE, **kwargs: Any) -> SpacecraftEnv:
