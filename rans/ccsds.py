@@ -107,6 +107,11 @@ class OrbitState:
     """Velocity, (3,) m/s."""
 
 
+def is_on_orbit(task: Task, dimension: int) -> bool:
+    """Whether a task is a mission in space near a target on a circular orbit."""
+    return isinstance(task.drift, ClohessyWiltshire) and dimension == 3
+
+
 def orbit_of(
     task: Task, dimension: int, inclination: float = 0.0, node: float = 0.0, latitude: float = 0.0
 ) -> Orbit:

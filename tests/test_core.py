@@ -92,7 +92,7 @@ for line in (
     "export run --output agent --episodes 4 --margins 0",
     "export run --format numpy --output numpy --episodes 4 --margins 0",
     "export run --format c --output c --episodes 4 --margins 0",
-    "view run --page page.html",
+    "view run --play --save page.html",
     "evaluate lqr:go-to-pose-2d --episodes 2",
 ):
     assert main(line.split()) == 0, line

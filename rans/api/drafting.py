@@ -236,7 +236,7 @@ def check_target(file: Path, overwrite: bool) -> None:
 def check_free(file: Path, overwrite: bool) -> None:
     """Refuse (`ConfigError`) a file that exists, unless it may be overwritten."""
     if file.exists() and not overwrite:
-        raise ConfigError(f"{file} exists: name another file, or allow to overwrite it.")
+        raise ConfigError(f"{file} exists: name another file, or delete it first.")
 
 
 def _tensor(

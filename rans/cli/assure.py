@@ -42,21 +42,18 @@ class Assure:
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
     (none), or your own TOML file; by default those of the training."""
     episodes: int | None = None
-    """Number of flights, by default 100,000; with --failure-below the largest number."""
+    """Number of flights, by default 100,000; with --failure-below the largest number. 0 flies nothing, and
+    prints how many flights the campaign takes."""
     failure_below: float | None = None
     """Failure probability to show or to refute, such as 1e-4; the campaign ends as soon as its count decides."""
     confidence: float = 0.99
     """Confidence of every bound."""
-    plan: bool = False
-    """Print how many flights the campaign takes, and fly nothing."""
     rare: int = 0
     """Also estimate the probability of rarer failures, by subset simulation with this many flights (at least
     1600) a factor of ten: a probability of 1e-6 takes six times as many."""
     search: str | None = None
     """Also search for the smallest disturbance that makes the agent fail, in units of these conditions, such
     as lab."""
-    seed: int = ASSURANCE_SEED
-    """Seed of starts, goals and conditions."""
     output: Path | None = None
     """Folder of the results; by default that of the agent."""
     trust: Trust = False
@@ -69,6 +66,12 @@ class Assure:
         str, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
     ] = "auto"
     """auto (a GPU if there is one), cpu or cuda."""
+    seed: Annotated[int, Former("leave it out, or call rans.assure(..., seed=...) in Python")] = (
+        ASSURANCE_SEED
+    )
+    """Seed of starts, goals and conditions."""
+    plan: Annotated[bool, Former("write --episodes 0")] = False
+    """Print how many flights the campaign takes, and fly nothing."""
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""
@@ -81,7 +84,9 @@ class Assure:
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
 
-        check_count("--episodes", self.episodes)
+        is_plan = self.plan or self.episodes == 0
+        most = self.episodes or None  # 0 asks for the plan with the default number
+        check_count("--episodes", most)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):
             if value < 0:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
@@ -91,9 +96,7 @@ class Assure:
             check_unit(
                 self.search, load_conditions(self.search)
             )  # reject a wrong name before the flights
-        episodes = (
-            _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
-        )
+        episodes = _EPISODES if most is None and self.failure_below is None else most
         planned = plan(self.confidence, episodes, self.failure_below)
         assurance = made(
             self.agent,
@@ -104,7 +107,7 @@ class Assure:
             command_line(),
             self.trust,
         )
-        if self.plan:
+        if is_plan:
             _print_plan(assurance)
             return 0
         name = ContestantName.parse(self.agent)

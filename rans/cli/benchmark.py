@@ -36,8 +36,6 @@ class Benchmark:
 
     spacecraft: tuple[str, ...] = ("floating-platform", "free-flyer")
     """Names of spacecraft that come with RANS, or your own TOML files."""
-    task: str = "go-to-pose"
-    """Task to step and to train."""
     device: str | None = None
     """cpu or cuda; by default a GPU if there is one."""
     num_envs: tuple[int, ...] = ()
@@ -53,6 +51,10 @@ class Benchmark:
     """Folder of the environments of other packages."""
     full: Annotated[bool, Former("write --output FILE, which has everything")] = False
     """Also print warm-up times and notes."""
+    task: Annotated[str, Former("leave it out, or call rans.benchmark(task=...) in Python")] = (
+        "go-to-pose"
+    )
+    """Task to step and to train."""
 
     def run(self) -> int:
         """Print ratios first, then the measurements; after an interrupt, those so far."""

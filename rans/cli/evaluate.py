@@ -33,6 +33,8 @@ _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
 _LISTED = 1000
 """Largest number of failed flights that a file lists."""
+_MESSAGES = 16
+"""Largest number of flights that --trajectories writes as CCSDS messages, three files each."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,8 @@ class Evaluate:
     """What computes the motion: RANS's own equations (fast), Drake as an independent check, or both; both
     exits with 1 if they disagree."""
     trajectories: bool = False
-    """Also write all states and commands into episodes.npz."""
-    ccsds: int = 0
-    """Also write the first so many flights of a mission on an orbit as CCSDS messages into a folder ccsds: OEM of
-    craft and target, AEM of the craft (docs/missions/ccsds.md)."""
+    """Also write all states and commands into episodes.npz; for a mission on an orbit also the first 16 flights as
+    CCSDS messages into a folder ccsds: OEM of craft and target, AEM of the craft (docs/missions/ccsds.md)."""
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
@@ -81,6 +81,8 @@ class Evaluate:
     """Spacecraft for an agent for any craft."""
     plain: Annotated[bool, Former("fly at most 65,536 episodes, which are never compiled")] = False
     """Do not compile the flights."""
+    ccsds: Annotated[int, Former("write --trajectories")] = 0
+    """Number of flights that are written as CCSDS messages."""
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
@@ -246,12 +248,15 @@ class Evaluate:
         return file
 
     def _write_ccsds(self, run: LoadedRun, flight: Flight) -> None:
-        """Write flights as CCSDS messages, if that is asked for."""
-        if self.ccsds:
-            from rans.ccsds import write_ccsds
+        """Write flights of a mission on an orbit as CCSDS messages, if trajectories are asked for."""
+        from rans.ccsds import is_on_orbit, write_ccsds
 
+        count = self.ccsds
+        if self.trajectories and is_on_orbit(run.task, run.craft.dimension):
+            count = count or _MESSAGES
+        if count:
             folder, suffix = self._output(run)
-            for episode in range(min(self.ccsds, self.episodes)):
+            for episode in range(min(count, self.episodes)):
                 write_ccsds(flight, folder / f"ccsds{suffix}", episode)
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:

@@ -31,8 +31,6 @@ class Follow:
     """Speed along the path, m/s."""
     episodes: int = 16
     """Number of flights; each starts at rest near the first point of the path, with another attitude."""
-    engine: Literal["fast", "drake"] = "fast"
-    """What computes the motion: RANS's own equations (fast), or Drake."""
     seed: Annotated[int, Former("leave it out, or call rans.follow(..., seed=...) in Python")] = (
         EVALUATION_SEED
     )
@@ -44,6 +42,11 @@ class Follow:
     within it."""
     flights: Annotated[int | None, Former("write --episodes N")] = None
     """Number of flights."""
+    engine: Annotated[
+        Literal["fast", "drake"],
+        Former("leave it out, or call rans.follow(..., engine=...) in Python"),
+    ] = "fast"
+    """What computes the motion."""
 
     def run(self) -> int:
         """Print a table of the path errors."""

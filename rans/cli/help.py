@@ -78,7 +78,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "view": (
         "rans view runs/first lqr",
         "rans view pretrained:go-to-pose-3d --episodes 4 --save flights.html",
-        "rans view pretrained:go-to-pose-2d --page fly.html",
+        "rans view pretrained:go-to-pose-2d --play --save fly.html",
     ),
     "report": ("rans report runs/first",),
     "optimal": (
@@ -97,7 +97,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "identify": ("rans identify flight.csv --spacecraft floating-platform",),
     "init": (
         "rans init mine.toml",
-        "rans init mine.toml --from atmos --set mass=16 --batch",
+        "rans init mine.toml --from atmos --set mass=16",
         'rans init mine.toml --set mass=12 --set size=0.4,0.4 --thruster "-0.2,0.1;1,0;1.5"',
     ),
     "validate": ("rans validate mine.toml --quick",),

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from rans.cli.options import Former
 from rans.errors import ConfigError
 from rans.terminal import Terminal, doing
 
@@ -36,8 +37,10 @@ class Identify:
     """Folder of the results; by default identified, or excitation with --excite."""
     robot: Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"] | None = None
     """Kind of robot whose topics a bag has; by default the bag says it."""
-    window: float = 5.0
-    """The log is predicted over windows of this length, s: long ones determine more, if the model lacks nothing."""
+    window: Annotated[
+        float, Former("leave it out, or call rans.identify(..., window=...) in Python")
+    ] = 5.0
+    """Length of the windows over which the log is predicted, s."""
 
     def run(self) -> int:
         """Print what was identified and what the logs do not determine."""

@@ -56,10 +56,6 @@ class Init:
     valves divide a control period), least (shortest pulse in counts, or least level of a throttle as a share of
     full force), most (largest level), radius (m, for drawings), thrust_sharing (none, or split: the open
     thrusters share the supply of one)."""
-    batch: bool = False
-    """Ask nothing: a missing value is an error. This is the default where the input is no terminal."""
-    overwrite: bool = False
-    """Overwrite existing files."""
     dimension: Annotated[int | None, Former("write --set dimension=VALUE")] = None
     """2 or 3."""
     mass: Annotated[float | None, Former("write --set mass=VALUE")] = None
@@ -88,6 +84,10 @@ class Init:
         Path | None, Former("write `rans list FILE.toml --picture FILE`, which draws anywhere")
     ] = None
     """File of the drawing (.svg, .png or .pdf); None: next to the TOML file, as .svg."""
+    batch: Annotated[bool, Former("leave it out and write `< /dev/null` after the command")] = False
+    """Ask nothing."""
+    overwrite: Annotated[bool, Former("delete the file first")] = False
+    """Overwrite existing files."""
 
     def run(self) -> int:
         """Ask, check, write and draw; the exit code is 0."""

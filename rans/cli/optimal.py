@@ -70,9 +70,6 @@ class Optimal:
     horizon: float | None = None
     """Length of the trajectory, s: by default 20, for reward 25. For time it is computed. For a mission on an
     orbit it is the deadline, by default the latest."""
-    control_period: float = 0.2
-    """Time that a command is held, s. For time it is computed, and this is the control period of the on/off
-    certificate."""
     episodes: int = 16
     """Number of starts."""
     start: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{POSE}|FILE.toml")] = ()
@@ -89,8 +86,6 @@ class Optimal:
     refine: int = 0
     """Solve again this many times, each time with half the control period, and print cost, estimated error
     and defect of every mesh."""
-    seed: int = EVALUATION_SEED
-    """Seed of starts and goals."""
     certify: bool = False
     """Also compute what no controller can beat: certified for on/off thrusters where that is possible. A number
     after it, as in `--certify 60`, is the work for each question, by what a core at 3 GHz does in a second, so that
@@ -116,6 +111,12 @@ class Optimal:
     """Agents to compare with the bound of a mission on an orbit."""
     workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
     """Number of processes; by default one per processor."""
+    control_period: Annotated[
+        float, Former("leave it out, or call rans.optimal_trajectory(control_period=...) in Python")
+    ] = 0.2
+    """Time that a command is held, s; for time it is computed."""
+    seed: Annotated[int, Former("leave it out, or name a --start and a --goal")] = EVALUATION_SEED
+    """Seed of starts and goals."""
 
     def run(self) -> int:
         """Print a table of the starts."""

@@ -48,14 +48,16 @@ class Prove:
     """Certificate to check; nothing is proved then."""
     smallest: float = 1.0 / 512
     """Part of the range of a start, below which cells are not split."""
-    device: str = "cpu"
-    """cpu or cuda."""
     onnx: Annotated[Path | None, Former("name the file without it")] = None
     """Network that takes the state and gives the commands."""
     cells: Annotated[int, Former("leave it out: cells are split where that is necessary")] = 4
     """Number of cells along each state to begin with, for up to four states; with more states it is 1."""
     workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
     """Processes of --check; by default one per processor."""
+    device: Annotated[
+        str, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
+    ] = "auto"
+    """auto (a GPU if there is one), cpu or cuda."""
 
     def run(self) -> int:
         """Prove or check, and print the result."""
@@ -156,6 +158,7 @@ class Prove:
         )
 
     def _prove(self) -> int:
+        from rans.evaluation.assure.assurance import chosen_device
         from rans.proof.certificate import write_certificate
         from rans.proof.network import read_network
         from rans.proof.problem import read_problem
@@ -178,7 +181,7 @@ class Prove:
             proof = prove(
                 problem,
                 layers,
-                self.device,
+                chosen_device(self.device),
                 self.smallest,
                 [self.cells if problem.states <= 4 else 1] * problem.states,
                 lambda done, left: bars.update(task, completed=done, total=done + left),

@@ -46,8 +46,6 @@ class Stress:
     episodes: int = 256
     """Number of flights at each magnitude and in each set of conditions; an eighth of it for slow controllers such
     as mpc."""
-    seed: int = EVALUATION_SEED
-    """Seed of starts, goals and disturbances."""
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
@@ -66,6 +64,10 @@ class Stress:
     """Number of worst episodes to list for each contestant."""
     workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
     """Processes; by default one per processor."""
+    seed: Annotated[int, Former("leave it out, or call rans.stress(..., seed=...) in Python")] = (
+        EVALUATION_SEED
+    )
+    """Seed of starts, goals and disturbances."""
 
     def run(self) -> int:
         """Print the largest tolerated size of each disturbance."""

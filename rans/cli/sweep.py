@@ -51,8 +51,6 @@ class Sweep:
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
     TOML file; by default everything is nominal."""
-    device: str | None = None
-    """cpu or cuda; by default a GPU if there is one."""
     output: Path | None = None
     """Folder for the results; by default a new one under runs/."""
     resume: Path | None = None
@@ -67,6 +65,8 @@ class Sweep:
     """config.json of a run."""
     algorithm: Annotated[str | None, Former("write --set algorithm=NAME")] = None
     """Learner."""
+    device: Annotated[str | None, Former("write --set device=NAME")] = None
+    """cpu or cuda; by default a GPU if there is one."""
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""

@@ -40,15 +40,9 @@ class Tune:
     pretrained:go-to-pose-2d-pingu."""
     conditions: str | None = None
     """Conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default none."""
-    candidates: int = 300
-    """Number of settings to try, the default ones included."""
-    starts: int = 256
-    """Number of flights of each candidate."""
     seconds: float = math.inf
     """Processor time after which no further candidate is flown; use the same for every controller to give all
     an equal budget."""
-    output: Annotated[Path | None, arg(metavar="FILE")] = None
-    """File of the result (.json); by default under runs/controllers, where commands find it."""
     task: Annotated[str | None, Former("write CONTROLLER:TASK-2d")] = None
     """Task to tune it for."""
     spacecraft: Annotated[str | None, Former("write CONTROLLER:TASK-2d@SPACECRAFT")] = None
@@ -56,6 +50,19 @@ class Tune:
     price: Annotated[float, Former("leave it out, or call rans.tune(price=...) in Python")] = 0.01
     """Price of impulse, s per N s. The cost of a candidate is the mean of settling time and time of first
     rest, plus the impulse of the episode times this price."""
+    starts: Annotated[int, Former("leave it out, or call rans.tune(..., starts=...) in Python")] = (
+        256
+    )
+    """Number of flights of each candidate."""
+    candidates: Annotated[
+        int,
+        Former("limit the search by --seconds, or call rans.tune(..., candidates=...) in Python"),
+    ] = 300
+    """Number of settings to try, the default ones included."""
+    output: Annotated[
+        Path | None, Former("copy the file that is written under runs/controllers")
+    ] = None
+    """File of the result."""
 
     def run(self) -> int:
         """Print default and tuned settings with their costs."""

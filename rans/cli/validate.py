@@ -33,12 +33,12 @@ class Validate:
     conditions: str | None = None
     """Check under these conditions too, each effect alone and all together: a name (see `rans list
     CONDITIONS`) or your own TOML file."""
-    seed: int = 0
-    """Seed of the random states and commands."""
     output: Path | None = None
     """Folder for validation.json and validation.html."""
     spacecraft: Annotated[str | None, Former("name it after the command")] = None
     """Name of a spacecraft, or a TOML file."""
+    seed: Annotated[int, Former("leave it out, or call rans.validate(..., seed=...) in Python")] = 0
+    """Seed of the random states and commands."""
 
     def run(self) -> int:
         """Print the table of checks."""

@@ -49,13 +49,11 @@ class View:
     default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
     save: Path | None = None
     """Write the flights to a file, and return: .html is a page that replays them offline and without RANS, .mp4 or
-    .gif a film of all side by side, .png or .jpg one picture of ten instants of the first."""
+    .gif a film of all side by side, .png or .jpg one picture of ten instants of the first. With --play it is a page
+    (.html) in which the agent flies, offline."""
     play: bool = False
     """Fly the first contestant in real time with controls: move the goal, make a thruster dead or stuck, add
     delay and noise, switch to the next contestant, pause, step, go back."""
-    page: Path | None = None
-    """Write a page in which the agent flies in the browser, offline, and return. In it one can move the goal,
-    let thrusters fail, and add delay and noise."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
     guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
@@ -64,6 +62,8 @@ class View:
     """Picture of ten instants of the first flight."""
     video: Annotated[Path | None, Former("write --save FILE.mp4")] = None
     """Film of all flights."""
+    page: Annotated[Path | None, Former("write --play --save FILE.html")] = None
+    """Page in which the agent flies in the browser."""
 
     def run(self) -> int:
         """Serve the page, or write the requested files."""
@@ -77,12 +77,13 @@ class View:
             raise ConfigError(
                 f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}."
             )
-        kind = None if self.save is None else _kind(self.save)
+        kind = None if self.save is None or self.play else _kind(self.save)
         video = self.save if kind == "film" else self.video
         frames = self.save if kind == "picture" else self.frames
-        if self.page is not None and self.page.suffix != ".html":
+        page = self.save if self.play else self.page
+        if page is not None and page.suffix != ".html":
             raise ConfigError(
-                f"--page writes a page, whose name must end in .html, got {str(self.page)!r}."
+                f"--play --save writes a page, whose name must end in .html, got {str(page)!r}."
             )
         if video is not None:
             from rans.show.scene.video import check_video
@@ -95,8 +96,8 @@ class View:
         ]
         others = tuple(contestant for contestant in self.contestants if contestant not in folders)
         runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
-        if self.page is not None:
-            return self._write_page(runs, self.page)
+        if page is not None:
+            return self._write_page(runs, page)
         if self.play:
             return self._play(runs)
         flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
@@ -117,7 +118,9 @@ class View:
         from rans.show.pages.playground import playground
 
         if len(runs) != 1:
-            raise ConfigError(f"--page is of one agent, got {len(runs)}.")
+            raise ConfigError(
+                f"the page that --play --save writes is of one agent, got {len(runs)}."
+            )
         page = playground(runs[0], self.seed, self.episode)
         page.write(file)
         size = file.stat().st_size / 1e3

@@ -22,7 +22,7 @@ SQUARE = [
     "0, -0.2; 0, 2; 1",
     "0, 0.2; 0, -2; 1",
 ]
-BOX = ["--set", "dimension=2", "--set", "mass=12", "--set", "size=0.4,0.4", "--batch"]
+BOX = ["--set", "dimension=2", "--set", "mass=12", "--set", "size=0.4,0.4"]
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, *lines: str | type[BaseException]) -> Iterator[object]:
@@ -69,7 +69,7 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
 
 
 def test_from_a_spacecraft_everything_else_stays() -> None:
-    assert batch("--from", "atmos", "--set", "mass=16", "--set", "name=our atmos", "--batch") == 0
+    assert batch("--from", "atmos", "--set", "mass=16", "--set", "name=our atmos") == 0
     craft, start = load_spacecraft("mine.toml"), load_spacecraft("atmos")
     assert (craft.name, craft.mass) == ("our atmos", 16.0)
     assert (craft.thrusters, craft.inertia, craft.actuators, craft.radius) == (
@@ -82,7 +82,7 @@ def test_from_a_spacecraft_everything_else_stays() -> None:
 
 @pytest.mark.parametrize("name", ["apollo-csm", "cubesat-6u", "mars-lander-steered"])
 def test_everything_a_file_can_hold_is_written(name: str) -> None:
-    assert batch("--from", name, "--set", f"name={name}", "--batch") == 0
+    assert batch("--from", name, "--set", f"name={name}") == 0
     craft, start = load_spacecraft("mine.toml"), load_spacecraft(name)
     assert np.array(craft.wrench_map) == pytest.approx(np.array(start.wrench_map), rel=1e-12)
     assert replace(craft, thrusters=start.thrusters) == start  # directions are normalized once more
@@ -140,32 +140,32 @@ def test_an_interrupt_writes_nothing(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--batch"], "needs dimension, mass, inertia or size, at least one thruster"),
+        ([], "needs dimension, mass, inertia or size, at least one thruster"),
         ([*BOX], "needs at least one thruster"),
         ([*BOX, "--thruster=1;2"], "is its position (m), the direction of its force"),
         ([*BOX, "--thruster=1,2,3;1,0;1"], "the position of a thruster must be 2 numbers"),
         ([*BOX, "--thruster=0,0;0,0;1"], "must not be zero"),
         ([*BOX, "--thruster=0,0;1,0;-1"], "force must be a number from 1e-09"),
         ([*BOX, "--thruster=0,0;1,0;1", "--wheel=1,0,0;1"], "a wheel is its axis"),
-        (["--from", "atmos", "--set", "dimension=3", "--batch"], "atmos has dimension 2"),
-        (["--from", "atmoss", "--batch"], "no spacecraft named 'atmoss'"),
-        (["--from", "atmos", "--set", "mass=-1", "--batch"], "mass must be a number from"),
-        (["--from", "atmos", "--set", "actuators=steam", "--batch"], "actuators are on-off"),
+        (["--from", "atmos", "--set", "dimension=3"], "atmos has dimension 2"),
+        (["--from", "atmoss"], "no spacecraft named 'atmoss'"),
+        (["--from", "atmos", "--set", "mass=-1"], "mass must be a number from"),
+        (["--from", "atmos", "--set", "actuators=steam"], "actuators are on-off"),
         (
-            ["--from", "atmos", "--set", "actuators=pulsed", "--batch"],
+            ["--from", "atmos", "--set", "actuators=pulsed"],
             "pulsed actuators need counts",
         ),
         (
-            ["--from", "atmos", "--set", "actuators=on-off", "--set", "counts=5", "--batch"],
+            ["--from", "atmos", "--set", "actuators=on-off", "--set", "counts=5"],
             "have no counts",
         ),
-        (["--from", "atmos", "--set", "colour=red", "--batch"], "--set takes KEY=VALUE once"),
+        (["--from", "atmos", "--set", "colour=red"], "--set takes KEY=VALUE once"),
         (
-            ["--from", "atmos", "--set", "counts=many", "--batch"],
+            ["--from", "atmos", "--set", "counts=many"],
             "takes a whole number, got 'many'",
         ),
-        (["--from", "atmos", "--set", "size=0.1,x", "--batch"], "size must be 2 or 3 numbers"),
-        (["--from", "atmos", "--set", "size=1,1,1", "--batch"], "size must be 2 numbers"),
+        (["--from", "atmos", "--set", "size=0.1,x"], "size must be 2 or 3 numbers"),
+        (["--from", "atmos", "--set", "size=1,1,1"], "size must be 2 numbers"),
     ],
 )
 def test_wrong_input_is_a_sentence_and_writes_nothing(
@@ -180,10 +180,10 @@ def test_wrong_input_is_a_sentence_and_writes_nothing(
 
 def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
     Path("mine.svg").write_text("mine")
-    assert batch("--from", "atmos", "--batch") == 2
+    assert batch("--from", "atmos") == 2
     assert "mine.svg exists" in capsys.readouterr().err
-    assert batch("--from", "atmos", "--batch", "--overwrite") == 0
-    assert main(["init", "mine.txt", "--from", "atmos", "--batch"]) == 2
+    assert batch("--from", "atmos", "--overwrite") == 0
+    assert main(["init", "mine.txt", "--from", "atmos"]) == 2
     assert "must end in .toml" in capsys.readouterr().err
 
 
@@ -239,9 +239,9 @@ def test_what_a_robots_file_does_not_say_is_asked(monkeypatch: pytest.MonkeyPatc
 
 def test_without_a_terminal_the_missing_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     robot()
-    assert batch("--from", "robot.urdf", "--batch") == 2
+    assert batch("--from", "robot.urdf") == 2
     assert "set dimension to 2 or 3" in capsys.readouterr().err
-    assert batch("--from", "robot.urdf", "--batch", "--set", "dimension=2") == 2
+    assert batch("--from", "robot.urdf", "--set", "dimension=2") == 2
     said = capsys.readouterr().err.replace("\n", " ")
     assert "--thruster '0.2, 0.1; -1, 0; FORCE'" in " ".join(said.split())
     assert not Path("mine.toml").exists()

@@ -51,12 +51,15 @@ def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_a_page_in_which_an_agent_flies(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["view", "pretrained:go-to-pose-2d", "--page", "fly.html", "--episode", "3"]) == 0
+    assert (
+        main(["view", "pretrained:go-to-pose-2d", "--play", "--save", "fly.html", "--episode", "3"])
+        == 0
+    )
     assert capsys.readouterr().out.startswith("fly.html (")
     assert "class Flight" in Path("fly.html").read_text()
     for wrong in (
-        ["pretrained:go-to-pose-2d", "lqr", "--page", "fly.html"],
-        ["lqr:go-to-pose-2d", "--page", "fly.txt"],
+        ["pretrained:go-to-pose-2d", "lqr", "--play", "--save", "fly.html"],
+        ["lqr:go-to-pose-2d", "--play", "--save", "fly.txt"],
     ):
         assert main(["view", *wrong]) == 2
         assert "page" in capsys.readouterr().err

@@ -88,7 +88,8 @@ def page(study: Study, spacecraft: str, conditions: str | None = None) -> Page:
 
 
 def _command(study: Study, spacecraft: str, conditions: str | None, layer: str = "") -> str:
-    words = ["rans", "validate", spacecraft, "--seed", str(study.settings["seed"])]
+    words = ["rans", "validate", spacecraft]
+    words += ["--seed", str(seed)] if (seed := study.settings["seed"]) else []
     words += ["--quick"] if study.settings["quick"] else []
     words += ["--layer", layer] if layer else []
     words += ["--conditions", conditions] if conditions and layer in ("", "conditions") else []
