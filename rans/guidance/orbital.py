@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from itertools import combinations
 from typing import Any
 
 from rans.guidance.arrival import PLANS, TIME_ROUNDING, best_arrival, whole_periods
@@ -201,40 +202,34 @@ class SingleImpulse(OrbitalGuidance):
         Thrusters along the axes pay for the sum of the components. Across the orbital plane a burn does most a
         quarter of an orbit before the arrival. In the plane, burns along one axis now and along one later, or
         along both later, are compared with all of it now; later ones are at `LATER_BURNS` before the arrival.
+        Only burns are compared that no two others replace for less, so the cheapest of all is among them.
         """
         n = self.mean_motion
         drift = self.coasts.drift
         miss = goal.p - drift.carry(state.p, state.v, time)[0]
         missed = (miss.x, miss.y)
-        now = _displacements(n, time)
         x, y = gain.x, gain.y
         least = (absolute(x) + absolute(y)) * (1.0 - LEAST_SAVING)
         zero = gain.x * 0.0
-        for k, before in enumerate(LATER_BURNS):
-            possible = time > before + TIME_ROUNDING
-            later = _displacements(n, before)
-            # A burn along one axis now, and one later.
-            for axis, first in enumerate(now):
-                for second in later:
-                    u, w = two_impulses(first, second, missed)
-                    price = absolute(u) + absolute(w)
-                    better = possible & (price < least)
-                    least = where(better, price, least)
-                    x = where(better, u if axis == 0 else zero, x)
-                    y = where(better, u if axis == 1 else zero, y)
-            # Both burns later.
-            others = [later, *(_displacements(n, other) for other in LATER_BURNS[k + 1 :])]
-            for first in later:
-                for other in others:
-                    for second in other:
-                        if second is first:
-                            continue
-                        u, w = two_impulses(first, second, missed)
-                        price = absolute(u) + absolute(w)
-                        better = possible & (price < least)
-                        least = where(better, price, least)
-                        x = where(better, zero, x)
-                        y = where(better, zero, y)
+        possible = time > LATER_BURNS[-1] + TIME_ROUNDING
+        later = _later_displacements(n, time)
+        # A burn along one axis now, and one later.
+        for axis, first in enumerate(_displacements(n, time)):
+            for second in later:
+                u, w = two_impulses(first, second, missed)
+                price = absolute(u) + absolute(w)
+                better = possible & (price < least)
+                least = where(better, price, least)
+                x = where(better, u if axis == 0 else zero, x)
+                y = where(better, u if axis == 1 else zero, y)
+        # Both burns later.
+        for first, second in combinations(later, 2):
+            u, w = two_impulses(first, second, missed)
+            price = absolute(u) + absolute(w)
+            better = possible & (price < least)
+            least = where(better, price, least)
+            x = where(better, zero, x)
+            y = where(better, zero, y)
         z = where(time > 0.5 * math.pi / n, zero, gain.z)
         # A postponed burn makes the arrival faster, so it is allowed only while the arrival is slow enough.
         _, at_goal = drift.carry(state.p, state.v + gain, time)
@@ -349,3 +344,44 @@ def _displacements(n: float, time: Field) -> tuple[Pair, Pair]:
     half = sin(0.5 * n * time)
     across = 4.0 * half * half / n
     return (s / n, 0.0 - across), (across, 4.0 * s / n - 3.0 * time)
+
+
+def _later_displacements(n: float, time: Field) -> tuple[Pair, ...]:
+    """Displacements, m, by 1 m/s of the later burns that are worth comparing in a time before the arrival, s.
+
+    If fewer are worth it than at another time, some are there twice.
+    """
+    soonest, *sooner = _useful_burns(n)
+    displacements = []
+    for k, (x, y) in enumerate(soonest):
+        at_x: Field = x
+        at_y: Field = y
+        for before, useful in zip(LATER_BURNS[-2::-1], sooner, strict=True):
+            possible = time > before + TIME_ROUNDING
+            at_x = where(possible, useful[k][0], at_x)
+            at_y = where(possible, useful[k][1], at_y)
+        displacements.append((at_x, at_y))
+    return tuple(displacements)
+
+
+@cache
+def _useful_burns(n: float) -> tuple[tuple[Pair, ...], ...]:
+    """Displacements, m, by 1 m/s of the later burns that no two others replace for less, by how many remain.
+
+    Such burns and their negatives are the corners of the convex hull of all displacements. The first entry is of
+    the last of `LATER_BURNS` alone, the next of the last two. Every entry has the same length: the last
+    displacement is repeated.
+    """
+    burns: list[Pair] = []
+    useful = []
+    for before in reversed(LATER_BURNS):
+        burns.extend((float(x), float(y)) for x, y in _displacements(n, before))
+        corners = []
+        for burn in burns:
+            others = [other for other in burns if other is not burn]
+            prices = (sum(map(abs, two_impulses(*pair, burn))) for pair in combinations(others, 2))
+            if min(prices, default=math.inf) > 1.0:
+                corners.append(burn)
+        useful.append(corners)
+    longest = max(map(len, useful))
+    return tuple((*corners, *corners[-1:] * (longest - len(corners))) for corners in useful)

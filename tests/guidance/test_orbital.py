@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
@@ -64,6 +65,53 @@ def test_a_postponed_burn_is_cheaper_than_all_of_it_now() -> None:
     positions, _, spent = flown(law, state.p, goal.p, 1900.0, Limits())
     assert np.linalg.norm(positions[-1]) < 0.1
     assert spent < now * (1.0 - 0.005)
+
+
+@pytest.mark.parametrize("n", [N, 0.004])
+def test_the_burn_now_is_of_the_cheapest_pair_of_all(n: float) -> None:
+    """From 60 states at rest, against the enumeration of every pair of burns with matrices."""
+    drift = ClohessyWiltshire(n)
+    law = SingleImpulse(
+        Coasts(drift, 0.03, 4.0, 5.0, PERIOD, 1), n, PERIOD, 0.5, 1e3, False, 0.02, 20.0
+    )
+    random = np.random.default_rng(7)
+    count = 60
+    zero = np.zeros(count)
+    start = random.normal(0.0, 80.0, (2, count))
+    time = PERIOD * random.integers(10, round(0.9 * np.pi / n / PERIOD), count)
+    state: Any = SimpleNamespace(p=Vec3(*start, zero), v=Vec3(zero, zero, zero))
+    goal: Any = SimpleNamespace(p=Vec3(zero, zero, zero), v=Vec3(zero, zero, zero))
+    burn = law.velocity(state, goal, time, time, Limits())
+
+    def response(t: float) -> np.ndarray:
+        """Displacement in the plane by an impulse, (2, 2): the Clohessy-Wiltshire matrix."""
+        s, c = np.sin(n * t), np.cos(n * t)
+        return np.array([[s, 2.0 * (1.0 - c)], [-2.0 * (1.0 - c), 4.0 * s - 3.0 * n * t]]) / n
+
+    postponed = 0
+    for k, left in enumerate(time):
+        coast, _ = drift.carry(Vec3(start[0, k], start[1, k], 0.0), Vec3(0.0, 0.0, 0.0), left)
+        missed = -np.array([coast.x, coast.y])
+        wanted = np.linalg.solve(response(left), missed)
+        least = 0.995 * np.abs(wanted).sum()
+        columns = [(response(left)[:, axis], axis) for axis in range(2)]
+        for before in range(200, 1601, 200):
+            if left > before:
+                columns += [(column, None) for column in response(before).T]
+        for (one, axis), (other, when) in combinations(columns, 2):
+            pair = np.column_stack([one, other])
+            # Both now is the price that they have to beat; parallel burns reach nothing else.
+            if axis is when is not None or {axis, when} == {0, 1} or np.linalg.cond(pair) > 1e9:
+                continue
+            sizes = np.linalg.solve(pair, missed)
+            if np.abs(sizes).sum() < least:
+                least = np.abs(sizes).sum()
+                wanted = np.zeros(2)
+                if axis is not None:
+                    wanted[axis] = sizes[0]
+                postponed += 1
+        np.testing.assert_allclose([burn.x[k], burn.y[k]], wanted, atol=1e-7)
+    assert postponed > 3
 
 
 def test_few_burns_arrive_around_a_ball_and_brake() -> None:
