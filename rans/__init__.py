@@ -44,6 +44,7 @@ from rans.api import (
 )
 from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
+from rans.executors import run_on
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import spacecraft_names
@@ -244,6 +245,7 @@ __all__ = [
     "relative_state",
     "write_ccsds",
     "trust_files",
+    "run_on",
     "Engine",
     "PPO",
     "PPOSettings",

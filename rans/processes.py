@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeVar
 import cloudpickle
 
 from rans.errors import RansError
+from rans.executors import answers, chosen_executor
 
 Answer = TypeVar("Answer")
 State = TypeVar("State")
@@ -80,14 +81,16 @@ def submitted(
 
 
 class Workers(Generic[State]):
-    """Pool of processes, each of which creates a state once and answers jobs with it.
+    """Workers, each of which creates a state once and answers jobs with it.
 
-    The processes start and end as those of `submitted`, and use one thread of torch each.
+    They are the executor of `rans.executors.run_on` within its context, and else processes of this machine, which
+    start and end as those of `submitted`, and use one thread of torch each.
 
     Args:
         make: creates the state, such as a controller and its task; defined at the top level of a module.
         arguments: arguments of ``make``, which can be pickled.
-        count: number of processes; None: one per processor; 1: jobs run in this process.
+        count: number of processes of this machine; None: one per processor; 1: jobs run in this process, whatever
+            the executor.
         work: description of the work in the past tense for the error when a process dies, such as "flew episodes".
     """
 
@@ -100,7 +103,7 @@ class Workers(Generic[State]):
     ) -> None:
         self._make = make
         self._arguments = arguments
-        self._count = count or processors()
+        self._count = count
         self._work = work
 
     def ordered(
@@ -115,8 +118,17 @@ class Workers(Generic[State]):
         Raises:
             RansError: a process died.
         """
-        if self._count == 1:
+        if self._is_here():
             yield from self._here(function, jobs)
+            return
+        if (executor := chosen_executor()) is not None:
+            early: dict[int, Answer] = {}
+            following = 0
+            for number, answer in self._on(executor, function, jobs):
+                early[number] = answer
+                while following in early:
+                    yield early.pop(following)
+                    following += 1
             return
         with self._submitted(function, jobs) as futures:
             for future in futures:
@@ -138,8 +150,11 @@ class Workers(Generic[State]):
         Raises:
             RansError: a process died, and ``dead`` is None.
         """
-        if self._count == 1:
+        if self._is_here():
             yield from enumerate(self._here(function, jobs))
+            return
+        if (executor := chosen_executor()) is not None:
+            yield from self._on(executor, function, jobs, dead)
             return
         with self._submitted(function, jobs) as futures:
             numbers = {future: k for k, future in enumerate(futures)}
@@ -149,6 +164,20 @@ class Workers(Generic[State]):
                     yield number, dead(*jobs[number])
                 else:
                     yield number, self._answer(future)
+
+    def _is_here(self) -> bool:
+        """Whether jobs run in this process."""
+        alone = self._count is None and processors() == 1 and chosen_executor() is None
+        return alone or self._count == 1
+
+    def _on(
+        self,
+        executor: Executor,
+        function: Callable[..., Answer],
+        jobs: Sequence[tuple[Any, ...]],
+        dead: Callable[..., Answer] | None = None,
+    ) -> Generator[tuple[int, Answer]]:
+        return answers(executor, self._make, self._arguments, function, jobs, dead, self._work)
 
     def _here(
         self, function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]]
@@ -163,7 +192,7 @@ class Workers(Generic[State]):
         return submitted(
             _with_state,
             [(function, *job) for job in jobs],
-            max(1, min(self._count, len(jobs))),
+            max(1, min(self._count or processors(), len(jobs))),
             _make_state,
             (self._make, self._arguments),
         )

@@ -78,6 +78,7 @@ ALLOWED = {
         "read_bytes",
     ): "this process's own pickle, in a folder that only its user can read",
     ("rans.processes", "cloudpickle.loads"): "the same",
+    ("rans.executors", "cloudpickle.loads"): "on a worker: calls of the user's own machine",
     (
         "rans.evaluation.fly.controllers",
         "cloudpickle.loads",

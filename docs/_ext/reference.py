@@ -72,7 +72,9 @@ API = {
         "LandingGuidance Visiting Circumnavigation PassiveApproach PassiveEntry Lookahead ArrivalCost Pilot "
         "pretrained_names"
     ),
-    "Flights": "Scenario Timing Flight fly passive_safety write_ccsds read_opm relative_state trust_files",
+    "Flights": (
+        "Scenario Timing Flight fly passive_safety write_ccsds read_opm relative_state trust_files run_on"
+    ),
     "Engine and learner": (
         "Engine PPO PPOSettings MemorySettings FilterSettings ScheduleSettings ExplorationSettings SB3VecEnv "
         "SpacecraftEnv SpacecraftVectorEnv"

@@ -10,7 +10,7 @@ import time
 import unicodedata
 import warnings
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -26,6 +26,7 @@ from rans.errors import (
     of_user_code,
     where_raised,
 )
+from rans.executors import run_on, without_executor
 from rans.files import first_line, has_written
 from rans.registry import trust_files
 from rans.renamed import DEPRECATED
@@ -56,6 +57,8 @@ COMMANDS = (
     "tune",
     "list",
 )
+_DIVIDED = ("evaluate", "follow", "compare", "stress", "assure", "optimal", "prove")
+"""Commands that divide their work among processes, so that --executor is for them."""
 
 _LONGEST = 5000
 """Characters of a sentence; ours leave out what would make them longer."""
@@ -164,13 +167,20 @@ def _run(arguments: list[str]) -> int:
             raise ConfigError(f"an option has control characters: {brief(word)}.")
     _warn_of_repeated_options(arguments)
     command = _parse(arguments or ["--help"])
+    arguments, executor = without_executor(arguments)
+    if executor is not None and arguments[0] not in _DIVIDED:
+        raise ConfigError(
+            f"rans {arguments[0]} does not divide its work, so that --executor is not for it; it is for "
+            f"{', '.join(_DIVIDED)}."
+        )
     if "--trust" in arguments:
         trust_files()
     seed = getattr(command, "seed", None)
     if isinstance(seed, int) and seed < 0:
         raise ConfigError(f"--seed must be a whole number >= 0, got {seed}.")
     try:
-        return command.run()
+        with nullcontext() if executor is None else run_on(executor):
+            return command.run()
     except SystemExit as error:  # of a plug-in or a policy; commands themselves return a code
         raise ConfigError(
             f"code that is not of RANS ended the command (sys.exit({error.code!r})){where_raised(error)}; "
@@ -193,6 +203,7 @@ def _parse(arguments: list[str]) -> Any:
     """Parse the arguments and import only the module of the command: ``rans train`` does not load Drake."""
     import tyro
 
+    arguments = without_executor(arguments)[0] or ["--help"]
     if "--trust" in arguments:
         command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
         return replace(command, trust=True) if hasattr(command, "trust") else command

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_origin, get_type_hints
 
+from rans.executors import FORMS
 from rans.renamed import DEPRECATED
 
 
@@ -30,10 +31,11 @@ Trust = Annotated[bool, _Everywhere()]
 """Type of the field that is true with --trust."""
 EVERYWHERE = {
     "--trust": "Allow code: open and run what files name, which are the module of a task (MODULE:NAME), the "
-    "agent.py of an export, and pickles of sb3:. Only if you know their authors."
+    "agent.py of an export, and pickles of sb3:. Only if you know their authors.",
+    "--executor": f"Run flights, bounds, trajectories and proofs on other machines: {FORMS}. Results are those of "
+    "this machine.",
 }
 """Options of every command with their help."""
-
 _WITH_NUMBER = {
     "--guard": "--guard-slack",
     "--front": "--budget",

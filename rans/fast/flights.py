@@ -222,9 +222,10 @@ class Flights:
         return rows.T
 
 
-def _processors() -> int:
-    """Number of processors of this process, a share among the processes of torchrun on this machine."""
-    return max(1, processors() // int(os.environ.get("LOCAL_WORLD_SIZE", "1")))
+def _processors() -> int | None:
+    """Number of processors of this process among those of torchrun on this machine; None: all, without torchrun."""
+    beside = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    return None if beside == 1 else max(1, processors() // beside)
 
 
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:

@@ -1,0 +1,224 @@
+"""Jobs on executors: the same answers as on one machine, whatever executor, and when workers are lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans
+from campaigns.__main__ import main as campaign
+from rans.cli import main
+from rans.episode import Setup
+from rans.errors import ConfigError, RansError
+from rans.evaluation.fly import episodes
+from rans.executors import run_on
+from rans.model.fields import leaves
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.processes import Workers, nothing
+from tests.support.draws import PLATFORM
+from tests.support.processes import wait_until
+
+
+class Serial(Executor):
+    """Runs a call at once, in this process; loses some calls as a worker does that is killed.
+
+    Args:
+        lost: number of the first submissions that are lost.
+    """
+
+    def __init__(self, lost: int = 0) -> None:
+        self.lost = lost
+        self.submitted = 0
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        """Answer, or lose the call."""
+        self.submitted += 1
+        future = Future[Any]()
+        if self.submitted <= self.lost:
+            future.set_exception(ConnectionError("the worker is gone"))
+        else:
+            future.set_result(function(*arguments))
+        return future
+
+
+def twice(state: list[int], number: int) -> tuple[int, int]:
+    """Twice the number, and how often this state was used."""
+    state[0] += 1
+    return 2 * number, state[0]
+
+
+def state() -> list[int]:
+    return [0]
+
+
+def refuses(_: None, number: int) -> int:
+    raise ConfigError(f"job {number} is wrong.")
+
+
+JOBS = [(k,) for k in range(5)]
+
+
+def test_answers_are_in_order_and_the_state_is_made_once() -> None:
+    with run_on(Serial()):
+        answers = list(Workers(state, (), 2).ordered(twice, JOBS))
+    assert answers == [(2 * k, k + 1) for k in range(5)]
+
+
+@pytest.mark.parametrize("lost", [1, 3, 7])
+def test_a_lost_job_is_submitted_again(lost: int) -> None:
+    executor = Serial(lost)
+    with run_on(executor):
+        found = dict(Workers(state).finished(twice, JOBS))
+    assert {k: double for k, (double, _) in found.items()} == {k: 2 * k for k in range(5)}
+    assert executor.submitted == len(JOBS) + lost
+
+
+def test_a_job_that_is_always_lost_is_a_sentence_or_an_answer() -> None:
+    with run_on(Serial(100)) as executor:
+        workers = Workers(state, (), None, "counted")
+        with pytest.raises(
+            RansError, match=r"that counted was lost 4 times .* ConnectionError: the worker is gone"
+        ):
+            list(workers.ordered(twice, JOBS[:1]))
+        assert isinstance(executor, Serial)
+        assert executor.submitted == 4
+        assert dict(workers.finished(twice, JOBS, lambda k: (-k, 0))) == {
+            k: (-k, 0) for k in range(5)
+        }
+
+
+def test_what_a_job_raises_is_raised_here_and_not_repeated() -> None:
+    with run_on(Serial()) as executor, pytest.raises(ConfigError) as raised:
+        list(Workers(nothing).ordered(refuses, [(0,)]))
+    assert str(raised.value) == "job 0 is wrong."
+    assert "in refuses" in raised.value.__notes__[0]  # where it was raised on the worker
+    assert isinstance(executor, Serial)
+    assert executor.submitted == 1
+
+
+def waits(_: None, folder: Path, number: int) -> int:
+    (folder / f"begun {number}").touch()
+    if number:
+        wait_until((folder / "go on").exists)
+    return number
+
+
+def test_an_early_end_cancels_what_has_not_begun(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(1) as pool, run_on(pool):
+        answers = Workers(nothing).finished(waits, [(tmp_path, k) for k in range(9)])
+        assert next(answers) == (0, 0)
+        answers.close()
+        (tmp_path / "go on").touch()
+    assert len(list(tmp_path.glob("begun *"))) <= 2
+
+
+def test_a_broken_pool_is_a_sentence() -> None:
+    class Broken(Serial):
+        def submit(self, *_: Any, **__: Any) -> Future[Any]:
+            raise BrokenProcessPool("a process died")
+
+    with run_on(Broken()), pytest.raises(RansError, match=r"takes no more jobs: .*a process died"):
+        list(Workers(nothing).ordered(refuses, JOBS))
+
+
+def test_a_worker_of_another_version_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    versions = iter(["0.2.0", "0.1.0"])
+    monkeypatch.setattr("rans.executors.package_version", lambda _: next(versions))
+    with run_on(Serial()), pytest.raises(RansError, match=r"has RANS 0\.1\.0, and this machine"):
+        list(Workers(nothing).ordered(refuses, JOBS[:1]))
+
+
+def of_this_file() -> Executor:
+    return Serial()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("foo", "--executor must be dask:ADDRESS, submitit:FILE, mpi, or MODULE:NAME"),
+        ("dask:", "--executor must be dask:ADDRESS"),
+        (f"{__name__}:state", "must return a concurrent.futures.Executor, got [0]"),
+    ],
+)
+def test_a_wrong_text_is_a_sentence(
+    text: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate", "go-to-pose-2d", "--executor", text]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_commands_that_do_not_divide_their_work_refuse(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "--executor=mpi"]) == 2
+    assert "rans list does not divide its work" in capsys.readouterr().err
+
+
+def test_a_campaign_that_does_not_exist_is_a_sentence() -> None:
+    with pytest.raises(ConfigError, match=r"there is no campaign 'falts' .did you mean faults"):
+        campaign(["--executor", f"{__name__}:of_this_file", "falts"])
+
+
+def flights(workers: int | None) -> tuple[list[np.ndarray], int]:
+    """Three episodes in Drake, each a job of its own, and failures of the solver."""
+    task = rans.GoToPose()
+    setup = Setup(PLATFORM, task, Timing(episode_steps=10))
+    controller = LQR(PLATFORM, task, setup.timing)
+    flown = episodes.fly_episodes(controller, setup, 1, 3, "drake", workers)
+    return [np.asarray(leaf) for leaf in leaves(flown.flight.states)], flown.stopped
+
+
+@pytest.mark.slow
+def test_flights_in_drake_are_those_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a pool of the user, whose process is prepared by nobody, and in one without processes."""
+    monkeypatch.setattr(episodes, "_SHARE", 1)
+    states, stopped = flights(1)
+    with run_on(Serial()):
+        again, failures = flights(None)
+    assert failures == stopped
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool, run_on(pool):
+        others, failures = flights(None)
+    assert failures == stopped
+    for one, two, three in zip(states, again, others, strict=True):
+        np.testing.assert_array_equal(one, two)
+        np.testing.assert_array_equal(one, three)
+
+
+def killed_once(_: None, folder: Path, number: int) -> tuple[int, int]:
+    """The first process that takes the second job is killed in it, as by a system without memory."""
+    mark = folder / "killed"
+    if number == 1 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number**2, os.getpid()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # Dask's own, of ports in use and of the killed worker
+def test_a_killed_worker_of_dask_costs_no_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two workers; its jobs and the state that it held go to the other."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setenv("PYTHONHASHSEED", "0")  # which Dask sets for its workers
+    with (
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            dashboard_address=None,
+            silence_logs=50,
+        ) as cluster,
+        run_on(f"dask:{cluster.scheduler_address}"),
+    ):
+        found = dict(Workers(nothing).finished(killed_once, [(tmp_path, k) for k in range(8)]))
+    assert {k: square for k, (square, _) in found.items()} == {k: k**2 for k in range(8)}
+    assert (tmp_path / "killed").exists()
+    assert os.getpid() not in {process for _, process in found.values()}
