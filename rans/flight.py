@@ -8,12 +8,14 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, counted
+from rans.files import write_text
 from rans.model.accuracy import chosen, fastest
 from rans.model.body import Body
 from rans.model.fields import finite, leaves, map_leaves, unflatten
@@ -128,6 +130,23 @@ class Flight:
         """Errors of the task at every instant by quantity, (T + 1, N), SI units."""
         return self.task.errors(self.states, self.goals)
 
+    def to_csv(self, file: str | Path, episode: int = 0) -> Path:
+        """Write one episode as a table with a row for each instant, and return the file.
+
+        The columns are the time, the state, and the commands that are held from then on, zero at the end; the
+        heading has their units.
+
+        Raises:
+            ConfigError: there is no such episode, or the disk refused.
+        """
+        count = self.commands.shape[1]
+        if not 0 <= episode < count:
+            raise ConfigError(f"episode must be >= 0 and < {count}, got {episode}.")
+        states = replace(self.states, notes=(), stores=())
+        columns = np.stack([np.asarray(x)[:, episode] for x in leaves(states)], axis=1)
+        write_text(Path(file), table(self.times, columns, self.commands[:, episode]))
+        return Path(file)
+
     def rewards(self) -> dict[str, np.ndarray]:
         """Reward terms of every step by name, (T, N)."""
         after = map_leaves(lambda x: x[1:], self.states)
@@ -221,6 +240,31 @@ class Flight:
                 reached=reached & ~failed,
                 margins={name: margin[k] for name, margin in self.margins.items()},
             )
+
+
+_COLUMNS = {
+    6: "x (m),y (m),heading (rad),v_x (m/s),v_y (m/s),w (rad/s)",
+    13: "x (m),y (m),z (m),q_w,q_x,q_y,q_z,v_x (m/s),v_y (m/s),v_z (m/s),w_x (rad/s),w_y (rad/s),w_z (rad/s)",
+}
+"""Headings of a state's numbers, by how many there are."""
+
+
+def table(times: np.ndarray, states: np.ndarray, commands: np.ndarray) -> str:
+    """Text of comma-separated values: a row for each instant, with the commands that are held from then on.
+
+    Args:
+        times: (T + 1,) s.
+        states: (T + 1, k) position in W, heading or quaternion R_WB, velocity in W and spin; further columns have
+            numbers for headings.
+        commands: (T, commands); zeros in the last row.
+    """
+    known = max(size for size in _COLUMNS if size <= states.shape[1])
+    further = [f"x_{k}" for k in range(known, states.shape[1])]
+    names = [f"u_{k}" for k in range(commands.shape[1])]
+    header = ",".join(["t (s)", _COLUMNS[known], *further, *names])
+    held = np.vstack([commands, np.zeros(commands.shape[1])])
+    rows = np.column_stack([times, states, held])
+    return "\n".join([header, *(",".join(f"{x:.9g}" for x in row) for row in rows)]) + "\n"
 
 
 def fly(

@@ -7,11 +7,11 @@ in an optimal control problem, on every device and for any number of spacecraft.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Draws, seed_words
@@ -44,6 +44,42 @@ class Scenario:
 
     start: State
     goal: State
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """A start and a goal of a user's own, in place of those that a task samples.
+
+    >>> own = rans.scenario.Endpoints(start=rans.state((3.0, 1.0), attitude=0.7))
+    >>> sampled = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 2)
+    >>> own.applied(sampled).start.p.x
+    array([3., 3.])
+    """
+
+    start: State | None = None
+    """State of floats, as `rans.state` makes it; None: the starts are sampled."""
+    goal: State | None = None
+    """State of floats; None: the goals are sampled."""
+
+    def episodes(self, count: int, conditions: object | None) -> int:
+        """Number of episodes that differ: 1 from one start without conditions, else ``count``."""
+        return 1 if self.start is not None and conditions is None else count
+
+    def applied(self, sampled: Scenario) -> Scenario:
+        """The scenarios with this start and this goal; deadlines and other notes of the task stay.
+
+        Args:
+            sampled: N sampled scenarios, with fields (N,).
+
+        Raises:
+            ConfigError: start or goal is no state, or one of another dimension than the scenarios.
+        """
+        start = sampled.start
+        goal = sampled.goal
+        return Scenario(
+            start if self.start is None else _placed("start", self.start, start),
+            goal if self.goal is None else _placed("goal", self.goal, goal),
+        )
 
 
 def draws(seed: int, count: int, first: int = 0) -> Draws:
@@ -94,6 +130,20 @@ def sampled_scenarios(task: Task, craft: Spacecraft, draws: Draws) -> Scenario:
     check_dimension(task, craft.dimension)
     sampled = Scenario(*task.sample(draws.random(craft.dimension, draws.first)))
     return map_leaves(lambda x: np.full(len(draws.first), x, np.float64), sampled)
+
+
+def _placed(what: str, value: object, sampled: State) -> State:
+    """A state repeated for N episodes, with the notes and stores of the sampled states."""
+    if type(value) is not type(sampled):
+        dimension = len(sampled.p.columns())
+        raise ConfigError(
+            f"the {what} must be a state of {dimension} dimensions, as rans.state((...)) makes it, "
+            f"got {brief(value)}."
+        )
+    count = np.shape(leaves(sampled)[0])
+    motion = replace(value, notes=(), stores=())
+    repeated = map_leaves(lambda x: np.full(count, float(x)), motion)
+    return replace(repeated, notes=sampled.notes, stores=sampled.stores)
 
 
 def each(starts: Scenario) -> Iterator[Scenario]:

@@ -15,11 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+import rans
 from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.model.random import Random, hash4, seed_words
-from rans.scenario import scenario
-from rans.tasks import GoToPose
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import Endpoints, scenario, scenarios
+from rans.tasks import Dock, GoToPose
 
 FALSE_ALARM = 1e-4
 """Chance that a fair generator fails one statistical test."""
@@ -221,3 +223,22 @@ def test_attitudes_are_uniform_over_all_rotations() -> None:
         assert stats.kstest((part + 1) / 2, stats.beta(1.5, 1.5).cdf).pvalue > FALSE_ALARM / 5
     angle = first.to(second).magnitude()  # type: ignore[arg-type]
     assert stats.kstest(angle, lambda t: (t - np.sin(t)) / math.pi).pvalue > FALSE_ALARM / 5
+
+
+def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds() -> None:
+    """A mission's deadline is a note of its goal: it is sampled, whatever start and goal are."""
+    craft = load_spacecraft("afrl-12kg")
+    sampled = scenarios(Dock(), craft, 7, 3)
+    start = rans.state((100.0, -20.0, 5.0), velocity=(0.1, 0.0, 0.0))
+    own = Endpoints(start, rans.state((1.0, 0.0, 0.0))).applied(sampled)
+    np.testing.assert_array_equal(own.start.p.y, np.full(3, -20.0))
+    np.testing.assert_array_equal(own.start.v.x, np.full(3, 0.1))
+    np.testing.assert_array_equal(own.goal.p.x, np.ones(3))
+    np.testing.assert_array_equal(own.goal.notes[0], sampled.goal.notes[0])
+    assert Endpoints(goal=own.goal).start is None
+
+
+def test_endpoints_of_the_other_dimension_are_refused() -> None:
+    sampled = scenarios(Dock(), load_spacecraft("afrl-12kg"), 7, 1)
+    with pytest.raises(ConfigError, match="the start must be a state of 3 dimensions"):
+        Endpoints(rans.state((3.0, 1.0))).applied(sampled)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
+    from rans.model.dynamics import State
     from rans.show.pages.stress_page import StressReport
 
 _COPIED = ("config.json", "spacecraft.toml", "metrics.jsonl", "card.json")
@@ -141,6 +142,8 @@ class Agent(AgentData):
         seed: int = EVALUATION_SEED,
         engine: EngineName = "fast",
         first: int = 0,
+        start: State | None = None,
+        goal: State | None = None,
     ) -> Flight:
         """Fly episodes from the starts that agents are judged on: states and commands over time.
 
@@ -152,13 +155,17 @@ class Agent(AgentData):
             seed: random seed of starts, goals and conditions.
             engine: what computes the motion: "fast" (RANS's own equations), or "drake".
             first: number of the first episode.
+            start: start of all episodes, as `rans.state` makes it; None: sampled. Without conditions one episode
+                flies from it, because all would be the same.
+            goal: goal of all episodes, as `rans.state` makes it; None: sampled.
 
         Raises:
-            ConfigError: the engine does not exist, or a number is out of its range.
+            ConfigError: the engine does not exist, a number is out of its range, or start or goal is no state of
+                the craft's dimension.
         """
-        from rans.api.judging import flown
+        from rans.api.judging import flown, own_endpoints
 
-        return flown(self.run, episodes, seed, engine, first)
+        return flown(self.run, episodes, seed, engine, first, own_endpoints(start, goal))
 
     def evaluate(self, **options: Any) -> Metrics:
         """Fly from fixed starts, and return metrics with 95 % intervals; options as for `rans.evaluate`."""

@@ -16,10 +16,11 @@ from rans.api.names import (
     load_spacecraft,
 )
 from rans.errors import ConfigError, brief, one_of, whole
+from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.registry import typed
-from rans.scenario import ASSURANCE_SEED, EVALUATION_SEED
+from rans.scenario import ASSURANCE_SEED, EVALUATION_SEED, Endpoints
 
 if TYPE_CHECKING:
     from rans.evaluation.assure.assurance import Assurance
@@ -49,11 +50,21 @@ _ASSURED = 100_000
 """Flights of an assurance where neither their number nor a bound is given."""
 
 
-def flown(run: LoadedRun, episodes: int, seed: int, engine: EngineName, first: int = 0) -> Flight:
+def flown(
+    run: LoadedRun,
+    episodes: int,
+    seed: int,
+    engine: EngineName,
+    first: int = 0,
+    endpoints: Endpoints | None = None,
+) -> Flight:
     """Fly consecutive episodes of a seed, with progress.
 
+    With a start among the endpoints, and without conditions, one episode flies: all would be the same.
+
     Raises:
-        ConfigError: the engine does not exist, or a number is out of its range.
+        ConfigError: the engine does not exist, a number is out of its range, or start or goal is no state of the
+            craft's dimension.
     """
     from rans.evaluation.fly.episodes import EngineName, fly_episodes
     from rans.show.progress import watched
@@ -61,11 +72,25 @@ def flown(run: LoadedRun, episodes: int, seed: int, engine: EngineName, first: i
     one_of("engine", engine, get_args(EngineName))
     count = whole("episodes", episodes)
     first = whole("first", first, least=0)
+    if endpoints is not None:
+        count = endpoints.episodes(count, run.conditions)
     with watched() as stage:
         step = stage(f"{run.controller.name}, {engine} engine", count)
         return fly_episodes(
-            run.controller, run.judged, seed, count, engine, progress=step, first=first
+            run.controller,
+            run.judged,
+            seed,
+            count,
+            engine,
+            progress=step,
+            first=first,
+            endpoints=endpoints,
         ).flight
+
+
+def own_endpoints(start: State | None, goal: State | None) -> Endpoints | None:
+    """A user's start and goal; None where both are sampled."""
+    return None if start is goal is None else Endpoints(start, goal)
 
 
 def evaluate(
@@ -78,6 +103,8 @@ def evaluate(
     protocol: ProtocolName = "own",
     guard: bool = False,
     guard_slack: float | None = None,
+    start: State | None = None,
+    goal: State | None = None,
 ) -> Metrics:
     """Fly an agent or a controller from fixed starts, and return metrics with 95 % intervals.
 
@@ -96,6 +123,9 @@ def evaluate(
         guard: whether to fly behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
         guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and three standard deviations of
             the conditions' noise.
+        start: start of all episodes, as `rans.state` makes it; None: sampled. Without conditions one episode
+            flies from it, because all would be the same.
+        goal: goal of all episodes, as `rans.state` makes it; None: sampled.
 
     Raises:
         ConfigError: one of these does not exist, or a multi-task agent is named without a task: name it
@@ -114,7 +144,7 @@ def evaluate(
         )
     count = whole("episodes", episodes)
     flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack)
-    return measure(flown(flying, count, seed, engine))
+    return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal)))
 
 
 def compare(
@@ -129,6 +159,8 @@ def compare(
     workers: int | None = None,
     guard: bool = False,
     guard_slack: float | None = None,
+    start: State | None = None,
+    goal: State | None = None,
 ) -> Comparison:
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
@@ -151,6 +183,8 @@ def compare(
         workers: number of processes; None: one per processor.
         guard: see `evaluate`.
         guard_slack: see `evaluate`.
+        start: see `evaluate`; bounds and optimal trajectories are of this start too.
+        goal: see `evaluate`.
 
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
@@ -180,7 +214,7 @@ def compare(
         trust,
         guard,
         guard_slack,
-    )
+    ).between(own_endpoints(start, goal))
     result = Comparison(contest)
     entrants = enlisted(invited, contest, trust)
     with watched() as stage:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -13,9 +13,9 @@ from rans.api.judging import CRAFT, SpacecraftLike
 from rans.api.names import load_spacecraft, load_task
 from rans.errors import ConfigError, brief, one_of, whole
 from rans.model.dynamics import PlanarState, SpatialState, State
-from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
-from rans.scenario import EVALUATION_SEED, Scenario, scenarios
+from rans.scenario import EVALUATION_SEED, Endpoints, Scenario, scenarios
 from rans.tasks import Task
 
 if TYPE_CHECKING:
@@ -228,19 +228,4 @@ def _scenario(
         )
     number = 0 if isinstance(start, State) else whole("start", start, least=0)
     sampled = scenarios(task, craft, seed, 1, first=number)
-    begun = _placed("start", start, sampled.start) if isinstance(start, State) else sampled.start
-    target = sampled.goal if goal is None else _placed("goal", goal, sampled.goal)
-    return Scenario(begun, target)
-
-
-def _placed(what: str, value: object, like: State) -> State:
-    """A state of a batch of one, with what else the task keeps in it."""
-    if type(value) is not type(like):
-        dimension = len(like.p.columns())
-        raise ConfigError(
-            f"the {what} must be a state of {dimension} dimensions, as rans.state((...)) makes it, "
-            f"got {brief(value)}."
-        )
-    placed = replace(value, notes=(), stores=())
-    batch = map_leaves(lambda x: np.full(1, float(x)), placed)
-    return replace(batch, notes=like.notes, stores=like.stores)
+    return Endpoints(start if isinstance(start, State) else None, goal).applied(sampled)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from rans.api.agent_data import AgentData
-from rans.api.judging import ConditionsLike, flown
+from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
 from rans.errors import ConfigError, brief, named, one_of, whole
 from rans.scenario import EVALUATION_SEED
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.episodes import EngineName
     from rans.flight import Flight
+    from rans.model.dynamics import State
     from rans.show.scene.view import View
     from rans.window import Served
 
@@ -109,6 +110,8 @@ def view(
     save: str | Path | None = None,
     guard: bool = False,
     guard_slack: float | None = None,
+    start: State | None = None,
+    goal: State | None = None,
 ) -> Replay:
     """Fly agents and controllers from the same starts, and replay the flights in three dimensions.
 
@@ -131,16 +134,20 @@ def view(
         guard: whether all fly behind the safety filter for their spacecraft and task.
         guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and three standard deviations of
             the conditions' noise.
+        start: start of all flights, as `rans.state` makes it; None: sampled.
+        goal: goal of all flights, as `rans.state` makes it; None: sampled.
 
     Raises:
-        ConfigError: there is no such contestant, or a number is out of its range.
+        ConfigError: there is no such contestant, a number is out of its range, or start or goal is no state of the
+            craft's dimension.
     """
     if not contestants:
         raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
     runs = flyers(contestants, conditions, trust, guard, guard_slack)
-    flights = [flown(run, count, seed, engine, first) for run in runs]
+    endpoints = own_endpoints(start, goal)
+    flights = [flown(run, count, seed, engine, first, endpoints) for run in runs]
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     replay = Replay(flights, title_of(flights, label))
     if save is not None:

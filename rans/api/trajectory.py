@@ -13,7 +13,7 @@ from rans.errors import ConfigError, one_of
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.optima import Optimum, episode
 from rans.files import write_text
-from rans.flight import Flight, fly
+from rans.flight import Flight, fly, table
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
     from rans.api.pages import Replay
     from rans.evaluation.fly.episodes import EngineName
-
-_COLUMNS = {2: "x y heading v_x v_y w", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
-"""Names of a state's numbers, by the dimension."""
 
 
 class ControlHistory(ABC):
@@ -75,18 +72,12 @@ class ControlHistory(ABC):
         return Replay(flights, title_of(flights, None))
 
     def to_csv(self, file: str | Path) -> Path:
-        """Write a row for each instant: time, state and the command that is held from then on.
+        """Write a row for each instant: time, state and the command that is held from then on, with units.
 
         Raises:
             ConfigError: the disk refused.
         """
-        names = _COLUMNS[2 if self.x.shape[1] < len(_COLUMNS[3].split()) else 3].split()
-        names += [f"x_{k}" for k in range(len(names), self.x.shape[1])]
-        header = ["t", *names, *(f"u_{k}" for k in range(self.u.shape[1]))]
-        commands = np.vstack([self.u, np.zeros(self.u.shape[1])])
-        rows = np.column_stack([self.t, self.x, commands])
-        lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
-        write_text(Path(file), "\n".join(lines) + "\n")
+        write_text(Path(file), table(self.t, self.x, self.u))
         return Path(file)
 
 

@@ -13,6 +13,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.cli.options import Former, Trust
+from rans.cli.states import OwnState, as_options, written_endpoints
 from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
@@ -77,6 +78,12 @@ class Compare:
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
     front. A number after it, as in `--front 900`, is the processor time for the bounds, s; by default 300. They are
     kept for the next run."""
+    start: OwnState = ()
+    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
+    roll, pitch, yaw; angles are in degrees, or with a unit. Velocities follow by name: v.x=0.1 (m/s), w=0.1
+    (rad/s). Episodes then differ in conditions only; without conditions there is one."""
+    goal: OwnState = ()
+    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     full: bool = False
@@ -121,6 +128,11 @@ class Compare:
             self.guard,
             self.guard_slack,
         )
+        contest = contest.between(
+            written_endpoints(
+                self.start, self.goal, contest.task, contest.craft.dimension, self.seed
+            )
+        )
         comparison = Comparison(contest)
         flying = enlisted([spec for line in named for spec in line], contest, self.trust)
         between = {
@@ -147,9 +159,10 @@ class Compare:
                 comparison.notes.insert(0, self._interrupted(comparison))
                 raise
         run = self.contestants[0]
-        more = [shlex.join(["rans", "view", run, *self._controllers(contest.task)])]
+        own = as_options(self.start, self.goal)
+        more = [shlex.join(["rans", "view", run, *self._controllers(contest.task), *own])]
         if not self.full:
-            more.insert(0, f"{shlex.join(['rans', 'compare', *self.contestants])} --full")
+            more.insert(0, shlex.join(["rans", "compare", *self.contestants, *own, "--full"]))
         Terminal().suggest(
             *more, shlex.join(["rans", "stress", run, *self._controllers(contest.task)])
         )

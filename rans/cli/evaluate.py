@@ -11,9 +11,11 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.cli.options import Former, Trust
+from rans.cli.states import OwnState, as_options, written_endpoints
 from rans.errors import is_installed
 from rans.files import (
     command_line,
+    distinct,
     environment,
     inside,
     one_at_a_time,
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
     from rans.randomization.conditions import Conditions
+    from rans.scenario import Endpoints
 
 _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
@@ -61,6 +64,12 @@ class Evaluate:
     evaluation-many.json without episodes and figures."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
+    start: OwnState = ()
+    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
+    roll, pitch, yaw; angles are in degrees, or with a unit. Velocities follow by name: v.x=0.1 (m/s), w=0.1
+    (rad/s). Episodes then differ in conditions only; without conditions there is one."""
+    goal: OwnState = ()
+    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
     engine: Literal["fast", "drake", "both"] = "fast"
     """What computes the motion: RANS's own equations (fast), Drake as an independent check, or both; both
     exits with 1 if they disagree."""
@@ -139,14 +148,15 @@ class Evaluate:
 
     def _suggest(self) -> None:
         more = [] if self.full else ["--full"]
-        guard = ["--guard"] if self.guard else []
+        same = ["--guard"] if self.guard else []
         if self.guard_slack is not None:
-            guard += [f"{self.guard_slack:g}"]
-        command = shlex.join(["rans", "evaluate", self.contestant, *guard, *more])
+            same += [f"{self.guard_slack:g}"]
+        same += as_options(self.start, self.goal)
+        command = shlex.join(["rans", "evaluate", self.contestant, *same, *more])
         Terminal().suggest(
             f"{command}   # all metrics" if more else f"{command} --engine drake",
-            shlex.join(["rans", "compare", self.contestant, *guard]),
-            shlex.join(["rans", "view", self.contestant, *guard]),
+            shlex.join(["rans", "compare", self.contestant, *same]),
+            shlex.join(["rans", "view", self.contestant, *same]),
         )
 
     def _many(self, run: LoadedRun) -> bool:
@@ -157,7 +167,7 @@ class Evaluate:
             self.episodes > _KEPT
             and self.engine == "fast"
             and not self.trajectories
-            and not self.ccsds
+            and not (self.ccsds or self.start or self.goal)
             and isinstance(run.controller, Agent)
         )
 
@@ -208,12 +218,22 @@ class Evaluate:
         engines: tuple[EngineName, ...] = (
             ("fast", "drake") if self.engine == "both" else (self.engine,)
         )
+        endpoints = self._endpoints(run)
+        episodes = self.episodes
+        if endpoints is not None:
+            episodes = endpoints.episodes(episodes, run.conditions)
         flights = {}
         with progress() as bars:
             for engine in engines:
-                step = stages(bars)(f"{engine} engine", self.episodes)
+                step = stages(bars)(f"{engine} engine", episodes)
                 flights[engine], stopped = fly_episodes(
-                    run.controller, run.judged, self.seed, self.episodes, engine, progress=step
+                    run.controller,
+                    run.judged,
+                    self.seed,
+                    episodes,
+                    engine,
+                    progress=step,
+                    endpoints=endpoints,
                 )
                 if stopped:
                     bars.console.print(
@@ -222,6 +242,12 @@ class Evaluate:
                         soft_wrap=True,
                     )
         return flights
+
+    def _endpoints(self, run: LoadedRun) -> Endpoints | None:
+        """The start and goal of the options."""
+        return written_endpoints(
+            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed
+        )
 
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine with the same options are kept."""
@@ -256,7 +282,7 @@ class Evaluate:
             count = count or _MESSAGES
         if count:
             folder, suffix = self._output(run)
-            for episode in range(min(count, self.episodes)):
+            for episode in range(min(count, flight.commands.shape[1])):
                 write_ccsds(flight, folder / f"ccsds{suffix}", episode)
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
@@ -270,8 +296,11 @@ class Evaluate:
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
         guard = "guard" if self.guard else ""
+        endpoints = ""
+        if self.start or self.goal:
+            endpoints = distinct("own", f"{self.start} {self.goal}")
         name = ContestantName.parse(self.contestant)
-        names = filter(None, (name.part, protocol, conditions, guard))
+        names = filter(None, (name.part, protocol, conditions, guard, endpoints))
         return name.output_folder, "".join(f"-{part}" for part in names)
 
     def _file(self, run: LoadedRun) -> Path:
@@ -289,14 +318,16 @@ class Evaluate:
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
         """Options under which results are comparable."""
-        options = {
+        options: dict[str, Any] = {
             "contestant": self.contestant,
             "protocol": self.protocol,
             "episodes": self.episodes,
             "seed": self.seed,
         }
+        if self.start or self.goal:
+            options |= {"start": " ".join(self.start), "goal": " ".join(self.goal)}
         if run.guard is not None:
-            options["guard"] = asdict(run.guard)  # pyright: ignore[reportArgumentType]
+            options["guard"] = asdict(run.guard)
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -16,14 +15,13 @@ from rans.api.names import load_spacecraft
 from rans.cli import check_count
 from rans.cli.numbers import named_numbers
 from rans.cli.options import Former
-from rans.cli.states import POSE, read_state, read_zones
+from rans.cli.states import OwnState, read_zones, written_endpoints
 from rans.errors import ConfigError, require
 from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
 from rans.progress import Progress
 from rans.registry import typed
-from rans.renamed import DEPRECATED
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, Task
 from rans.terminal import Terminal, progress, stages, writing_at_end
@@ -72,11 +70,11 @@ class Optimal:
     orbit it is the deadline, by default the latest."""
     episodes: int = 16
     """Number of starts."""
-    start: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{POSE}|FILE.toml")] = ()
+    start: OwnState = ()
     """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
     roll, pitch, yaw; angles are in degrees, or with a unit, such as 0.7rad. Velocities follow by name: v.x=0.1
     (m/s), w=0.1 (rad/s). Or a TOML file (docs/optimal.md)."""
-    goal: Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"{POSE}|FILE.toml")] = ()
+    goal: OwnState = ()
     """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
     limits: Annotated[str, tyro.conf.arg(metavar="speed=M/S,spin=RAD/S")] = ""
     """Largest speed and angular speed of the trajectory; either may be left out."""
@@ -342,22 +340,9 @@ class Optimal:
 
     def _starts(self, task: Task, craft: Spacecraft) -> Scenario:
         """Scenarios of the seed, or the start and goal of the options."""
-        from rans.optimal.trajectory.endpoints import endpoint
-        from rans.scenario import batch, scenario
-
-        if not (self.start or self.goal):
-            return scenarios(task, craft, self.seed, self.episodes)
-        example = scenario(task, craft.dimension, self.seed, 0)
-        goal = endpoint(_by_key(self.goal, craft.dimension, "--goal"), example.goal)
-        if self.start:
-            own = endpoint(_by_key(self.start, craft.dimension, "--start"), example.start)
-            return batch([Scenario(own, goal)])
-        return batch(
-            [
-                Scenario(scenario(task, craft.dimension, self.seed, number).start, goal)
-                for number in range(self.episodes)
-            ]
-        )
+        own = written_endpoints(self.start, self.goal, task, craft.dimension, self.seed)
+        sampled = scenarios(task, craft, self.seed, 1 if self.start else self.episodes)
+        return sampled if own is None else own.applied(sampled)
 
     def _limits(self, dimension: int) -> PathLimits | None:
         """Path constraints of the options besides those of the task; None if there are none."""
@@ -428,28 +413,3 @@ class Optimal:
     def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         with progress() as bars:
             return work(stages(bars)(what, 1 if self.start else self.episodes))
-
-
-def _by_key(words: tuple[str, ...], dimension: int, option: str) -> list[str]:
-    """Values of a state by key, as `rans.optimal.trajectory.endpoints` has them, or the name of a file."""
-    if len(words) == 1 and words[0].endswith(".toml"):
-        return list(words)
-    if any(word.startswith(("p.", "heading=", "q.")) for word in words):
-        warnings.warn(
-            f"a pose by keys, such as p.x=3, {DEPRECATED}: write {option} X Y HEADING, such as 3 1 40deg.",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return list(words)
-    state = read_state(words, dimension, option)
-    values = dict(state.velocities)
-    if state.pose and dimension == 2:
-        x, y, heading = state.pose
-        values |= {"p.x": x, "p.y": y, "heading": math.radians(heading)}
-    elif state.pose:
-        from scipy.spatial.transform import Rotation
-
-        quaternion = Rotation.from_euler("xyz", state.pose[3:], degrees=True).as_quat()
-        names = ("p.x", "p.y", "p.z", "q.x", "q.y", "q.z", "q.w")
-        values |= dict(zip(names, (*state.pose[:3], *map(float, quaternion)), strict=True))
-    return [f"{name}={value!r}" for name, value in values.items()]

@@ -8,13 +8,24 @@ degrees or with a unit, as in "3 1 40deg" or "3 1 0.7rad". Velocities may follow
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from tyro.conf import arg
 
 from rans.errors import ConfigError, brief
+from rans.renamed import DEPRECATED
+
+if TYPE_CHECKING:
+    from rans.scenario import Endpoints
+    from rans.tasks import Task
+    from rans.tasks.observation_terms import Dimension
 
 POSE = "X Y HEADING ..."
 """Placeholder of a pose in help."""
+OwnState = Annotated[tuple[str, ...], arg(metavar=f"{POSE}|FILE.toml")]
+"""Type of an option that takes a state."""
 _UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
 
 
@@ -78,6 +89,58 @@ def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[
             form = "x,y,r" if dimension == 2 else "x,y,z,r"
             raise ConfigError(f"{option} takes {form} of each zone, m, got {brief(word)}.")
     return zones
+
+
+def as_options(start: Sequence[str], goal: Sequence[str]) -> list[str]:
+    """Words of a command that repeat these options; none for those that are not written."""
+    return [*(["--start", *start] if start else []), *(["--goal", *goal] if goal else [])]
+
+
+def written_endpoints(
+    start: Sequence[str], goal: Sequence[str], task: Task, dimension: Dimension, seed: int
+) -> Endpoints | None:
+    """Start and goal that a user writes, as for `read_state` or as one TOML file; None: neither is written.
+
+    With a start alone the goal is the origin, at rest; with a goal alone the starts are sampled.
+
+    Raises:
+        ConfigError: see `read_state`; or a file cannot be read or has other keys.
+    """
+    from rans.optimal.trajectory.endpoints import endpoint
+    from rans.scenario import Endpoints, scenario
+
+    if not (start or goal):
+        return None
+    example = scenario(task, dimension, seed, 0)
+    arrival = endpoint(_by_key(goal, dimension, "--goal"), example.goal)
+    if not start:
+        return Endpoints(goal=arrival)
+    return Endpoints(endpoint(_by_key(start, dimension, "--start"), example.start), arrival)
+
+
+def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:
+    """Values of a state by key, as `rans.optimal.trajectory.endpoints` has them, or the name of a file."""
+    if len(words) == 1 and words[0].endswith(".toml"):
+        return list(words)
+    if any(word.startswith(("p.", "heading=", "q.")) for word in words):
+        warnings.warn(
+            f"a pose by keys, such as p.x=3, {DEPRECATED}: write {option} X Y HEADING, such as 3 1 40deg.",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return list(words)
+    state = read_state(words, dimension, option)
+    values = dict(state.velocities)
+    if state.pose and dimension == 2:
+        x, y, heading = state.pose
+        values |= {"p.x": x, "p.y": y, "heading": math.radians(heading)}
+    elif state.pose:
+        from scipy.spatial.transform import Rotation
+
+        quaternion = Rotation.from_euler("xyz", state.pose[3:], degrees=True).as_quat()
+        names = ("p.x", "p.y", "p.z", "q.x", "q.y", "q.z", "q.w")
+        values |= dict(zip(names, (*state.pose[:3], *map(float, quaternion)), strict=True))
+    return [f"{name}={value!r}" for name, value in values.items()]
 
 
 def _number(word: str, option: str, is_angle: bool) -> float:

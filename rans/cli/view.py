@@ -12,6 +12,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.cli.options import Former, Trust
+from rans.cli.states import OwnState, written_endpoints
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages
@@ -19,6 +20,7 @@ from rans.terminal import Terminal, progress, stages
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
+    from rans.scenario import Endpoints
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,12 @@ class View:
     """Number of the first episode, as in the list of a stress report."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
+    start: OwnState = ()
+    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
+    roll, pitch, yaw; angles are in degrees, or with a unit. Velocities follow by name: v.x=0.1 (m/s), w=0.1
+    (rad/s). Episodes then differ in conditions only; without conditions there is one."""
+    goal: OwnState = ()
+    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
     guard: bool = False
@@ -96,11 +104,19 @@ class View:
         ]
         others = tuple(contestant for contestant in self.contestants if contestant not in folders)
         runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
+        if (self.start or self.goal) and (page is not None or self.play or folders):
+            what = "an optimum" if folders else "a page or a view to fly in"
+            raise ConfigError(
+                f"--start and --goal are for flights, and {what} has its own starts: leave them out."
+            )
         if page is not None:
             return self._write_page(runs, page)
         if self.play:
             return self._play(runs)
-        flights = [flown(run, self.episodes, self.seed, self.engine, self.episode) for run in runs]
+        flights = [
+            flown(run, self.episodes, self.seed, self.engine, self.episode, self._endpoints(run))
+            for run in runs
+        ]
         flights += [flight for folder in folders for flight in self._optima(Path(folder))]
         if frames is not None:
             from rans.show.scene.frames import save_frames
@@ -145,6 +161,12 @@ class View:
             open_browser(playground.url)
             playground.run()
         return 0
+
+    def _endpoints(self, run: LoadedRun) -> Endpoints | None:
+        """The start and goal of the options."""
+        return written_endpoints(
+            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed
+        )
 
     def _optima(self, folder: Path) -> list[Flight]:
         """Optimal trajectories of the requested starts."""

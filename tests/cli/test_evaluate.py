@@ -182,3 +182,20 @@ def test_ccsds_of_other_tasks_is_refused_before_the_flights(
     monkeypatch.setattr(Evaluate, "_fly", lambda *_: pytest.fail("it has flown"))
     assert main(["evaluate", "lqr:go-to-pose-2d", "--episodes", "2", "--ccsds", "1"]) == 2
     assert "GoToPose is not one" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -> None:
+    start = ["--start", "1", "-0.5", "90deg", "v.x=0.1"]
+    assert main(["evaluate", str(run_folder), *start, "--trajectories"]) == 0
+    [file] = run_folder.glob("episodes-own-*.npz")
+    with np.load(file) as flown:
+        first = flown["states"][0]
+    np.testing.assert_allclose(first[0, :4], [1.0, -0.5, np.pi / 2.0, 0.1])
+    assert len(first) == 1
+    # Under conditions each episode differs, although all have one start.
+    assert (
+        main(["evaluate", str(run_folder), *start, "--conditions", "lab", "--episodes", "3"]) == 0
+    )
+    [named] = run_folder.glob("evaluation-lab-own-*.json")
+    assert json.loads(named.read_text())["conditions"]["start"] == "1 -0.5 90deg v.x=0.1"

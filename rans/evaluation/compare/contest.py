@@ -30,7 +30,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.progress import Progress, unseen
 from rans.randomization.conditions import Conditions
-from rans.scenario import Scenario, scenarios
+from rans.scenario import Endpoints, Scenario, scenarios
 from rans.tasks import Task
 
 _TIMED_STARTS = 4
@@ -53,16 +53,32 @@ class Contest:
     """Domain randomization, disturbances, faults and sensors; None: everything is nominal."""
     guard: Guard | None = None
     """Safety filter between every contestant and the effectors; None: every command passes."""
+    endpoints: Endpoints | None = None
+    """Start and goal of all episodes, of which only the conditions differ; None: they are sampled."""
 
     @cached_property
     def starts(self) -> Scenario:
         """All starts, whose fields are float64 arrays (N,)."""
-        return scenarios(self.task, self.craft, self.seed, self.episodes)
+        sampled = scenarios(self.task, self.craft, self.seed, self.episodes)
+        return sampled if self.endpoints is None else self.endpoints.applied(sampled)
 
     @property
     def duration(self) -> float:
         """Duration of an episode, s."""
         return self.timing.episode_steps * self.timing.control_period
+
+    def between(self, endpoints: Endpoints | None) -> Contest:
+        """The contest with this start and goal, in one episode where all would be the same; None: as it is.
+
+        Raises:
+            ConfigError: see `rans.scenario.Endpoints.applied`.
+        """
+        if endpoints is None:
+            return self
+        episodes = endpoints.episodes(self.episodes, self.conditions)
+        result = replace(self, endpoints=endpoints, episodes=episodes)
+        _ = result.starts  # a state of another dimension is refused before the flights
+        return result
 
     def start(self, k: int) -> Scenario:
         """Start number k alone, with fields (1,)."""
@@ -81,7 +97,14 @@ class Contest:
     ) -> Flown:
         """Fly from all starts; see `rans.evaluation.fly.episodes.fly_episodes`."""
         return fly_episodes(
-            controller, self.setup, self.seed, self.episodes, self.engine, workers, progress
+            controller,
+            self.setup,
+            self.seed,
+            self.episodes,
+            self.engine,
+            workers,
+            progress,
+            endpoints=self.endpoints,
         )
 
     def latencies(self, controller: Controller) -> np.ndarray:
@@ -117,9 +140,15 @@ class Contest:
         if self.task.optimal_problem == "rendezvous":
             deadlines = np.asarray(self.starts.goal.notes[0])
             time = f"deadlines of {deadlines.min():,.0f} to {deadlines.max():,.0f} s"
+        starts = f"{counted(self.episodes, 'start')} of seed {self.seed}"
+        if self.endpoints is not None and self.endpoints.start is not None:
+            starts = (
+                "your start" if self.episodes == 1 else f"{self.episodes} flights of your start"
+            )
+        elif self.endpoints is not None:
+            starts += " to your goal"
         return (
-            f"{counted(self.episodes, 'start')} of seed {self.seed}, {self.craft.name}, "
-            f"{time} at {1.0 / self.timing.control_period:g} Hz{world}"
+            f"{starts}, {self.craft.name}, {time} at {1.0 / self.timing.control_period:g} Hz{world}"
         )
 
 

@@ -13,7 +13,7 @@ from rans.model.fields import map_leaves
 from rans.model.random import Draws
 from rans.processes import Workers
 from rans.progress import Progress, unseen
-from rans.scenario import draws, sampled_scenarios
+from rans.scenario import Endpoints, draws, sampled_scenarios
 
 EngineName = Literal["fast", "drake"]
 
@@ -40,6 +40,7 @@ def fly_episodes(
     workers: int | None = None,
     progress: Progress = unseen,
     first: int = 0,
+    endpoints: Endpoints | None = None,
 ) -> Flown:
     """Fly consecutive episodes of a seed.
 
@@ -52,6 +53,7 @@ def fly_episodes(
         workers: processes, by default one per processor; 1: this one (see `rans.processes.Workers`).
         progress: reports episodes.
         first: number of the first episode.
+        endpoints: start and goal of all episodes, of which only the conditions differ; None: sampled ones.
 
     Raises:
         RansError: Drake refuses the mass properties, or a process died.
@@ -65,7 +67,7 @@ def fly_episodes(
     ]
     pool = Workers(
         _Flyer,
-        (controller, setup, engine),
+        (controller, setup, engine, endpoints),
         1 if len(jobs) == 1 else workers,
         f"flew {controller.name}",
     )
@@ -82,15 +84,21 @@ class _Flyer(NamedTuple):
     controller: Controller
     setup: Setup
     engine: EngineName
+    endpoints: Endpoints | None
 
     def fly(self, seed: int, first: int, count: int) -> Flown:
         """Fly consecutive episodes of a seed."""
-        flight = fly_draws(self.controller, self.setup, draws(seed, count, first), self.engine)
+        own = draws(seed, count, first)
+        flight = fly_draws(self.controller, self.setup, own, self.engine, self.endpoints)
         return Flown(flight, getattr(self.controller, "failures", 0))
 
 
 def fly_draws(
-    controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast"
+    controller: Controller,
+    setup: Setup,
+    own: Draws,
+    engine: EngineName = "fast",
+    endpoints: Endpoints | None = None,
 ) -> Flight:
     """Fly the N episodes of given random numbers in this process.
 
@@ -99,9 +107,12 @@ def fly_draws(
         setup: see `fly_episodes`.
         own: random numbers of the episodes; ``own.first`` are the episodes' numbers, (N,).
         engine: engine that computes the motion.
+        endpoints: see `fly_episodes`.
     """
     craft, task, timing, conditions, guard = setup
     starts = sampled_scenarios(task, craft, own)
+    if endpoints is not None:
+        starts = endpoints.applied(starts)
     fly_in_engine = fly
     if engine != "fast":
         from rans.reference.flight import fly_in_drake as fly_in_engine
