@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -295,3 +297,21 @@ def test_a_stuck_thruster_that_outruns_the_substeps_is_reported() -> None:
     flown(GoToPose())
     with pytest.warns(UserWarning, match=r"recorded spins free-flyer at up to .* rad/s"):
         flown(GoToPose(fail_spin=1e3, fail_distance=1e3))
+
+
+def test_an_episode_as_a_table_with_units(tmp_path: Path) -> None:
+    """The second of two episodes, read by the standard library; an open thruster is held from its row on."""
+    craft = load_spacecraft("floating-platform")
+    starts = scenarios(GoToPose(), craft, 7, 2)
+    flight = fly(craft, GoToPose(), LQR(craft, GoToPose()), starts, Timing(episode_steps=3))
+    with flight.to_csv(tmp_path / "flight.csv", 1).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["t (s)"]) for row in rows] == pytest.approx([0.0, 0.2, 0.4, 0.6])
+    np.testing.assert_allclose(
+        [float(row["v_y (m/s)"]) for row in rows], flight.states.v.y[:, 1], atol=1e-8
+    )
+    held = [[float(row[f"u_{k}"]) for k in range(8)] for row in rows]
+    np.testing.assert_array_equal(held[:3], flight.commands[:, 1])
+    assert held[3] == [0.0] * 8
+    with pytest.raises(ConfigError, match="episode must be >= 0 and < 2, got 2"):
+        flight.to_csv(tmp_path / "flight.csv", 2)

@@ -327,7 +327,7 @@ class Evaluate:
         if self.start or self.goal:
             options |= {"start": " ".join(self.start), "goal": " ".join(self.goal)}
         if run.guard is not None:
-            options["guard"] = asdict(run.guard)
+            options["guard"] = asdict(run.guard)  # pyright: ignore[reportArgumentType]
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}

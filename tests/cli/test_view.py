@@ -194,8 +194,10 @@ def test_every_option_reaches_the_flights(
     asked = []
     framed = []
 
-    def flown(controller: Any, _: Any, *given: Any, first: int, progress: Any) -> Any:
-        asked.append((controller.name, *given, first))
+    def flown(
+        controller: Any, _: Any, *given: Any, first: int, endpoints: Any, **others: Any
+    ) -> Any:
+        asked.append((controller.name, *given, first, endpoints.goal.p.x))
         return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
@@ -211,9 +213,13 @@ def test_every_option_reaches_the_flights(
         "ten.png",
         "--episode",
         "4",
+        "--goal",
+        "1",
+        "0",
+        "0",
     ]
     assert main(["view", "lqr:go-to-pose-2d", "mpc:go-to-pose-2d", *options]) == 0
-    assert asked == [("LQR", 8, 3, "drake", 4), ("MPC", 8, 3, "drake", 4)]
+    assert asked == [("LQR", 8, 3, "drake", 4, 1.0), ("MPC", 8, 3, "drake", 4, 1.0)]
     [(flight, number, file)] = framed
     assert (flight.controller, number, file) == ("LQR", 0, Path("ten.png"))
     assert capsys.readouterr().out == "Ten frames of LQR are in ten.png.\n"
