@@ -67,6 +67,8 @@ class Compare:
     (none), or your own TOML file; by default those that the first contestant was trained in."""
     episodes: int = 128
     """Number of starts."""
+    engine: Literal["fast", "drake"] = "fast"
+    """Engine of the motion: the equations of RANS, or Drake as an independent reference."""
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
@@ -78,6 +80,8 @@ class Compare:
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
     front. A number after it, as in `--front 900`, is the processor time for the bounds, s; by default 300. They are
     kept for the next run."""
+    seed: int = EVALUATION_SEED
+    """Seed of the starts."""
     start: OwnState = ()
     """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
     roll, pitch, yaw; angles are in degrees, or with a unit. Velocities follow by name: v.x=0.1 (m/s), w=0.1
@@ -97,15 +101,6 @@ class Compare:
     curve, and few enough to fly in the time of the other contestants."""
     budget: Annotated[float, Former("write --front SECONDS")] = 300.0
     """Seconds of processor time for bounds of the front."""
-    seed: Annotated[int, Former("leave it out, or call rans.compare(..., seed=...) in Python")] = (
-        EVALUATION_SEED
-    )
-    """Seed of the starts."""
-    engine: Annotated[
-        Literal["fast", "drake"],
-        Former("leave it out, or call rans.compare(..., engine=...) in Python"),
-    ] = "fast"
-    """What computes the motion."""
 
     def run(self) -> int:
         """Print the table of scores."""
