@@ -52,6 +52,7 @@ COMMANDS = (
     "identify",
     "validate",
     "benchmark",
+    "reproduce",
     "faults",
     "init",
     "tune",

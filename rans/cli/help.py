@@ -26,7 +26,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Show": ("view", "report"),
     "Limits": ("optimal", "faults"),
     "Deploy": ("export", "fly", "twin", "replay", "identify"),
-    "Check": ("init", "validate", "benchmark", "list"),
+    "Check": ("init", "validate", "benchmark", "reproduce", "list"),
 }
 """Commands by purpose; all others are listed under "More"."""
 
@@ -102,6 +102,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "validate": ("rans validate mine.toml --quick",),
     "benchmark": ("rans benchmark --quick",),
+    "reproduce": ("rans reproduce --quick", "rans reproduce --only stress"),
     "list": (
         "rans list",
         "rans list go-to-pose",
@@ -132,6 +133,7 @@ GUIDES = {
     "init": "spacecraft",
     "validate": "verification",
     "benchmark": "speed",
+    "reproduce": "provenance",
     "list": "terminal",
 }
 """Page of each command under docs/."""

@@ -1,0 +1,380 @@
+"""Where the tables of README and pages come from: one list, which `campaigns.reproduce` flies again.
+
+``python -m campaigns.provenance`` writes docs/provenance.md from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from campaigns.figures import TABLES
+from rans.files import write_text
+from rans.model.spacecraft_file import spacecraft_names
+
+_AGENTS = "pretrained:go-to-pose-2d-robust pretrained:go-to-pose-2d-faults pretrained:go-to-pose-2d"
+_STUDIED = ("floating-platform", "floating-platform-air-tank", "floating-platform-shared")
+_IN_SPACE = ("free-flyer", "free-flyer-shared")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where tables come from, and how nearly a repetition must agree.
+
+    Flights of a seed are deterministic: with the same processor and versions every cell is the same. Elsewhere, and
+    with fewer flights, shares agree within three standard deviations and other numbers within a tolerance.
+    """
+
+    tables: tuple[str, ...]
+    """Their names in `campaigns.figures.TABLES`."""
+    page: str
+    """Page that has them, from docs."""
+    commands: tuple[str, ...]
+    """What measures them, in a folder with a copy of docs."""
+    seconds: float
+    """Time of the commands, s, on two cores of an AMD EPYC; 0: nobody has measured it."""
+    quick: tuple[str, ...] = ()
+    """The same with fewer flights; empty: these commands."""
+    quick_seconds: float = 0.0
+    """Time of the quick commands, s."""
+    flights: tuple[int, int] = (0, 0)
+    """Flights behind a share, and with ``quick``; 0: the table has no shares, or says the number in each row."""
+    shares: tuple[str, ...] = ()
+    """Parts of the headings of columns with shares in %, beside those whose heading or cell has a "%"."""
+    tolerance: tuple[float, float] = (0.02, 0.25)
+    """Relative difference of other numbers that is accepted, and with ``quick``."""
+    uncompared: tuple[str, ...] = ()
+    """Headings of columns that are not compared: times of a machine, and with fewer flights extremes."""
+    evidence: tuple[str, ...] = ()
+    """Files in docs/validation that the commands write."""
+    moved: tuple[tuple[str, str], ...] = ()
+    """Files that the commands write elsewhere, and their names in docs/validation."""
+    needs: str = ""
+    """Folder of trainings that must be there first, and how to make it."""
+    deterministic: bool = True
+    """Whether two runs on one machine are equal; false where a limit of time ends a search."""
+
+
+def _mission(
+    name: str,
+    options: str,
+    quick: str,
+    seconds: float,
+    quick_seconds: float,
+    deterministic: bool = True,
+) -> Source:
+    """A mission's table, whose rows say their number of flights."""
+    command = f"python -m campaigns.missions {name} --docs docs"
+    return Source(
+        tables=(name.replace("-", " "),),
+        page=f"missions/{name}.md",
+        commands=(f"{command}{options}",),
+        seconds=seconds,
+        quick=(f"{command}{quick}",),
+        quick_seconds=quick_seconds,
+        uncompared=("starts", "worst"),
+        evidence=(f"mission-{name}.json",),
+        deterministic=deterministic,
+    )
+
+
+SOURCES: dict[str, Source] = {
+    "stress": Source(
+        tables=("stress",),
+        page="../README.md",
+        commands=(f"rans stress {_AGENTS} lqr switching --output runs/stress",),
+        seconds=300.0,
+        quick=("python -m campaigns.named_conditions --docs docs --episodes 64",),
+        quick_seconds=30.0,
+        flights=(256, 64),
+        shares=("go-to-pose", "lqr", "switching"),
+        evidence=("stress.json",),
+        moved=(("runs/stress/stress.json", "stress.json"),),
+    ),
+    "validate": Source(
+        tables=("validations", "values"),
+        page="validation.md",
+        commands=tuple(
+            f"rans validate {name} --output runs/{name}" for name in (*_STUDIED, *_IN_SPACE)
+        ),
+        seconds=330.0,
+        quick=tuple(
+            f"rans validate {name} --quick --output runs/{name}" for name in (*_STUDIED, *_IN_SPACE)
+        ),
+        quick_seconds=100.0,
+        # Rounding errors differ by a factor; what counts is that each is below its tolerance.
+        tolerance=(30.0, 100.0),
+        uncompared=("time", "checks"),
+        evidence=tuple(f"{name}.json" for name in (*_STUDIED, *_IN_SPACE)),
+        moved=tuple(
+            (f"runs/{name}/validation.json", f"{name}.json") for name in (*_STUDIED, *_IN_SPACE)
+        ),
+    ),
+    "robustness": Source(
+        tables=("robustness",),
+        page="robustness.md",
+        commands=(
+            "python -m campaigns.robustness pretrained:go-to-pose-2d-robust --episodes 2000",
+            "python -m campaigns.robustness pretrained:go-to-pose-3d-robust --episodes 1000 --output "
+            "docs/validation/robustness-space.json",
+        ),
+        seconds=240.0,
+        quick=(
+            "python -m campaigns.robustness pretrained:go-to-pose-2d-robust --episodes 200",
+            "python -m campaigns.robustness pretrained:go-to-pose-3d-robust --episodes 100 --output "
+            "docs/validation/robustness-space.json",
+        ),
+        quick_seconds=60.0,
+        flights=(1000, 100),
+        shares=("held",),
+        evidence=("robustness.json", "robustness-space.json"),
+    ),
+    "faults": Source(
+        tables=("faults",),
+        page="robustness.md",
+        commands=(
+            "python -m campaigns.faults pretrained:go-to-pose-2d-faults --episodes 2000 --bounded 100 "
+            "--certified 64",
+            "python -m campaigns.faults pretrained:go-to-pose-3d-faults --episodes 2000 --bounded 400 --output "
+            "docs/validation/faults-space.json",
+        ),
+        seconds=1800.0,
+        quick=(
+            "python -m campaigns.faults pretrained:go-to-pose-2d-faults --episodes 100 --bounded 8 "
+            "--certified 2",
+            "python -m campaigns.faults pretrained:go-to-pose-3d-faults --episodes 100 --bounded 8 --output "
+            "docs/validation/faults-space.json",
+        ),
+        quick_seconds=120.0,
+        flights=(2000, 100),
+        shares=("start", "by 15 s", "moment"),
+        evidence=("faults.json", "faults-space.json"),
+        deterministic=False,
+    ),
+    "rest": Source(
+        tables=("rest",),
+        page="agents.md",
+        commands=("python -m campaigns.rest",),
+        seconds=1200.0,
+        quick=("python -m campaigns.rest --episodes 256",),
+        quick_seconds=90.0,
+        flights=(16384, 256),
+        uncompared=("steps of the cycles", "in a cycle", "opposite"),
+        evidence=("rest.json",),
+    ),
+    "assurances": Source(
+        tables=("assurances",),
+        page="assurances.md",
+        commands=("python -m campaigns.assurances",),
+        seconds=0.0,
+        quick=("python -m campaigns.assurances --flights 2048 --no-replay",),
+        quick_seconds=180.0,
+        uncompared=("flights", "failed", "probability", "how they fail", "flown again"),
+        evidence=("assurance",),
+    ),
+    "craft": Source(
+        tables=("craft", "agents of craft"),
+        page="craft.md",
+        commands=("python -m campaigns.craft",),
+        seconds=900.0,
+        quick=("python -m campaigns.craft --drake 4",),
+        quick_seconds=180.0,
+        flights=(1024, 1024),
+        uncompared=("in Drake",),
+        evidence=("craft.json",),
+        deterministic=False,
+    ),
+    "craft rivals": Source(
+        tables=("controllers of craft",),
+        page="craft.md",
+        commands=("python -m campaigns.craft_rivals",),
+        seconds=120.0,
+        quick=("python -m campaigns.craft_rivals --episodes 8",),
+        quick_seconds=45.0,
+        flights=(16, 8),
+        uncompared=("flights",),
+        evidence=("craft_rivals.json",),
+    ),
+    "avoid": _mission("avoid", "", " --episodes 64", 60.0, 15.0),
+    "dock port": _mission("dock-port", "", " --episodes 64", 60.0, 15.0),
+    "dock": _mission("dock", " --episodes 10000", " --episodes 64 --bounded 4", 1800.0, 90.0),
+    "hold": _mission(
+        "hold", " --episodes 48 --bounded 4", " --episodes 8 --bounded 1", 900.0, 120.0
+    ),
+    "rendezvous": _mission(
+        "rendezvous", " --episodes 256", " --episodes 16 --bounded 2", 900.0, 60.0
+    ),
+    "land": _mission("land", " --drake 8", " --episodes 64 --bounded 4 --drake 1", 900.0, 90.0),
+    "dock with errors": Source(
+        tables=("dock with errors",),
+        page="missions/dock.md",
+        commands=("python -m campaigns.dock_errors --docs docs",),
+        seconds=240.0,
+        quick=("python -m campaigns.dock_errors --docs docs --episodes 48 --bounded 4",),
+        quick_seconds=45.0,
+        flights=(1024, 48),
+        uncompared=("worst",),
+        evidence=("dock-errors.json",),
+    ),
+    "docking with contact": Source(
+        tables=("docking with contact",),
+        page="missions/dock-port.md",
+        commands=("python -m campaigns.dock_contact --docs docs",),
+        seconds=600.0,
+        quick=("python -m campaigns.dock_contact --docs docs --episodes 4",),
+        quick_seconds=60.0,
+        flights=(64, 4),
+        uncompared=("at most",),
+        evidence=("dock-contact.json",),
+    ),
+    "safe states": Source(
+        tables=("safe states",),
+        page="missions/guard.md",
+        commands=("python -m campaigns.safe_set --docs docs",),
+        seconds=300.0,
+        quick=("python -m campaigns.safe_set --docs docs --states 128",),
+        quick_seconds=45.0,
+        flights=(500, 60),  # about half of the states lie within another zone
+        shares=(" m",),
+        evidence=("safe-set.json",),
+    ),
+    "identification": Source(
+        tables=("identification",),
+        page="identify.md",
+        commands=("python -m campaigns.identification --docs docs --count 128",),
+        seconds=420.0,
+        quick=("python -m campaigns.identification --docs docs --count 12",),
+        quick_seconds=45.0,
+        flights=(128, 12),
+        tolerance=(0.02, 1.0),
+        uncompared=("95 % of errors below",),
+        evidence=("identification.json",),
+    ),
+    "inspect": Source(
+        tables=("inspect",),
+        page="missions/inspect.md",
+        commands=("python -m campaigns.inspection --docs docs",),
+        seconds=900.0,
+        quick=("python -m campaigns.inspection --docs docs --episodes 4",),
+        quick_seconds=90.0,
+        flights=(64, 4),
+        tolerance=(0.02, 0.6),
+        evidence=("mission-inspect.json",),
+    ),
+    "passive safety": Source(
+        tables=("passive safety", "percentiles"),
+        page="missions/passive_safety.md",
+        commands=("python -m campaigns.passive --docs docs",),
+        seconds=0.0,
+        flights=(32, 32),
+        evidence=("passive-safety.json",),
+    ),
+    "published optima": Source(
+        tables=("published optima",),
+        page="optimal.md",
+        commands=("python -m campaigns.published_optima --docs docs",),
+        seconds=120.0,
+        quick_seconds=120.0,
+        tolerance=(0.001, 0.001),
+        uncompared=("guesses", "optima"),
+        evidence=("published-optima.json",),
+    ),
+    "throttling": Source(
+        tables=("throttling",),
+        page="missions/land.md",
+        commands=("python -m campaigns.throttling --docs docs",),
+        seconds=240.0,
+        quick=("python -m campaigns.throttling --docs docs --episodes 3",),
+        quick_seconds=30.0,
+        uncompared=("starts", "with a landing", "one by one", "other starts"),
+        evidence=("throttling.json",),
+    ),
+    "agents": Source(
+        tables=("agents",),
+        page="agents.md",
+        commands=("python -m campaigns.agents runs/agents",),
+        seconds=0.0,
+        flights=(1024, 1024),
+        evidence=("agents.json",),
+        needs="runs/agents, three trainings of each row (docs/agents.md)",
+    ),
+    "RAFT": Source(
+        tables=("RAFT", "RAFT with a wheel"),
+        page="raft.md",
+        commands=("python -m campaigns.raft",),
+        seconds=0.0,
+        flights=(5120, 5120),
+        shares=("PPO", "oracle", "LQR", "switching", "MPC"),
+        evidence=("raft.json",),
+        needs="runs/raft, a training of each recipe (docs/raft.md)",
+    ),
+    "settled gate": Source(
+        tables=("settled gate",),
+        page="settled_gate.md",
+        commands=(
+            "python -m campaigns.settled_gate_entry fly runs/settled-gate runs/settled-gate-1 "
+            "runs/settled-gate-2",
+        ),
+        seconds=0.0,
+        flights=(500, 500),
+        shares=("bias",),
+        evidence=("settled-gate.json",),
+        needs="runs/settled-gate, -1 and -2, three trainings (docs/settled_gate.md)",
+    ),
+}
+"""By what is measured, the README's table first."""
+
+
+def page() -> str:
+    """Text of docs/provenance.md."""
+    return "\n".join([_HEAD, *_rows(), _TAIL]) + "\n"
+
+
+_HEAD = """# Provenance
+
+Where the tables of README and pages come from. `rans reproduce` flies them again in a checkout, and writes a page
+of differences. This page is made from the same list, `campaigns/provenance.py`.
+
+```
+rans reproduce --quick                             # fewer flights of every table
+rans reproduce --only stress "dock with errors"    # these alone, with every flight
+rans reproduce                                     # all of them
+```
+
+| table of | measured by | evidence | flights of a share, with `--quick` |
+|---|---|---|---|"""
+_TAIL = """
+A table marked with * needs trainings first, and is left out with a sentence until they are there.
+
+## What agrees
+
+Flights of a seed are deterministic. On the same processor, with the versions of the evidence, every cell is the
+same. Elsewhere, and with `--quick`, a share agrees within three standard deviations of both samples, and another
+number within the tolerance of the list. Extremes of fewer flights and times of a machine are not compared.
+Searches that a limit of time ends are never compared bit for bit. Of a thousand shares that agree, about three are
+expected beyond three standard deviations.
+
+The page of differences, `runs/reproduce/differences.md`, has every cell that differs, the time of each row,
+versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
+fails."""
+
+
+def _rows() -> Iterator[str]:
+    for source in SOURCES.values():
+        link = f"[{Path(source.page).stem}]({source.page})" + "*" * bool(source.needs)
+        commands = "<br>".join(f"`{command}`" for command in source.commands)
+        files = ", ".join(f"[{name}](validation/{name})" for name in source.evidence)
+        full, quick = source.flights
+        counts = f"{full:,}, {quick:,}" if full else "-"
+        yield f"| {link} | {commands} | {files} | {counts} |"
+
+
+def unlisted() -> set[str]:
+    """Tables of `campaigns.figures` that no source has."""
+    return TABLES.keys() - {name for source in SOURCES.values() for name in source.tables}
+
+
+if __name__ == "__main__":
+    assert set(_STUDIED + _IN_SPACE) <= set(spacecraft_names())
+    write_text(Path("docs/provenance.md"), page())

@@ -1,0 +1,336 @@
+"""Fly the tables of README and pages again, and write a page of differences: ``rans reproduce``.
+
+Every row of `campaigns.provenance.SOURCES` runs in a folder with a copy of docs, so that nothing of the checkout
+changes. The cells of its tables are then compared with those of the checkout.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import tyro
+
+from campaigns.command import ended
+from campaigns.figures import TABLES
+from campaigns.markdown import Table
+from campaigns.provenance import SOURCES, Source
+from rans.errors import ConfigError, RansError, meant
+from rans.files import environment, read_bytes, read_json, write_text
+from rans.pretrained import pretrained_folder, pretrained_names
+from rans.terminal import Terminal
+
+ROOT = Path(__file__).parents[1]
+
+_NUMBER = re.compile(r"(?<![\w.])-?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
+_SIGMAS = 3.0
+_LARGEST_AGENT = 2**28
+_VERSIONS = ("torch", "numpy", "drake", "casadi", "scipy", "python", "system", "processor", "gpu")
+"""What must be the same for cells to be the same."""
+
+
+class Difference(NamedTuple):
+    """A cell that is not the published one."""
+
+    table: str
+    row: str
+    column: str
+    published: str
+    found: str
+    agrees: bool
+    """Whether it is as near as it must be."""
+
+
+@dataclass
+class Result:
+    """What became of a row of the list."""
+
+    name: str
+    seconds: float = 0.0
+    cells: int = 0
+    differences: list[Difference] = field(default_factory=list)
+    failed: str = ""
+    """Why there is nothing to compare."""
+    same_machine: bool = False
+    """Whether processor and versions are those of the evidence."""
+
+    @property
+    def beyond(self) -> list[Difference]:
+        """Differences larger than accepted."""
+        return [one for one in self.differences if not one.agrees]
+
+    def verdict(self) -> str:
+        """In words."""
+        if self.failed:
+            return self.failed
+        if self.beyond:
+            return f"{len(self.beyond)} of {self.cells} cells differ"
+        if self.differences:
+            return f"agrees ({self.cells - len(self.differences)} of {self.cells} cells are equal)"
+        return f"equal ({self.cells} cells)"
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Fly tables of README and pages again and compare them with what is published."""
+
+    quick: bool = False
+    """Fly fewer flights of every table: minutes instead of hours."""
+    only: tuple[str, ...] = ()
+    """Names of rows of the list, such as stress; by default all."""
+    output: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/reproduce")
+    """Folder of the page of differences and of all that is flown."""
+
+    def run(self) -> int:
+        """Run the rows; 1 if a cell differs or a command failed."""
+        for name in self.only:
+            if name not in SOURCES:
+                raise ConfigError(
+                    f"--only must be of {', '.join(SOURCES)}; got {name!r}{meant(name, SOURCES)}."
+                )
+        terminal = Terminal()
+        results = []
+        begun = time.monotonic()
+        for name in self.only or SOURCES:
+            terminal.say(f"{name}: {_planned(SOURCES[name], self.quick)}")
+            results.append(reproduced(name, SOURCES[name], self.quick, self.output.absolute()))
+            terminal.say(f"{name}: {results[-1].verdict()}, {results[-1].seconds:.0f} s")
+            # After every row, so that an interrupt leaves the page of those until then.
+            page = report(results, self.quick, time.monotonic() - begun)
+            write_text(self.output / "differences.md", page)
+        terminal.say(f"Written to {self.output / 'differences.md'}.")
+        return int(any(one.beyond or _is_failure(one) for one in results))
+
+
+def _planned(source: Source, quick: bool) -> str:
+    seconds = source.quick_seconds if quick else source.seconds
+    return f"about {seconds:.0f} s on two cores" if seconds else "time not known"
+
+
+def _is_failure(result: Result) -> bool:
+    return bool(result.failed) and not result.failed.startswith("left out")
+
+
+def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
+    """Run one row in a folder of its own below ``output``, and compare its tables."""
+    result = Result(name)
+    trainings = source.needs.partition(",")[0]
+    if source.needs and not (ROOT / trainings).exists():
+        result.failed = f"left out: it needs {source.needs}"
+        return result
+    folder = output / name.replace(" ", "-")
+    _prepare(folder, source)
+    begun = time.monotonic()
+    log = folder / "log.txt"
+    with log.open("a", encoding="utf-8") as file:
+        for command in (source.quick if quick else ()) or source.commands:
+            # Codes of commands say whether targets were met, or that the page has the mark of another number of
+            # flights; evidence that is missing is seen below.
+            subprocess.run(
+                _words(command),
+                cwd=folder,
+                env=_environment(),
+                stdout=file,
+                stderr=file,
+                check=False,
+            )
+    result.seconds = time.monotonic() - begun
+    for written, evidence in source.moved:
+        if (folder / written).exists():
+            shutil.copyfile(folder / written, folder / "docs" / "validation" / evidence)
+    result.same_machine = _is_same_machine(source, folder / "docs")
+    bitwise = result.same_machine and source.deterministic and not quick
+    for table in source.tables:
+        try:
+            found = TABLES[table](folder / "docs")
+        except (OSError, RansError, LookupError) as error:
+            result.failed = f"no evidence of {table}, see {log}: {type(error).__name__}: {error}"
+            return result
+        published = TABLES[table](ROOT / "docs")
+        for difference, count in compared(published, found, source, quick, bitwise):
+            result.cells += count
+            if difference is not None:
+                result.differences.append(difference._replace(table=table))
+    return result
+
+
+def _prepare(folder: Path, source: Source) -> None:
+    """A fresh copy of the pages and of the evidence of others; trainings are those of the checkout."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    shutil.copytree(
+        ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("pictures", "tutorials", "_*")
+    )
+    shutil.copyfile(ROOT / "README.md", folder / "README.md")
+    for name in source.evidence:
+        evidence = folder / "docs" / "validation" / name
+        shutil.rmtree(evidence) if evidence.is_dir() else evidence.unlink()
+        if not evidence.suffix:
+            evidence.mkdir()
+    if source.needs:
+        (folder / "runs").symlink_to(ROOT / "runs")
+
+
+def _words(command: str) -> list[str]:
+    """Arguments of a command of the list, run by this Python."""
+    first, *rest = shlex.split(command)
+    return [sys.executable, *(["-m", "rans"] if first == "rans" else []), *rest]
+
+
+def _environment() -> dict[str, str]:
+    """Of the commands: modules of this checkout are found from any folder."""
+    paths = [str(ROOT), str(ROOT / "agents"), os.environ.get("PYTHONPATH", "")]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+def _is_same_machine(source: Source, docs: Path) -> bool:
+    """Whether all evidence says the processor and versions that the new one says."""
+    found = False
+    for name in source.evidence:
+        file = ROOT / "docs" / "validation" / name
+        if not file.suffix or not (docs / "validation" / name).exists():
+            return False
+        before, now = (
+            read_json(one).get("environment") for one in (file, docs / "validation" / name)
+        )
+        if not (before and now) or any(before.get(key) != now.get(key) for key in _VERSIONS):
+            return False
+        found = True
+    return found
+
+
+def compared(
+    published: Table, found: Table, source: Source, quick: bool, bitwise: bool
+) -> Iterator[tuple[Difference | None, int]]:
+    """Compare every cell of two tables: a difference, or None, and 1 for each cell that counts.
+
+    Rows are paired by number if both have as many, else by their first texts.
+    """
+    headings = list(published.headings)
+    pairs = _paired(published.rows, found.rows)
+    for before, now in pairs:
+        label = _label(before)
+        for heading, old, new in zip(headings, before, now or [""] * len(before), strict=True):
+            if any(part and part in heading for part in source.uncompared):
+                continue
+            if old == new:
+                yield None, 1
+                continue
+            share = "%" in heading or any(part in heading for part in source.shares)
+            counts = _flights(headings, before, now, source)
+            agrees = not bitwise and agree(old, new, share, counts, source.tolerance[quick])
+            yield Difference("", label, heading, old, new, agrees), 1
+
+
+def _paired(
+    published: Sequence[Sequence[str]], found: Sequence[Sequence[str]]
+) -> list[tuple[Sequence[str], Sequence[str] | None]]:
+    if len(published) == len(found):
+        return list(zip(published, found, strict=True))
+    by_label = {_label(row): row for row in found}
+    return [(row, by_label.get(_label(row))) for row in published]
+
+
+def _label(row: Sequence[str]) -> str:
+    """First two cells that are no numbers, which say what a row is about."""
+    return ", ".join([cell for cell in row[:3] if cell and not _NUMBER.fullmatch(cell)][:2])
+
+
+def _flights(
+    headings: Sequence[str], before: Sequence[str], now: Sequence[str] | None, source: Source
+) -> tuple[float, float]:
+    """Flights behind the shares of a row: those that it says, or those of the list."""
+    for name in ("starts", "flights"):
+        if name in headings and now is not None:
+            column = list(headings).index(name)
+            said = [_NUMBER.fullmatch(row[column]) for row in (before, now)]
+            if all(said):
+                return tuple(float(one[0].replace(",", "")) for one in said if one)  # type: ignore[return-value]
+    full, quick = source.flights
+    return float(full), float(quick)
+
+
+def agree(
+    published: str, found: str, share: bool, flights: tuple[float, float], tolerance: float
+) -> bool:
+    """Whether two cells agree: shares in % within three standard deviations, other numbers within a tolerance.
+
+    The proportion of both samples is Agresti and Coull's, so that none of n has a deviation too. A number that was
+    rounded for the page may differ by one in its last digit.
+    """
+    old, new = ([one[0] for one in _NUMBER.finditer(text)] for text in (published, found))
+    if len(old) != len(new) or _NUMBER.sub("", published) != _NUMBER.sub("", found):
+        return False
+    for one, two in zip(old, new, strict=True):
+        x, y = (float(text.replace(",", "")) for text in (one, two))
+        last = max(_last_digit(one), _last_digit(two))
+        n, m = flights
+        if share and min(n, m) > 0 and min(x, y) >= 0.0 and max(x, y) <= 100.0:
+            hits = (x * n + y * m) / 100.0
+            p = (hits + 2.0) / (n + m + 4.0)
+            allowed = 100.0 * _SIGMAS * math.sqrt(p * (1.0 - p) * (1.0 / n + 1.0 / m))
+        else:
+            allowed = tolerance * max(abs(x), abs(y))
+        if abs(x - y) > allowed + 1.01 * last:
+            return False
+    return True
+
+
+def _last_digit(text: str) -> float:
+    """Value of 1 in the last digit of a number."""
+    mantissa, _, exponent = text.partition("e")
+    digits = len(mantissa.partition(".")[2])
+    return 10.0 ** (int(exponent or 0) - digits)
+
+
+def report(results: Sequence[Result], quick: bool, seconds: float) -> str:
+    """The page of differences, in markdown."""
+    lines = ["# Differences", ""]
+    lines += ["Fewer flights than published, by `--quick`.", ""] if quick else []
+    lines += [
+        "| what | page | verdict | seconds | same processor and versions |",
+        "|---|---|---|---|---|",
+    ]
+    for one in results:
+        page = SOURCES[one.name].page.removeprefix("../")
+        lines.append(
+            f"| {one.name} | {page} | {one.verdict()} | {one.seconds:.0f} | "
+            f"{'yes' if one.same_machine else 'no'} |"
+        )
+    lines += ["", f"{seconds:.0f} s in all.", "", "## Cells that differ by more than accepted", ""]
+    beyond = [cell for one in results for cell in one.beyond]
+    lines += _cells(beyond) if beyond else ["None."]
+    lines += ["", "## Cells that agree, and are not equal", ""]
+    near = [cell for one in results for cell in one.differences if cell.agrees]
+    lines += _cells(near) if near else ["None."]
+    lines += ["", "## Versions and hardware", "", "| what | version |", "|---|---|"]
+    lines += [f"| {name} | {value} |" for name, value in environment().items()]
+    lines += ["", "## Agents", "", "| agent | SHA-256 of agent.safetensors |", "|---|---|"]
+    for name in pretrained_names():
+        weights = read_bytes(pretrained_folder(name) / "agent.safetensors", _LARGEST_AGENT)
+        lines.append(f"| {name} | {hashlib.sha256(weights).hexdigest()} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(differences: Sequence[Difference]) -> list[str]:
+    lines = ["| table | row | column | published | found |", "|---|---|---|---|---|"]
+    return lines + [f"| {' | '.join(one[:5])} |" for one in differences]
+
+
+if __name__ == "__main__":
+    import torch  # noqa: F401  # the environment names its GPU
+
+    raise SystemExit(
+        ended("rans reproduce", lambda: tyro.cli(Reproduce, prog="rans reproduce").run())
+    )

@@ -1,0 +1,46 @@
+"""`rans reproduce`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from rans.errors import ConfigError
+
+_CHECKOUT = Path(__file__).parents[2]
+"""Folder of the sources, if this package is used from there: campaigns are not installed."""
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Fly the tables of README and pages again, and compare them with what is published.
+
+    Needs a checkout of the sources, which has the list of tables and the evidence. Writes a page of differences,
+    with versions, hardware, the time of each table and a hash of each agent; see docs/provenance.md. The exit code
+    is 1 if a cell differs by more than accepted.
+    """
+
+    quick: bool = False
+    """Fly fewer flights of every table, and accept what these differ by."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
+    """Reproduce these tables only, such as stress "dock with errors"; an unknown name prints all."""
+    output: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/reproduce")
+    """Folder of differences.md and of all that is flown."""
+
+    def run(self) -> int:
+        """Run the campaign of the checkout."""
+        if not (_CHECKOUT / "campaigns" / "reproduce.py").is_file():
+            raise ConfigError(
+                "rans reproduce needs a checkout of the sources, whose folders campaigns and docs/validation "
+                "are not installed: run `git clone` and `make setup`, and the command there."
+            )
+        options = ["--quick"] * self.quick + ["--output", str(self.output.absolute())]
+        if self.only:
+            options += ["--only", *self.only]
+        command = [sys.executable, "-m", "campaigns", "reproduce", *options]
+        return subprocess.run(command, cwd=_CHECKOUT, check=False).returncode
