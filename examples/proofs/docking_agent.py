@@ -56,17 +56,16 @@ def states(count: int, random: np.random.Generator) -> np.ndarray:
     return np.concatenate((position, velocity), axis=1)
 
 
-def trained(seed: int = 0) -> nn.Sequential:
-    """Network from scaled states to forces."""
-    torch.manual_seed(seed)
+def trained(begin: np.ndarray, commands: np.ndarray, scale: np.ndarray) -> nn.Sequential:
+    """Network from scaled states to commands (N, outputs) that a teacher gives in states (N, inputs)."""
+    torch.manual_seed(0)
     network = nn.Sequential(
-        *(nn.Linear(4, UNITS), nn.Tanh()),
+        *(nn.Linear(begin.shape[1], UNITS), nn.Tanh()),
         *(nn.Linear(UNITS, UNITS), nn.Tanh()),
-        *(nn.Linear(UNITS, 2), nn.Tanh()),
+        *(nn.Linear(UNITS, commands.shape[1]), nn.Tanh()),
     ).double()
-    begin = states(12_000, np.random.default_rng(seed))
-    inputs = torch.tensor(begin / SCALE)
-    targets = torch.tensor(guidance(begin))
+    inputs = torch.tensor(begin / scale)
+    targets = torch.tensor(commands)
     optimizer = torch.optim.Adam(network.parameters())
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 1e-2, STEPS)
     for _ in range(STEPS):
@@ -79,12 +78,12 @@ def trained(seed: int = 0) -> nn.Sequential:
     return network
 
 
-def write(network: nn.Sequential, file: Path) -> None:
+def write(network: nn.Sequential, scale: np.ndarray, file: Path) -> None:
     """Write a network whose first layer also scales the states."""
     nodes, tables, name = [], [], "state"
     layers = [one for one in network if isinstance(one, nn.Linear)]
     for k, layer in enumerate(layers):
-        weight = layer.weight.detach().numpy() / (SCALE if k == 0 else 1.0)
+        weight = layer.weight.detach().numpy() / (scale if k == 0 else 1.0)
         for kind, table in (("weight", weight), ("bias", layer.bias.detach().numpy())):
             tables.append(numpy_helper.from_array(table.astype(np.float32), f"{kind}{k}"))
         nodes.append(
@@ -94,12 +93,13 @@ def write(network: nn.Sequential, file: Path) -> None:
         nodes.append(helper.make_node("Tanh", [f"sum{k}"], [name]))
     ends = [
         helper.make_tensor_value_info(one, TensorProto.FLOAT, ["N", width])
-        for one, width in (("state", 4), (name, 2))
+        for one, width in (("state", len(scale)), (name, layers[-1].out_features))
     ]
-    graph = helper.make_graph(nodes, "docking", ends[:1], ends[1:], tables)
+    graph = helper.make_graph(nodes, "agent", ends[:1], ends[1:], tables)
     model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
     file.write_bytes(model.SerializeToString())
 
 
 if __name__ == "__main__":
-    write(trained(), Path(sys.argv[1]))
+    starts = states(12_000, np.random.default_rng(0))
+    write(trained(starts, guidance(starts), SCALE), SCALE, Path(sys.argv[1]))

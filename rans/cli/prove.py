@@ -38,8 +38,11 @@ class Prove:
     """Limits that every flight of the agent keeps for ever."""
     start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S")] = None
     """Starts of the agent: every state up to this speed and this spin."""
-    off: Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S")] = ""
-    """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off; by default 0."""
+    off: Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S")] = ""
+    """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and how late
+    thrusters may open and shut; by default 0."""
+    resolution: int = 1
+    """How much finer the cells of an agent's proof are along each coordinate."""
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
     """Plant, starts and property, a TOML file; see docs/proofs.md."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
@@ -83,11 +86,13 @@ class Prove:
             raise ConfigError("name the --property to keep and the starts, --from, of an agent.")
         keep = named_numbers(self.property, ("speed", "spin"), "--property", are_all_needed=True)
         start = named_numbers(self.start, ("speed", "spin"), "--from", are_all_needed=True)
-        off = named_numbers(self.off, ("mass", "thrust", "velocity", "spin"), "--off")
+        off = named_numbers(self.off, ("mass", "thrust", "velocity", "spin", "delay"), "--off")
         if not all(0.0 < keep[key] <= 10.0 and 0.0 <= start[key] <= keep[key] for key in keep):
             raise ConfigError(
                 "limits must be above 0 and at most 10, and --from within --property."
             )
+        if not 1 <= self.resolution <= 8:
+            raise ConfigError(f"--resolution must be from 1 to 8, got {self.resolution}.")
         folder = ContestantName.parse(agent).folder
         run = load_agent(folder)
         files = _files(folder)
@@ -103,6 +108,7 @@ class Prove:
                 keep["speed"],
                 keep["spin"],
                 traps.Uncertainty(**off),
+                *(self.resolution * count for count in traps.GRID),
                 report=lambda done, left: bars.update(task, completed=done, total=done + left),
             )
         terminal = Terminal()
@@ -120,7 +126,7 @@ class Prove:
             largest = traps.largest_start(trap, loop, start["spin"])
             terminal.say(
                 f"Open: neither proved nor refuted, after {seconds:.1f} s. With this spin starts up to "
-                f"{largest:.4g} m/s are proved."
+                f"{largest:.4g} m/s are proved. A finer --resolution, or wider limits, may prove it."
             )
             return 1
         shipped = agent.startswith("pretrained:")
@@ -268,7 +274,13 @@ def _trapped(
         return float("inf"), ""
     except Refused as refusal:
         return 0.0, str(refusal)
-    except (ValueError, KeyError, TypeError, IndexError) as error:  # a damaged file
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        IndexError,
+        ArithmeticError,
+    ) as error:  # a damaged file
         return 0.0, f"it is damaged: {type(error).__name__} {error}"
 
 
@@ -281,5 +293,11 @@ def _checked(_: None, certificate: bytes, network: bytes, cells: list[int]) -> t
         return check(certificate, network, only=cells), ""
     except Refused as refusal:
         return 0.0, str(refusal)
-    except (ValueError, KeyError, TypeError, IndexError) as error:  # a damaged file
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        IndexError,
+        ArithmeticError,
+    ) as error:  # a damaged file
         return 0.0, f"it is damaged: {type(error).__name__} {error}"

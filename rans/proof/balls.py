@@ -6,6 +6,7 @@ arithmetic", 2017). Nothing here is used by the provers.
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Sequence
 from typing import Any
 
@@ -121,6 +122,25 @@ def diagonal(values: Sequence[Any]) -> Any:
     return arb_mat(
         [[x if i == k else arb(0) for k in range(len(values))] for i, x in enumerate(values)]
     )
+
+
+def polynomial(text: str, states: int, width: int) -> dict[tuple[int, ...], Any]:
+    """Polynomial of states x0, x1, ... and commands u0, ...: coefficients by exponents of all of them."""
+
+    def read(node: Any) -> dict[tuple[int, ...], Any]:
+        if isinstance(node, ast.Constant):
+            return {(0,) * width: arb(float(str(node.value)))}
+        if isinstance(node, ast.Name):
+            place = int(node.id[1:]) + (states if node.id[0] == "u" else 0)
+            return {tuple(int(i == place) for i in range(width)): arb(1)}
+        if isinstance(node, ast.UnaryOp):
+            return plus({}, read(node.operand), -1)
+        left, right = read(node.left), read(node.right)
+        if isinstance(node.op, ast.Mult):
+            return times(left, right)
+        return plus(left, right, 1 if isinstance(node.op, ast.Add) else -1)
+
+    return read(ast.parse(text, mode="eval").body)
 
 
 def plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any]:

@@ -8,11 +8,12 @@ The module reads the network and the problem itself; it needs numpy, onnx and py
 
 from __future__ import annotations
 
-import ast
+import functools
 import hashlib
 import json
+import math
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from rans.proof.balls import (
     enclose,
     matrix,
     plus,
+    polynomial,
     row_sums,
     sizes,
     times,
@@ -44,18 +46,12 @@ _SUBSTEPS = 12
 """Taylor steps of a control period of a plant that is not linear."""
 
 
-def check(
-    certificate: bytes,
-    network: bytes,
-    report: Callable[[int, int], object] = lambda done, of: None,
-    only: Sequence[int] | None = None,
-) -> float:
+def check(certificate: bytes, network: bytes, only: Sequence[int] | None = None) -> float:
     """Least margin that this program finds over the cells of a certificate.
 
     Args:
         certificate: content of a certificate's file.
         network: content of the ONNX file.
-        report: called after each cell with the number of cells done and of all.
         only: numbers of the cells whose flights are checked; None: all. The cover is checked in any case.
 
     Raises:
@@ -71,14 +67,12 @@ def check(
     _cover([(float(a), float(b)) for a, b in start], cells)
     layers = _layers(network)
     move = _linear(problem) or _taylor(problem)
-    numbers = range(len(cells)) if only is None else only
-    least = float("inf")
-    for done, k in enumerate(numbers):
+    least = math.inf
+    for k in range(len(cells)) if only is None else only:
         found = _fly(problem, layers, move, cells[k])
         if not found > 0.0:
             raise Refused(f"cell {k} has the margin {found:.3g}.")
         least = min(least, found)
-        report(done + 1, len(numbers))
     return least
 
 
@@ -87,21 +81,15 @@ def _cover(box: list[Any], cells: list[Any]) -> None:
     stack = [(box, cells)]
     while stack:
         box, inside = stack.pop()
-        inside = [
-            cell
-            for cell in inside
-            if all((a < d and c < b) or a == b for (a, b), (c, d) in zip(box, cell, strict=True))
-        ]
-        whole = any(
-            all(c <= a and b <= d for (a, b), (c, d) in zip(box, cell, strict=True))
-            for cell in inside
-        )
-        if whole:
+        pairs = [list(zip(box, cell, strict=True)) for cell in inside]
+        pairs = [one for one in pairs if all((a < d and c < b) or a == b for (a, b), (c, d) in one)]
+        inside = [[cell for _, cell in one] for one in pairs]
+        if any(all(c <= a and b <= d for (a, b), (c, d) in one) for one in pairs):
             continue
         cuts = [
             (axis, edge)
-            for cell in inside
-            for axis, ((a, b), ends) in enumerate(zip(box, cell, strict=True))
+            for one in pairs
+            for axis, ((a, b), ends) in enumerate(one)
             for edge in ends
             if a < edge < b
         ]
@@ -119,49 +107,51 @@ def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
         tensor.name: numpy_helper.to_array(tensor).astype(float) for tensor in graph.initializer
     }
     layers: list[tuple[Any, Any, str]] = []
+
+    def then(weight: Any, shift: Any) -> None:
+        """A linear operation after those so far."""
+        if layers and not layers[-1][2]:
+            before, offset, _ = layers.pop()
+            weight, shift = weight * before, weight * offset + shift
+        layers.append((weight, shift, ""))
+
     for node in graph.node:
         given = [tables[name] for name in node.input if name in tables]
         kind = node.op_type
-        if kind == "MatMul":
-            layers.append((matrix(given[0].T), matrix(np.zeros((given[0].shape[1], 1))), ""))
-        elif kind in ("Conv", "Gemm"):
+        if kind in ("MatMul", "Conv", "Gemm"):
             weight = given[0].reshape(len(given[0]), -1)
-            if kind == "Gemm" and not any(a.name == "transB" and a.i for a in node.attribute):
-                weight = given[0].T
+            turned = any(a.name == "transB" and a.i for a in node.attribute)
+            if kind == "MatMul" or (kind == "Gemm" and not turned):
+                weight = weight.T
             shift = given[1] if len(given) > 1 else np.zeros(len(weight))
-            layers.append((matrix(weight), matrix(shift.reshape(-1, 1)), ""))
+            then(matrix(weight), matrix(shift.reshape(-1, 1)))
         elif kind in ("Add", "Sub"):
             shift = matrix(given[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
-            if not layers or layers[-1][2]:
-                layers.append((matrix(np.eye(given[0].size)), shift, ""))
-            else:
-                layers[-1] = (layers[-1][0], layers[-1][1] + shift, "")
+            then(matrix(np.eye(given[0].size)), shift)
         elif kind in ("Tanh", "Sigmoid"):
             layers[-1] = (*layers[-1][:2], kind)
         elif kind not in ("Flatten", "Reshape"):
             raise Refused(f"its network has an operation that is not checked: {kind}.")
-    joined = layers[:1]
-    for weight, shift, kind in layers[1:]:
-        before = joined[-1]
-        if before[2]:
-            joined.append((weight, shift, kind))
-        else:
-            joined[-1] = (weight * before[0], weight * before[1] + shift, kind)
-    return with_sizes(joined)
+    return with_sizes(layers)
 
 
 def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
     """Margin over all times of the flights from a cell."""
     centre = column([(arb(a) + arb(b)) / 2 for a, b in cell])
     spread = diagonal([(arb(b) - arb(a)) / 2 for a, b in cell])
-    least = float("inf")
+    least = math.inf if problem["steps"] >= 1 else -math.inf
     for _ in range(problem["steps"]):
         for begin, end, sag in move(centre, spread, *enclose(layers, centre, spread)):
-            least = min(least, _margin(problem["keep"], begin, end, sag))
+            least = _least((least, _margin(problem["keep"], begin, end, sag)))
             centre, spread = end
         if not least > 0.0:
             break
     return least
+
+
+def _least(values: Iterable[Any]) -> float:
+    """Least number; what is none, such as infinity less infinity, is below all."""
+    return min(x if x == x else -math.inf for x in map(float, values))
 
 
 def _highest(row: Any, state: tuple[Any, Any]) -> Any:
@@ -169,62 +159,47 @@ def _highest(row: Any, state: tuple[Any, Any]) -> Any:
 
 
 def _margin(keep: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]) -> float:
-    count = len(sag)
-    if "avoid" in keep:
+    ((kind, limit),) = keep.items()
+    if kind == "avoid":
         margins = []
-        for axis, (low, high) in enumerate(
-            zip(*(keep["avoid"][k] for k in ("lower", "upper")), strict=True)
-        ):
-            row = arb_mat(1, count, [arb(int(i == axis)) for i in range(count)])
+        for axis, (low, high) in enumerate(zip(limit["lower"], limit["upper"], strict=True)):
+            row = arb_mat(1, len(sag), [arb(int(i == axis)) for i in range(len(sag))])
             above = [arb(low) - _highest(row, state) - sag[axis] for state in (begin, end)]
             below = [-_highest(-1 * row, state) - sag[axis] - arb(high) for state in (begin, end)]
-            margins += [min(float(x.lower()) for x in side) for side in (above, below)]
+            margins += [_least(x.lower() for x in side) for side in (above, below)]
         return max(margins)
-    limit = keep["speed_limit"]
+    # Along any unit vector a position is no longer than it is.
     ahead = [float((begin[0][i, 0] + end[0][i, 0]).mid()) for i in limit["position"]]
     norm = sum((arb(x) ** 2 for x in ahead), arb(0)).sqrt()
-    worst = float("inf")
-    for side in range(_SIDES):
-        turn = arb(2 * side) / _SIDES
-        around = [turn.cos_pi(), turn.sin_pi()]
-        row = [arb(0)] * count
-        for i, value in zip(limit["velocity"], around, strict=True):
-            row[i] += value / (arb(1) / _SIDES).cos_pi()
-        for i, value in zip(limit["position"], ahead, strict=True):
-            row[i] -= arb(limit["slope"]) * arb(value) / norm
-        line = arb_mat(1, count, row)
-        for state in (begin, end):
-            worst = min(worst, float((arb(limit["base"]) - _highest(line, state)).lower()))
-    bent = [sum((sag[i] ** 2 for i in limit[k]), arb(0)).sqrt() for k in ("velocity", "position")]
-    return worst - float((bent[0] + arb(limit["slope"]) * bent[1]).upper())
-
-
-def _rates(problem: dict[str, Any]) -> list[dict[tuple[int, ...], Any]]:
-    """Polynomials of the derivatives: coefficients by exponents of states and commands."""
-    count = len(problem["derivative"])
-    width = count + problem["commands"]
-
-    def read(node: Any) -> dict[tuple[int, ...], Any]:
-        if isinstance(node, ast.Constant):
-            return {(0,) * width: arb(float(str(node.value)))}
-        if isinstance(node, ast.Name):
-            place = int(node.id[1:]) + (count if node.id[0] == "u" else 0)
-            return {tuple(int(i == place) for i in range(width)): arb(1)}
-        if isinstance(node, ast.UnaryOp):
-            return plus({}, read(node.operand), -1)
-        left, right = read(node.left), read(node.right)
-        if isinstance(node.op, ast.Mult):
-            return times(left, right)
-        return plus(left, right, 1 if isinstance(node.op, ast.Add) else -1)
-
-    return [read(ast.parse(text, mode="eval").body) for text in problem["derivative"]]
+    slope = arb(limit["slope"]) if kind == "speed_limit" else arb(1)
+    near = [arb(0)] * len(sag)
+    for i, value in zip(limit["position"], ahead, strict=True):
+        near[i] -= slope * arb(value) / norm
+    off = slope * sum((sag[i] ** 2 for i in limit["position"]), arb(0)).sqrt()
+    rows, base = [near], arb(0)
+    if kind == "speed_limit":
+        base = arb(limit["base"])
+        off += sum((sag[i] ** 2 for i in limit["velocity"]), arb(0)).sqrt()
+        turns = [arb(2 * side) / _SIDES for side in range(_SIDES)]
+        rows = [list(near) for _ in turns]
+        for row, turn in zip(rows, turns, strict=True):
+            for i, value in zip(limit["velocity"], (turn.cos_pi(), turn.sin_pi()), strict=True):
+                row[i] += value / (arb(1) / _SIDES).cos_pi()
+    elif kind == "keep_out":
+        base = -arb(limit["radius"])
+    else:
+        raise Refused(f"its property {kind} is not checked.")
+    lines = [arb_mat(1, len(sag), row) for row in rows]
+    return _least(
+        (base - _highest(x, state) - off).lower() for x in lines for state in (begin, end)
+    )
 
 
 def _linear(problem: dict[str, Any]) -> Any:
     """Motion of a linear plant by the exponential of its matrix, or None."""
-    rates = _rates(problem)
-    count = len(rates)
+    count = len(problem["derivative"])
     width = count + problem["commands"]
+    rates = [polynomial(text, count, width) for text in problem["derivative"]]
     if any(sum(key) != 1 for rate in rates for key in rate):
         return None
     unit = [tuple(int(i == k) for i in range(width)) for k in range(width)]
@@ -251,19 +226,15 @@ def _linear(problem: dict[str, Any]) -> Any:
 
 def _taylor(problem: dict[str, Any]) -> Any:
     """Motion of a polynomial plant by Taylor steps of order 1 with a bounded rest."""
-    rates = _rates(problem)
-    count = len(rates)
+    count = len(problem["derivative"])
     width = count + problem["commands"]
+    rates = [polynomial(text, count, width) for text in problem["derivative"]]
     h = arb(problem["period"]) / _SUBSTEPS
 
     def along(polynomials: Sequence[Any]) -> list[Any]:
-        results = []
-        for polynomial in polynomials:
-            total: dict[Any, Any] = {}
-            for k, rate in enumerate(rates):
-                total = plus(total, times(derivative(polynomial, k), rate))
-            results.append(total)
-        return results
+        """Their derivatives by time."""
+        parts = [[times(derivative(p, k), f) for k, f in enumerate(rates)] for p in polynomials]
+        return [functools.reduce(plus, part) for part in parts]
 
     second = along(rates)
     third = along(second)

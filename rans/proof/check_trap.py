@@ -96,8 +96,18 @@ class _Loop:
         self.low = (1 - off["thrust"]) / (1 + off["mass"])
         self.high = (1 + off["thrust"]) / (1 - off["mass"])
         self.factor = self.low.union(self.high)
-        self.reading = [off["velocity"], off["velocity"], off["spin"]]
-        if not self.side * self.step * self.high / self.fine <= self.spin:
+        # A late command finds a state that has moved on since it was read: that is an error of the reading.
+        late = off.get("delay", arb(0))
+        if not late < self.period:
+            raise Refused("its commands may be late by a period.")
+        every = list(itertools.product((0, 1), repeat=len(self.force)))
+        pull = max(float(_length(self._pull(u)).upper()) for u in every) * (1 + arb(2) ** -40)
+        jump = max(abs(self._jump(u)) for u in every)
+        fastest = self.side * self.step * self.high / self.fine
+        drift = off["velocity"] + late * (self.high * pull + self.speed * fastest)
+        turn = off["spin"] + late * self.high * jump * self.step / self.period
+        self.reading = [drift, drift, turn]
+        if not fastest <= self.spin:
             raise Refused("its cells go beyond the limit of the spin.")
 
     def _design(self, craft: dict[str, Any]) -> None:
@@ -151,9 +161,11 @@ class _Loop:
         r0, r1 = (self.speed * k / self.rings for k in cell[:2])
         return r0, r1, arb(cell[3] + cell[2]) / self.sectors, arb(cell[3] - cell[2]) / self.sectors
 
-    def spins(self, cell: Any) -> Any:
-        """Ball of the spins of a cell, in steps of the nominal craft."""
-        return (arb(cell[4]) / self.fine).union(arb(cell[5]) / self.fine) * self.factor
+    def spins(self, cell: Any, more: Any = 0) -> Any:
+        """Ball of the spins of a cell and so many steps more, in steps of the nominal craft."""
+        ends = [arb(k) / self.fine + more for k in cell[4:]]
+        products = [x * factor for x in ends for factor in (self.low, self.high)]
+        return functools.reduce(lambda one, other: one.union(other), products)
 
     def commands(self, cell: Any) -> list[tuple[int, ...]]:
         """Every command that states of a cell may have, with errors of the readings."""
@@ -180,12 +192,9 @@ class _Loop:
         """Why the image of a cell under a command is not inside, or ""."""
         r0, r1, middle, half = self.sector(cell)
         spin = self.spins(cell)
-        jump = sum(k * u for k, u in zip(self.lever, commands, strict=True))
-        turn = self.period * self.step * (spin + self.factor * jump / 2) / arb.pi()
-        force = [
-            sum((f[i] * u for f, u in zip(self.force, commands, strict=True)), arb(0))
-            for i in (0, 1)
-        ]
+        jump = self._jump(commands)
+        turn = self.period * self.step * self.spins(cell, arb(jump) / 2) / arb.pi()
+        force = self._pull(commands)
         size = _length(force)
         if _opposed(self.directions, commands):
             # A craft that coasts, whatever it spins: speed and direction in W stay.
@@ -215,6 +224,15 @@ class _Loop:
         if not inside[rings[0] : rings[1], columns, layers[0] : layers[1]].all():
             return "may leave the cells"
         return ""
+
+    def _jump(self, commands: Sequence[int]) -> int:
+        """Steps of spin that commands make."""
+        return sum(k * u for k, u in zip(self.lever, commands, strict=True))
+
+    def _pull(self, commands: Sequence[int]) -> list[Any]:
+        """Force over mass of commands."""
+        pairs = list(zip(self.force, commands, strict=True))
+        return [sum((f[i] * u for f, u in pairs), arb(0)) for i in (0, 1)]
 
     def _impulse(self, force: Sequence[Any], spin: Any, jump: int) -> tuple[Any, Any, Any]:
         """Velocity change, in B of the beginning of a period, and a ball of how far it is off."""

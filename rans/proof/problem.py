@@ -53,6 +53,19 @@ class Avoid:
 
 
 @dataclass(frozen=True)
+class KeepOut:
+    """|position| >= radius at all times; position is of any number of states."""
+
+    position: tuple[int, ...]
+    radius: float
+    """m."""
+
+    def margins(self, states: np.ndarray) -> np.ndarray:
+        """Margins (N,) of states (N, n); negative inside the ball."""
+        return np.linalg.norm(states[:, list(self.position)], axis=1) - self.radius
+
+
+@dataclass(frozen=True)
 class Problem:
     """Closed loop of a network, and what it is to keep."""
 
@@ -69,7 +82,7 @@ class Problem:
     """Lowest start."""
     upper: tuple[float, ...]
     """Highest start."""
-    keep: SpeedLimit | Avoid
+    keep: SpeedLimit | Avoid | KeepOut
     text: str = ""
     """Text of the file."""
 
@@ -229,7 +242,7 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
     return problem
 
 
-def _property(table: dict[str, Any], count: int, where: object) -> SpeedLimit | Avoid:
+def _property(table: dict[str, Any], count: int, where: object) -> SpeedLimit | Avoid | KeepOut:
     match table:
         case {"speed_limit": dict() as limit} if limit.keys() == {
             "position",
@@ -238,17 +251,28 @@ def _property(table: dict[str, Any], count: int, where: object) -> SpeedLimit | 
             "slope",
         }:
             indices = [tuple(limit["position"]), tuple(limit["velocity"])]
-            if not all(isinstance(i, int) and 0 <= i < count for index in indices for i in index):
-                raise ConfigError(f"{where}: a speed limit names states from 0 to {count - 1}.")
+            _check_states([*indices[0], *indices[1]], count, where)
             base, slope = _numbers([limit["base"], limit["slope"]], 2, where)
             if slope < 0.0:
                 raise ConfigError(f"{where}: keep.speed_limit.slope must be >= 0, got {slope}.")
             return SpeedLimit(indices[0], indices[1], base, slope)
         case {"avoid": dict() as box} if box.keys() == {"lower", "upper"}:
             return Avoid(_numbers(box["lower"], count, where), _numbers(box["upper"], count, where))
+        case {"keep_out": dict() as ball} if ball.keys() == {"position", "radius"}:
+            _check_states(ball["position"], count, where)
+            return KeepOut(tuple(ball["position"]), *_numbers([ball["radius"]], 1, where))
     raise ConfigError(
-        f"{where}: keep is speed_limit with position, velocity, base and slope, or avoid with lower and upper."
+        f"{where}: keep is speed_limit with position, velocity, base and slope, keep_out with position and radius, "
+        "or avoid with lower and upper."
     )
+
+
+def _check_states(numbers: Any, count: int, where: object) -> None:
+    """Refuse what is no list of numbers of states."""
+    if not all(isinstance(i, int) and 0 <= i < count for i in numbers):
+        raise ConfigError(
+            f"{where}: position and velocity are numbers of states, 0 to {count - 1}."
+        )
 
 
 def _numbers(values: Any, count: int, where: object) -> tuple[float, ...]:

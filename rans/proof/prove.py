@@ -12,7 +12,7 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.proof.network import Layer, apply
 from rans.proof.plants import LinearPlant, Piece, Plant
-from rans.proof.problem import Avoid, Problem, SpeedLimit
+from rans.proof.problem import Avoid, KeepOut, Problem, SpeedLimit
 from rans.proof.relaxation import TorchLayer, Zonotope, enclose
 
 _DIRECTIONS = 64
@@ -236,7 +236,14 @@ class ClosedLoop:
         keep = self.problem.keep
         if isinstance(keep, Avoid):
             return self._apart(piece, keep)
-        return self._slow(piece, keep)
+        ends = (piece.begin, piece.end)
+        position = list(keep.position)
+        middle = ends[0].centre[:, position] + ends[1].centre[:, position]
+        ahead = middle / torch.linalg.vector_norm(middle, dim=1, keepdim=True).clamp(min=1e-12)
+        ahead = ahead * (1.0 - 1e-14)  # no longer than 1, despite its rounding
+        if isinstance(keep, KeepOut):
+            return self._out(piece, keep, ahead)
+        return self._slow(piece, keep, ahead)
 
     def _apart(self, piece: Piece, keep: Avoid) -> Tensor:
         """Distance from a box along one axis that serves for the whole piece."""
@@ -248,7 +255,18 @@ class ClosedLoop:
         least = -torch.stack([end.highest(-axes) for end in ends]).amax(dim=0) - piece.sag
         return torch.maximum(lower - most, least - upper).amax(dim=1)
 
-    def _slow(self, piece: Piece, keep: SpeedLimit) -> Tensor:
+    def _out(self, piece: Piece, keep: KeepOut, ahead: Tensor) -> Tensor:
+        """Distance from a ball: |p| >= d p in any direction d, least at an end of the chord."""
+        position = list(keep.position)
+        row = torch.zeros(
+            (len(ahead), 1, self.problem.states), dtype=torch.float64, device=self.device
+        )
+        row[:, 0, position] = -ahead
+        nearest = torch.stack([-end.highest(row)[:, 0] for end in (piece.begin, piece.end)])
+        sag = torch.linalg.vector_norm(piece.sag[:, position], dim=1)
+        return nearest.amin(dim=0) - sag * (1.0 + 1e-9) - keep.radius * (1.0 + 1e-14)
+
+    def _slow(self, piece: Piece, keep: SpeedLimit, ahead: Tensor) -> Tensor:
         """Margin of a speed limit.
 
         In any direction d, |p| >= d p; and |v| <= max over e of e v / cos(pi / K) for K directions e. The sum of
@@ -256,11 +274,8 @@ class ClosedLoop:
         """
         position, velocity = list(keep.position), list(keep.velocity)
         ends = (piece.begin, piece.end)
-        middle = ends[0].centre[:, position] + ends[1].centre[:, position]
-        ahead = middle / torch.linalg.vector_norm(middle, dim=1, keepdim=True).clamp(min=1e-12)
-        ahead = ahead * (1.0 - 1e-14)  # no longer than 1, despite its rounding
         functions = torch.zeros(
-            (len(middle), _DIRECTIONS, self.problem.states), dtype=torch.float64, device=self.device
+            (len(ahead), _DIRECTIONS, self.problem.states), dtype=torch.float64, device=self.device
         )
         if len(velocity) != 2:
             raise ConfigError("a speed limit is proved for velocities in the plane.")

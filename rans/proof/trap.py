@@ -30,6 +30,8 @@ BOUND = ("agent.safetensors", "spacecraft.toml")
 """Files of an agent whose SHA-256 a certificate has."""
 LOGIT = 1.1e-3
 """Log-odds below which a command counts as undecided, for networks in single precision. The checker takes 1e-3."""
+GRID = (32, 72, 8)
+"""Rings of speed, sectors of direction, and layers of spin in a pulse, that usually suffice."""
 _SLACK = 1e-6
 """Widening of images, in cells; above rounding here and that of the checker's balls, whose radii have 30 bits."""
 _BATCH = 2048
@@ -50,6 +52,8 @@ class Uncertainty:
     """Readings of each component of the velocity are off by at most this, m/s, at each decision anew."""
     spin: float = 0.0
     """Readings of the spin are off by at most this, rad/s, at each decision anew."""
+    delay: float = 0.0
+    """Thrusters open and shut at most this much later than commanded, s."""
 
     def __post_init__(self) -> None:
         if not all(0.0 <= value < 1.0 for value in asdict(self).values()):
@@ -82,6 +86,13 @@ class Loop:
             x = x @ weight.T + bias
             x = torch.tanh(x) if activation else x
         return x.numpy()
+
+    def strongest(self) -> tuple[float, float]:
+        """Largest acceleration (m/s^2) and rate of the spin (rad/s^2) of any command."""
+        count = len(self.force)
+        commands = (np.arange(2**count)[:, None] >> np.arange(count)) & 1
+        pull = np.linalg.norm(commands @ self.force, axis=1).max()
+        return float(pull), float(np.abs(commands @ self.lever).max() * self.step / self.period)
 
     def impulse(self, spin: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Velocity change (N, 2), in B of the beginning of a period, by commands (N, thrusters)."""
@@ -143,13 +154,17 @@ class Trap:
 
     def contains(self, loop: Loop, speed: float, spin: float) -> bool:
         """Whether it contains all states up to a speed (m/s) and a spin (rad/s)."""
+        return self.has_all(loop, speed, spin, self.inside())
+
+    def has_all(self, loop: Loop, speed: float, spin: float, inside: np.ndarray) -> bool:
+        """Whether cells of the smallest size contain all states up to a speed (m/s) and a spin (rad/s)."""
         low, _ = self.uncertainty.push()
         ring = int(np.ceil(speed / self.speed * self.rings + 1e-9))
         layer = int(np.ceil(spin / (loop.step * low) * self.fine + 1e-9))
         if ring > self.rings or layer > self.layers:
             return False
         middle = slice(self.layers - layer, self.layers + layer)
-        return bool(self.inside()[:ring, :, middle].all())
+        return bool(inside[:ring, :, middle].all())
 
 
 def velocity_loop(network: Network, craft: Spacecraft, period: float) -> Loop:
@@ -221,13 +236,21 @@ def broken_flight(
     begin = np.column_stack((velocity, rate))
     factor = random.choice(off.push(), flights)
     highest, fastest = speed.copy(), np.abs(rate)
+    # The commands of the last decision act until the new ones do.
+    late = off.delay / loop.period
+    parts = [
+        replace(loop, period=loop.period * x, step=loop.step * x) for x in (late, 1.0 - late) if x
+    ]
+    commands = np.zeros((flights, len(loop.force)))
     for _ in range(60):
         read = velocity + off.velocity * random.choice([-1.0, 1.0], velocity.shape)
         read_spin = rate + off.spin * random.choice([-1.0, 1.0], flights)
-        commands = (loop.log_odds(read, read_spin) > 0).astype(float)
-        velocity, rate = loop.fly(velocity, rate, commands * factor[:, None])
-        highest = np.maximum(highest, np.linalg.norm(velocity, axis=1))
-        fastest = np.maximum(fastest, np.abs(rate))
+        new = (loop.log_odds(read, read_spin) > 0) * factor[:, None]
+        for part, acting in zip(parts, (commands, new)[-len(parts) :], strict=True):
+            velocity, rate = part.fly(velocity, rate, acting)
+            highest = np.maximum(highest, np.linalg.norm(velocity, axis=1))
+            fastest = np.maximum(fastest, np.abs(rate))
+        commands = new
     beyond = np.maximum(highest / trap.speed, fastest / spin)
     worst = int(beyond.argmax())
     if beyond[worst] <= 1.0:
@@ -277,10 +300,11 @@ def trapping_set(
     speed: float,
     spin: float,
     uncertainty: Uncertainty = Uncertainty(),
-    rings: int = 32,
-    sectors: int = 72,
-    fine: int = 8,
+    rings: int = GRID[0],
+    sectors: int = GRID[1],
+    fine: int = GRID[2],
     report: Callable[[int, int], object] = lambda done, left: None,
+    start: tuple[float, float] | None = None,
 ) -> Trap:
     """Largest set of cells below a speed (m/s) and a spin (rad/s) that is mapped into itself.
 
@@ -296,7 +320,16 @@ def trapping_set(
         sectors: sectors of direction.
         fine: layers of spin in the change that a pulse of one thruster makes.
         report: called with the numbers of cells that are known, and that are left.
+        start: if it is set, the search ends without a cell once a state up to this speed (m/s) and this spin
+            (rad/s) is left out.
+
+    Raises:
+        ConfigError: commands may be late by a period or more.
     """
+    if uncertainty.delay >= loop.period:
+        raise ConfigError(
+            f"a delay must be below the control period of {loop.period:g} s, got {uncertainty.delay:g}."
+        )
     _, high = uncertainty.push()
     layers = int(spin / (loop.step * high) * fine)
     trap = Trap(speed, rings, sectors, layers, fine, np.zeros((0, 6), int), uncertainty)
@@ -314,6 +347,9 @@ def trapping_set(
         small = failed & ((cells[:, 1::2] - cells[:, ::2]).max(axis=1) == 1)
         for a, _, c, _, e, _ in cells[small]:
             inside[a, c, e + layers] = False
+        if start is not None and not trap.has_all(loop, *start, inside):
+            cells = np.zeros((0, 6), int)
+            break
         halves = maps.halves(cells[failed & ~small])
         # Cells that are known keep their images; the others' are computed anew.
         number = np.cumsum(~failed) - 1
@@ -365,6 +401,13 @@ class _Maps:
         self._trap = trap
         first = loop.layers[0].weight
         self._worth = torch.linalg.vector_norm(first, dim=0).numpy()
+        # A late command finds a state that has moved on since it was read: that is an error of the reading.
+        off = trap.uncertainty
+        _, high = off.push()
+        pull, twist = loop.strongest()
+        fastest = trap.layers / trap.fine * loop.step * high
+        self._velocity = off.velocity + off.delay * (high * pull + trap.speed * fastest)
+        self._spin = off.spin + off.delay * high * twist
 
     def halves(self, cells: np.ndarray) -> np.ndarray:
         """Both halves of cells (N, 6), along what matters most to the first layer and can be split."""
@@ -429,8 +472,8 @@ class _Maps:
         generators[:, :2, 1] = (r1 * np.sin(half))[:, None] * across
         generators[:, 2, 2] = 0.5 * (ends.max(0) - ends.min(0))
         box = np.full((len(cells), 3), 1e-14)
-        box[:, :2] += trap.uncertainty.velocity
-        box[:, 2] += trap.uncertainty.spin
+        box[:, :2] += self._velocity
+        box[:, 2] += self._spin
         states = Zonotope(*(torch.tensor(x) for x in (centre, generators, box)))
         planes = enclose(loop.layers, states)
         value = ((planes.gain @ states.centre[:, :, None])[:, :, 0] + planes.offset).numpy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 
 from rans.cli import main
 from rans.errors import ConfigError
+from rans.proof.certificate import write_certificate
 from rans.proof.network import Layer, apply, read_network
 from rans.proof.problem import Avoid, Problem, problem_of, read_problem
 from rans.proof.prove import ClosedLoop, lowest_margins, prove
@@ -55,6 +57,19 @@ upper = [0.31, -0.19, 0.11]
 [keep.avoid]
 lower = [-1.0, 0.5, -1.0]
 upper = [1.0, 1.0, 1.0]
+"""
+HOLDING = """
+name = "hold outside of a ball"
+period = 5.0
+steps = 12
+commands = 2
+derivative = ["x2", "x3", "0.002 * x3 + 0.02 * u0", "-0.002 * x2 + 0.02 * u1"]
+[start]
+lower = [-20.0, -90.0, -0.3, 0.1]
+upper = [20.0, -80.0, 0.3, 0.3]
+[keep.keep_out]
+position = [0, 1]
+radius = 50.0
 """
 
 
@@ -159,8 +174,10 @@ def test_a_network_lies_between_its_planes(activation: str, sizes: tuple[int, ..
         (DOCKING, damping(4, (2, 3), 3)),
         (DOCKING, layers([4, 8, 2], 5, scale=0.01)),
         (SPINNING, layers([3, 8, 8, 3], 4, "sigmoid")),
+        (HOLDING, damping(4, (2, 3), 3)),
+        (HOLDING, layers([4, 8, 2], 5, scale=0.01)),
     ],
-    ids=["brakes", "pushes", "spins"],
+    ids=["brakes", "pushes", "spins", "stays out", "drifts"],
 )
 def test_no_flight_has_less_than_its_cells_margin(text: str, network: list[Layer]) -> None:
     """Margins of flights by Runge-Kutta, whose own error is far below the distance seen here."""
@@ -240,7 +257,18 @@ def _changed_network(content: bytes, table: dict[str, Any]) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "error", ["bias", "missing", "smaller", "larger start", "longer", "faster"]
+    "error",
+    [
+        "bias",
+        "missing",
+        "smaller",
+        "larger start",
+        "false",
+        "faster",
+        "infinite",
+        "huge",
+        "no time",
+    ],
 )
 def test_planted_errors_are_refused(error: str, certificate: tuple[Path, Path]) -> None:
     pytest.importorskip("flint")
@@ -258,13 +286,37 @@ def test_planted_errors_are_refused(error: str, certificate: tuple[Path, Path]) 
             table["cells"][0][1][2] = float(np.nextafter(table["cells"][0][1][2], -1.0))
         case "larger start":
             table["problem"] = table["problem"].replace("upper = [90.0,", "upper = [90.000001,")
-        case "longer":  # a property that does not hold
+        case "false":  # a property that does not hold
             table["problem"] = table["problem"].replace("base = 0.2", "base = -0.2")
+        case (
+            "infinite" | "huge"
+        ):  # one cell that covers everything; sums of infinities are no numbers
+            size = float("inf") if error == "infinite" else 1e200
+            table["cells"] = [[[-size] * 4, [size] * 4]]
+        case "no time":
+            table["problem"] = table["problem"].replace("steps = 8", "steps = 0")
         case "faster":  # a set that is too large for its margin
             table["problem"] = table["problem"].replace("0.1, 0.1]", "0.9, 0.9]")
             table["cells"] = [[low, [*high[:2], 0.9, 0.9]] for low, high in table["cells"]]
     with pytest.raises(Refused):
         verdict(json.dumps(table).encode(), content)
+
+
+@pytest.mark.parametrize(("radius", "passes"), [(75.0, True), (79.0, False)])
+def test_the_checker_knows_the_ball(radius: float, passes: bool, tmp_path: Path) -> None:
+    """Flights brake from 0.3 m/s, 80 m away: at the nearest they come to 77 m."""
+    network = written(damping(4, (2, 3), 3), tmp_path / "net.onnx")
+    problem = problem_of(HOLDING.replace("50.0", "70.0"))
+    write_certificate(prove(problem, read_network(network)), network, tmp_path / "ball.json")
+    table = json.loads((tmp_path / "ball.json").read_text())
+    content = json.dumps(table).replace("radius = 70.0", f"radius = {radius}").encode()
+    if passes:
+        assert verdict(content, network.read_bytes()) > 0.0
+        return
+    from rans.proof.balls import Refused
+
+    with pytest.raises(Refused, match="margin"):
+        verdict(content, network.read_bytes())
 
 
 def test_reading_follows_onnx(tmp_path: Path) -> None:
@@ -298,32 +350,42 @@ def test_a_wrong_problem_is_a_sentence(old: str, new: str, sentence: str) -> Non
         problem_of(DOCKING.replace(old, new))
 
 
-def test_the_docking_agent_keeps_its_speed_limit() -> None:
+@pytest.mark.parametrize(("name", "parts"), [("docking-agent", 4), ("hold-agent", 8)])
+def test_the_agents_of_the_page_keep_their_property(name: str, parts: int) -> None:
     """A random cell of the page's proof, and flights from it, of which none has less than its margin."""
     folder = ROOT / "examples/proofs"
-    problem = read_problem(folder / "docking-agent.toml")
-    network = read_network(folder / "docking-agent.onnx")
+    problem = read_problem(folder / f"{name}.toml")
+    network = read_network(folder / f"{name}.onnx")
     low, high = np.array(problem.lower), np.array(problem.upper)
     random = np.random.default_rng(5)
-    corner = random.integers(0, 4, (1, 4)) / 4.0
-    ends = low + (high - low) * corner, low + (high - low) * (corner + 0.25)
+    corner = random.integers(0, parts, (1, problem.states)) / parts
+    ends = low + (high - low) * corner, low + (high - low) * (corner + 1.0 / parts)
     margins = ClosedLoop(problem, network, torch.device("cpu")).margins(*ends)[0]
     assert margins.min() > 0.0
     for margin, begin, end in zip(margins, *ends, strict=True):
-        start = random.uniform(begin, end, (50, 4))
+        start = random.uniform(begin, end, (50, problem.states))
         assert margin <= lowest_margins(problem, network, start).min()
 
 
+def test_the_hold_agent_from_ahead_is_refuted() -> None:
+    """Its guidance knows nothing of the ball, which is then on its way."""
+    folder = ROOT / "examples/proofs"
+    problem = read_problem(folder / "hold-agent.toml")
+    ahead = replace(problem, steps=60, lower=(-5, 150, -5, 0, 0, 0), upper=(5, 160, 5, 0, 0, 0))
+    network = read_network(folder / "hold-agent.onnx")
+    proof = prove(ahead, network)
+    assert proof.counterexample is not None
+    assert lowest_margins(ahead, network, proof.counterexample[None])[0] < 0.0
+
+
 @pytest.mark.slow
-def test_a_million_flights_of_the_docking_agent_keep_the_limit() -> None:
+def test_flights_of_the_docking_agent_keep_the_limit() -> None:
     folder = ROOT / "examples/proofs"
     problem = read_problem(folder / "docking-agent.toml")
     network = read_network(folder / "docking-agent.onnx")
     assert prove(problem, network, first=[4, 4, 4, 4]).is_whole
-    random = np.random.default_rng(6)
-    for _ in range(20):
-        start = random.uniform(problem.lower, problem.upper, (50_000, 4))
-        assert lowest_margins(problem, network, start).min() > 0.0
+    start = np.random.default_rng(6).uniform(problem.lower, problem.upper, (20_000, 4))
+    assert lowest_margins(problem, network, start).min() > 0.0
 
 
 def test_the_shipped_problems_are_read() -> None:
