@@ -333,7 +333,7 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "title",
-    ["*/ int main(void) { return 7; } /*", "??/\n#error", "?\\/\u2028\u202e*\\/", "/" * 300],
+    ["*/ int main(void) { return 7; } /*??/\n#error ?\\/\u2028\u202e*\\/", "/" * 300],
 )
 def test_names_of_strangers_are_no_code_in_c(title: str, tmp_path: Path) -> None:
     network, _, seen = remembering()

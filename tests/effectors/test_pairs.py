@@ -14,8 +14,14 @@ ROUNDING = 1e-12
 """kg and N m s: propellant and momenta of wheels follow from the commands without truncation."""
 
 
-def agrees(effects: tuple[str, ...], dimension: Literal[2, 3], period: float, seed: int) -> None:
-    within(compare(effects, dimension, period, seed))
+def agrees(
+    effects: tuple[str, ...],
+    dimension: Literal[2, 3],
+    period: float,
+    seed: int,
+    seconds: float = 25.0,
+) -> None:
+    within(compare(effects, dimension, period, seed, seconds))
 
 
 def within(apart: Apart) -> None:
@@ -45,15 +51,16 @@ def test_a_pair_of_effects_agrees_with_scipy(
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(PAIRS)), ids=lambda k: " and ".join(PAIRS[k]))
 def test_every_pair_of_effects_agrees_with_scipy(number: int) -> None:
-    """A pair is in the plane or in space, at one of two periods; the other of both is Drake's."""
+    """A pair is in the plane or in space, at one of two periods; the other of both is Drake's.
+
+    Within 10 s every valve has opened and every fault of the conditions has happened.
+    """
     dimension: Literal[2, 3] = 3 if number % 2 else 2
-    agrees(PAIRS[number], dimension, (0.5, 0.2)[number // 2 % 2], seed=2)
+    agrees(PAIRS[number], dimension, (0.5, 0.2)[number // 2 % 2], seed=2, seconds=10.0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("period", [0.2, 0.5])
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "dimension", "period"), [(0, 2, 0.2), (1, 2, 0.5), (0, 3, 0.5)])
 def test_all_effects_together_agree_with_scipy(
     seed: int, dimension: Literal[2, 3], period: float
 ) -> None:
@@ -69,8 +76,8 @@ def test_a_pair_of_effects_agrees_with_drake(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(PAIRS)), ids=lambda k: " and ".join(PAIRS[k]))
-def test_every_pair_of_effects_agrees_with_drake(number: int) -> None:
+@pytest.mark.parametrize("number", range(0, len(PAIRS), 2), ids=lambda k: " and ".join(PAIRS[k]))
+def test_every_second_pair_of_effects_agrees_with_drake(number: int) -> None:
     """Drake has its own masses, nozzles and joints. A pair is in the plane or in space, at one of two periods."""
-    dimension: Literal[2, 3] = 2 if number % 2 else 3
-    within(compare_with_drake(PAIRS[number], dimension, (0.2, 0.5)[number // 2 % 2], seed=2))
+    dimension: Literal[2, 3] = 2 if number // 2 % 2 else 3
+    within(compare_with_drake(PAIRS[number], dimension, (0.2, 0.5)[number // 4 % 2], seed=2))

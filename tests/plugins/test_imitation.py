@@ -81,6 +81,7 @@ def trained(folder: Path, given: TrainConfig) -> Trainer:
     return trainer
 
 
+@pytest.mark.slow
 def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> None:
     trainer = trained(tmp_path / "one", config(report_interval=3))
     learner = trainer.learner
@@ -109,7 +110,8 @@ def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_it_resumes_bit_by_bit(tmp_path: Path) -> None:
-    short = config(learner={"expert": "damping", "updates": 10, "roll_in": 0.05})
+    learner = {"expert": "damping", "updates": 10, "roll_in": 0.05}
+    short = config(learner=learner, report_interval=3)
     whole = trained(tmp_path / "whole", short)
     run = RunFolder(tmp_path / "half")
     half = Trainer([short], DEPUTY, run)

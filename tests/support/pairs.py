@@ -249,9 +249,15 @@ def flown(
     return Flown(flight, starts, conditions, own)
 
 
-def compare(effects: Collection[str], dimension: Literal[2, 3], period: float, seed: int) -> Apart:
+def compare(
+    effects: Collection[str],
+    dimension: Literal[2, 3],
+    period: float,
+    seed: int,
+    seconds: float = 25.0,
+) -> Apart:
     """Fly a random craft under some effects in RANS, and again by the oracle."""
-    flight, _, conditions, own = flown(effects, dimension, period, seed)
+    flight, _, conditions, own = flown(effects, dimension, period, seed, seconds)
     drawn = None
     if conditions is not None:
         craft = flight.craft

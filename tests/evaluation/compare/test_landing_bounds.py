@@ -60,6 +60,7 @@ def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionB
     assert f"({over[1]:.3f})" in rows[1][2]
 
 
+@pytest.mark.slow
 def test_a_dead_engine_takes_more(bounds: MissionBounds) -> None:
     dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))
     without = mission_bounds(replace(CONTEST, conditions=dead), 1)

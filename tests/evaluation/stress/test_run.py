@@ -70,6 +70,7 @@ def test_a_controller_flies_a_named_world_as_it_was_tuned_for_it() -> None:
     assert found != pytest.approx(largest(nominal=True), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_controller_that_expects_errors_knows_those_of_each_level(tmp_path: Path) -> None:
     noisy = tmp_path / "noisy.toml"
     noisy.write_text("[sensors.position]\nnoise = 0.05\n\n[sensors.velocity]\nnoise = 0.001\n")

@@ -80,23 +80,28 @@ def test_mission_guidance_stays_after_the_arrival(mission: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*QUICK, *SLOW])
-@pytest.mark.parametrize("mission", MISSIONS)
+@pytest.mark.parametrize(
+    ("name", "mission"),
+    [
+        *(("lqr", "rendezvous"), ("switching", "hold"), ("guidance", "dock")),
+        *(("mission", "hold"), ("mission", "dock"), ("mission", "rendezvous")),
+        *(("mpc", "hold"), ("mpc-observer", "dock"), ("mppi", "dock"), ("convex", "rendezvous")),
+    ],
+)
 def test_controllers_hold_long_after_the_last_deadline(name: str, mission: str) -> None:
-    """For 5,000 s, or 1,000 s where a program is solved in every period, which takes 20 ms."""
+    """For 1,000 s. Every controller has a mission; that of missions has all, because it plans for them."""
     setup = setup_of(MISSIONS[mission])
     task = setup.task
     assert isinstance(task, OrbitalMission)
-    seconds = 1000.0 if name in SLOW else 5000.0
-    if name in SLOW and name != "mppi":
-        # One craft near the goal, which has 400 s after its deadline to come to rest.
-        starts = near_starts(setup, 100.0, 1)
-        latest = 500.0
-    else:
-        starts = scenarios(task, setup.craft, 90210, 1 if name in SLOW else 4)
+    if name == "mppi":
+        starts = scenarios(task, setup.craft, 90210, 1)
         # Who has not held by then, or comes late, has the time of another plan.
         latest = 2.0 * task.deadline[1] + 1000.0
-    continued = flown_on(setup, made(name, setup), starts, latest + seconds)
+    else:
+        # Near the goal, with 400 s after the deadline to come to rest.
+        starts = near_starts(setup, 100.0, 1 if name in SLOW else 2)
+        latest = 500.0
+    continued = flown_on(setup, made(name, setup), starts, latest + 1000.0)
     rest = continued.after(latest)
     assert rest.spent(1000.0).max() < REVERSALS * task.velocity_tolerance
     assert rest.reached.all()
@@ -104,7 +109,7 @@ def test_controllers_hold_long_after_the_last_deadline(name: str, mission: str) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mission", MISSIONS)
+@pytest.mark.parametrize("mission", ["hold", "dock"])
 def test_a_missed_deadline_is_followed_by_a_new_plan(mission: str) -> None:
     """From far away with no time left: the craft comes, within the limits, and without haste."""
     setup = setup_of(MISSIONS[mission])
@@ -136,7 +141,7 @@ def test_inspections_end_where_nothing_pulls(name: str) -> None:
     setup = setup_of(Inspect())
     starts = scenarios(setup.task, setup.craft, 90210, 4)
     latest = setup.timing.episode_steps * setup.timing.control_period
-    continued = flown_on(setup, made(name, setup), starts, latest + 5000.0)
+    continued = flown_on(setup, made(name, setup), starts, latest + 1500.0)
     rest = continued.after(latest)
     assert rest.reached.all()
     assert rest.margin.min() > 0.0
