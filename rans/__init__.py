@@ -310,8 +310,8 @@ def _enrol(task_name: str) -> None:
         if dimension not in possible:
             continue
         kwargs = {"task_name": task_name, "dimension": dimension}
-        known = gymnasium.registry.get(gymnasium_id)
-        if known is not None and known.kwargs == kwargs:
+        registered = gymnasium.registry.get(gymnasium_id)
+        if registered is not None and registered.kwargs == kwargs:
             continue  # a notebook cell was run again
         threshold = _REWARD_THRESHOLDS.get(gymnasium_id)
         gymnasium.register(

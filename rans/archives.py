@@ -45,7 +45,7 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
         open_regular(file) if isinstance(file, Path) else nullcontext(file) as stream,
         zipfile.ZipFile(stream) as archive,
     ):
-        most = _bound(stream)
+        bound = _bound(stream)
         for member in archive.infolist():
             if member.compress_type not in _METHODS:
                 raise ConfigError(
@@ -54,13 +54,13 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
                 )
             is_text = member.filename == "data" or member.filename.endswith(_TEXTS)
             _refuse_beyond(
-                _LARGEST_TEXT if is_text else most,
+                _LARGEST_TEXT if is_text else bound,
                 member.file_size,
                 where,
                 f"its member {brief(member.filename)}",
             )
         total = sum(member.file_size for member in archive.infolist())
-        _refuse_beyond(most, total, where, f"its {len(archive.infolist()):,} members together")
+        _refuse_beyond(bound, total, where, f"its {len(archive.infolist()):,} members together")
         yield archive
 
 

@@ -54,12 +54,12 @@ class Orbit(NamedTuple):
         node = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         c, s = np.cos(self.inclination), np.sin(self.inclination)
         plane = node @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        turned = np.zeros((len(angle), 3, 3))
-        turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angle)
-        turned[:, 1, 0] = np.sin(angle)
-        turned[:, 0, 1] = -np.sin(angle)
-        turned[:, 2, 2] = 1.0
-        return plane @ turned
+        axes = np.zeros((len(angle), 3, 3))
+        axes[:, 0, 0] = axes[:, 1, 1] = np.cos(angle)
+        axes[:, 1, 0] = np.sin(angle)
+        axes[:, 0, 1] = -np.sin(angle)
+        axes[:, 2, 2] = 1.0
+        return plane @ axes
 
     def attitude(self, times: np.ndarray) -> Quat:
         """Attitude of the Hill frame in the inertial one, of arrays (T,)."""
@@ -193,10 +193,10 @@ def write_ccsds(
         ]
         meta = {"CENTER_NAME": "EARTH", "REF_FRAME": FRAME, "TIME_SYSTEM": "UTC"}
         write_text(file, _message("CCSDS_OEM_VERS", "3.0", name, meta, instants, rows))
-    turned = orbit.attitude(times).times(
+    attitude = orbit.attitude(times).times(
         map_leaves(lambda x: x[: steps + 1, episode], flight.states.attitude)
     )
-    quaternions = np.stack([turned.x, turned.y, turned.z, turned.w], axis=1)
+    quaternions = np.stack([attitude.x, attitude.y, attitude.z, attitude.w], axis=1)
     rows = [
         f"{instant} {' '.join(f'{x:.12f}' for x in q)}"
         for instant, q in zip(instants, quaternions, strict=True)

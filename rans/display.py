@@ -43,7 +43,7 @@ class Settings(NotebookRepr):
 
 def meanings(described: type) -> dict[str, str]:
     """Docstrings of the fields of a dataclass by name, read from its source; empty without a source."""
-    found = {}
+    texts = {}
     for part in reversed(described.__mro__):
         if not is_dataclass(part):
             continue
@@ -54,10 +54,14 @@ def meanings(described: type) -> dict[str, str]:
         for field, text in itertools.pairwise(written.body):
             match field, text:
                 case ast.AnnAssign(ast.Name(name)), ast.Expr(ast.Constant(str(meaning))):
-                    found[name] = " ".join(meaning.split())
-    return found
+                    texts[name] = " ".join(meaning.split())
+    return texts
 
 
-def default(one: Field[Any]) -> Any:
+def default(field_of_class: Field[Any]) -> Any:
     """Default of a dataclass field; `MISSING` if it has none."""
-    return one.default if one.default_factory is MISSING else one.default_factory()
+    return (
+        field_of_class.default
+        if field_of_class.default_factory is MISSING
+        else field_of_class.default_factory()
+    )

@@ -89,16 +89,16 @@ class Scene:
             command: commands from 0 (shut) to 1 (open), which are the lengths of the flames.
             trail: earlier positions in W, (K, 2 or 3), m.
         """
-        here = columns(state.p)
-        place = columns(goal.p)
+        position = columns(state.p)
+        goal_position = columns(goal.p)
         turn = rotations(state)
         wanted_turn = rotations(goal)
-        wanted = self.task.task_of(goal).tolerances()
-        way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
-        target = place if "position" in wanted else way[0]
-        arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in wanted else ()
-        tips = [(here + _SECONDS * columns(velocity), colour) for velocity, colour in arrows]
-        self._look_at([*way, target, *(tip for tip, _ in tips)])
+        toleranced = self.task.task_of(goal).tolerances()
+        path = [np.resize([*point, 0.0], 3) for point in trail] + [position]
+        target = goal_position if "position" in toleranced else path[0]
+        arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in toleranced else ()
+        tips = [(position + _SECONDS * columns(velocity), colour) for velocity, colour in arrows]
+        self._look_at([*path, target, *(tip for tip, _ in tips)])
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
         self._pen = ImageDraw.Draw(image)
         self._draw_grid(target)
@@ -106,13 +106,13 @@ class Scene:
             colour = _KEEP_OUT if isinstance(shape, Ball) else _KEEP_IN
             for outline in outlines(shape, self._reach.max()):
                 self._line(list(outline), colour, 1.5)
-        self._line(way, _TRAIL, 2.0)
+        self._line(path, _TRAIL, 2.0)
         if self.craft.dimension == 3:
-            self._line([here, np.array([here[0], here[1], target[2]])], _SHADOW, 1.0)
-        self._draw_craft(here, turn, np.asarray(command, dtype=float))
-        self._draw_goal(target if "position" in wanted else here, wanted_turn, wanted)
+            self._line([position, np.array([position[0], position[1], target[2]])], _SHADOW, 1.0)
+        self._draw_craft(position, turn, np.asarray(command, dtype=float))
+        self._draw_goal(target if "position" in toleranced else position, wanted_turn, toleranced)
         for tip, colour in tips:
-            self._arrow(here, tip, colour)
+            self._arrow(position, tip, colour)
         return np.asarray(image.reduce(_SMOOTHING))
 
     def _look_at(self, points: list[np.ndarray]) -> None:
@@ -142,14 +142,18 @@ class Scene:
         radius = size * self.craft.radius * self._scale
         self._pen.circle(self._pixels([centre])[0], radius, fill, edge, round(1.5 * _SMOOTHING))
 
-    def _draw_goal(self, place: np.ndarray, turn: np.ndarray, wanted: Collection[str]) -> None:
+    def _draw_goal(
+        self, position: np.ndarray, turn: np.ndarray, toleranced: Collection[str]
+    ) -> None:
         """Draw the position, pose or attitude of the goal, depending on the tolerances of the task."""
-        if "attitude" in wanted:
-            self._draw_axes(place, turn, (True, False), _GOAL, 1.5 if "position" in wanted else 2.3)
-        if {"position", "attitude"} <= set(wanted):
-            self._disc(place, None, _GOAL)
-        elif "position" in wanted:
-            self._disc(place, _GOAL, _GOAL, 0.25)
+        if "attitude" in toleranced:
+            self._draw_axes(
+                position, turn, (True, False), _GOAL, 1.5 if "position" in toleranced else 2.3
+            )
+        if {"position", "attitude"} <= set(toleranced):
+            self._disc(position, None, _GOAL)
+        elif "position" in toleranced:
+            self._disc(position, _GOAL, _GOAL, 0.25)
 
     def _arrow(self, start: np.ndarray, tip: np.ndarray, colour: str) -> None:
         """Draw an arrow between two points of W, unless they coincide."""
@@ -202,28 +206,28 @@ class Scene:
             for start in np.flatnonzero(in_front[:-1] & in_front[1:]):
                 self._line(list(centre + ring[start : start + 2]), _SHADOW, 1.0)
 
-    def _draw_craft(self, here: np.ndarray, turn: np.ndarray, command: np.ndarray) -> None:
+    def _draw_craft(self, position: np.ndarray, turn: np.ndarray, command: np.ndarray) -> None:
         """Draw the craft from back to front: thrusters and axes behind the body, the body, those before it."""
         nozzles = self._nozzles @ turn.T
         exhausts = self._exhausts @ turn.T
         in_front = nozzles @ self._view[2] >= -1e-9
         for near in (False, True):
             if near:
-                self._disc(here, _BODY, _EDGE)
+                self._disc(position, _BODY, _EDGE)
                 if self.craft.dimension == 3:
-                    self._draw_great_circles(here, turn)
-            self._draw_axes(here, turn, (near,))
+                    self._draw_great_circles(position, turn)
+            self._draw_axes(position, turn, (near,))
             for index in np.flatnonzero(in_front == near):
-                self._draw_thruster(here + nozzles[index], exhausts[index], command[index])
+                self._draw_thruster(position + nozzles[index], exhausts[index], command[index])
 
-    def _draw_thruster(self, place: np.ndarray, exhaust: np.ndarray, opening: float) -> None:
+    def _draw_thruster(self, position: np.ndarray, exhaust: np.ndarray, opening: float) -> None:
         radius = self.craft.radius
-        mouth = place + 0.3 * radius * exhaust
+        mouth = position + 0.3 * radius * exhaust
         if opening > 0.0:
             side = np.cross(exhaust, self._view[2]) * 0.13 * radius
             tip = mouth + opening * 1.1 * radius * exhaust
             self._pen.polygon(self._pixels([mouth - side, tip, mouth + side]), fill=_FLAME)
-        self._line([place, mouth], _NOZZLE, 0.16 * radius * self._scale / _SMOOTHING)
+        self._line([position, mouth], _NOZZLE, 0.16 * radius * self._scale / _SMOOTHING)
 
 
 def _view(dimension: int) -> np.ndarray:
@@ -237,8 +241,10 @@ def _view(dimension: int) -> np.ndarray:
 def rotations(state: Any) -> np.ndarray:
     """Rotation matrices R_WB, (..., 3, 3), of planar or spatial states whose fields have shape (...)."""
     axes = [state.attitude.rotate(type(state.p)(*unit)) for unit in np.eye(len(state.p.columns()))]
-    turned = [columns(axis) for axis in axes]
-    return np.stack([*turned, np.broadcast_to((0.0, 0.0, 1.0), turned[0].shape)][:3], axis=-1)
+    axis_columns = [columns(axis) for axis in axes]
+    return np.stack(
+        [*axis_columns, np.broadcast_to((0.0, 0.0, 1.0), axis_columns[0].shape)][:3], axis=-1
+    )
 
 
 def columns(vector: Vector) -> np.ndarray:
@@ -343,8 +349,8 @@ def draw_layout(craft: Spacecraft) -> Figure:
     numbers = positions + 1.25 * arrows
     if _closest(numbers) < 0.15 * craft.radius:  # of thrusters that face each other
         numbers = positions - 0.25 * arrows
-    for index, place in enumerate(numbers):
-        axes.text(*place, str(index), ha="center", va="center", color=_EDGE)
+    for index, point in enumerate(numbers):
+        axes.text(*point, str(index), ha="center", va="center", color=_EDGE)
     axes.set(
         title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal"
     )

@@ -345,12 +345,12 @@ def choose(
     Raises:
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
     """
-    wanted = TASKS[typed(task_name)]
+    task_class = TASKS[typed(task_name)]
     if dimension not in USUAL:
         raise ConfigError(
             f"dimension must be 2 (in the plane) or 3 (in space), got {brief(dimension)}."
         )
-    usual = wanted.spacecraft or USUAL[dimension]
+    usual = task_class.spacecraft or USUAL[dimension]
     craft = load_spacecraft(usual if spacecraft is None else typed(spacecraft))
     if craft.dimension != dimension:
         raise ConfigError(
@@ -359,10 +359,10 @@ def choose(
             "named 3D in space."
         )
     if task is None:
-        return craft, wanted()
-    if isinstance(task, Task) and not isinstance(task, wanted):
+        return craft, task_class()
+    if isinstance(task, Task) and not isinstance(task, task_class):
         raise ConfigError(
-            f"this environment is for {wanted.__name__} settings, got {task!r}; choose the "
+            f"this environment is for {task_class.__name__} settings, got {task!r}; choose the "
             "environment named after the task."
         )
-    return craft, checked("task", task, wanted)
+    return craft, checked("task", task, task_class)

@@ -19,8 +19,8 @@ T = TypeVar("T")
 
 def legible(text: str, longest: int = 2000) -> str:
     """Text with control characters escaped, which could control a terminal, and truncated if it is too long."""
-    shown = text if len(text) <= longest else f"{text[:longest]} ... ({len(text):,} characters)"
-    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in shown)
+    shortened = text if len(text) <= longest else f"{text[:longest]} ... ({len(text):,} characters)"
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in shortened)
 
 
 def brief(value: object) -> str:
@@ -68,14 +68,14 @@ def meant_file(name: str | Path) -> str:
     """
     path = Path(name)
     try:
-        beside = sorted(os.listdir(path.parent))
+        neighbours = sorted(os.listdir(path.parent))
     except (OSError, ValueError):
         return ""
-    if f"{path.name}.toml" in beside:
+    if f"{path.name}.toml" in neighbours:
         return f" (did you mean {path}.toml?)"
     alike = [
         neighbour
-        for neighbour in beside
+        for neighbour in neighbours
         if not path.suffix or Path(neighbour).suffix == path.suffix
     ]
     near = difflib.get_close_matches(path.name, alike, 1, 0.75)

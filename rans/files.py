@@ -104,8 +104,8 @@ def clear_drafts(file: Path, abandoned: float = _ABANDONED) -> None:
     # Drafts of older versions have no random part.
     named = re.compile(rf"\.(\d+)(\.[0-9a-f]{{8}})?\.{re.escape(file.name)}")
     for draft in file.parent.glob(f".*.{glob.escape(file.name)}"):
-        found = named.fullmatch(draft.name)
-        if found is None:
+        match = named.fullmatch(draft.name)
+        if match is None:
             continue
         try:
             about = draft.lstat()
@@ -113,7 +113,7 @@ def clear_drafts(file: Path, abandoned: float = _ABANDONED) -> None:
             continue
         # The process may run on another machine, where its number has another meaning.
         is_old = time.time() - about.st_mtime > abandoned or not abandoned
-        if is_old and not system.is_alive(int(found[1])) and stat.S_ISREG(about.st_mode):
+        if is_old and not system.is_alive(int(match[1])) and stat.S_ISREG(about.st_mode):
             with contextlib.suppress(PermissionError):  # on Windows a process has it open
                 draft.unlink(missing_ok=True)
 
@@ -264,9 +264,9 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or error
-        for place in (folder, *folder.parents):
-            if place.is_file():
-                reason = f"{place} is a file, not a folder"
+        for parent in (folder, *folder.parents):
+            if parent.is_file():
+                reason = f"{parent} is a file, not a folder"
         raise ConfigError(
             f"cannot write into {folder}: {reason}; choose another folder."
         ) from error
@@ -278,13 +278,13 @@ def ready_folder(folder: Path) -> Path:
     Raises:
         ConfigError: the folder cannot be created, or nothing can be written there.
     """
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         ready = os.access(folder, os.W_OK | os.X_OK)
         with contextlib.suppress(OSError):  # another process writes there
-            for one in missing:  # work that fails leaves no empty folder
-                one.rmdir()
+            for parent in missing:  # work that fails leaves no empty folder
+                parent.rmdir()
     except OSError as error:
         reason = error.strerror or error
         raise ConfigError(

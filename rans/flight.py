@@ -384,8 +384,8 @@ def fly(
         lengths,
         np.stack(guarded) if guarded else None,
     )
-    if move is None and (said := outran(flight, world.timing)):
-        warnings.warn(said, stacklevel=2)
+    if move is None and (refusal := outran(flight, world.timing)):
+        warnings.warn(refusal, stacklevel=2)
     return flight
 
 
@@ -453,11 +453,11 @@ def _check_controller(controller: Controller, craft: Spacecraft) -> None:
             "a controller has the methods reset and act, see rans.Controller, such as "
             f"rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}."
         )
-    known = getattr(controller, "craft", None)
-    if isinstance(known, Spacecraft) and _form(known) != _form(craft):
+    own_craft = getattr(controller, "craft", None)
+    if isinstance(own_craft, Spacecraft) and _form(own_craft) != _form(craft):
         raise ConfigError(
-            f"{controller.name} was made for {known.name}, with {len(known.commands)} commands in "
-            f"{known.dimension} dimensions, but {craft.name} has {craft.command_count} in "
+            f"{controller.name} was made for {own_craft.name}, with {len(own_craft.commands)} commands in "
+            f"{own_craft.dimension} dimensions, but {craft.name} has {craft.command_count} in "
             f"{craft.dimension}."
         )
 

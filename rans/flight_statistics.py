@@ -143,7 +143,7 @@ class FlightStatistics:
         """
         steps = world.timing.episode_steps
         (failure, settles, settled) = outcome
-        places = np.flatnonzero(failure)[:listed]
+        failed = np.flatnonzero(failure)[:listed]
         slots = last_fifth(steps) * world.craft.thruster_count
         values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
         return cls(
@@ -157,8 +157,8 @@ class FlightStatistics:
                     strict=True,
                 )
             ),
-            numbers[places].astype(np.int64),
-            failure[places].astype(np.uint8),
+            numbers[failed].astype(np.int64),
+            failure[failed].astype(np.uint8),
             {name: Sums.of(x * scale) for name, x, scale in values},
             listed,
             frozenset({way}),

@@ -54,10 +54,10 @@ def submitted(
         arguments: arguments of ``prepare``.
     """
     others = set(multiprocessing.active_children())
-    with contextlib.ExitStack() as kept:
-        file = kept.enter_context(_pickled(prepare, arguments))
+    with contextlib.ExitStack() as files:
+        file = files.enter_context(_pickled(prepare, arguments))
         with _started_safely():  # the locks of the pool start a process
-            pool = kept.enter_context(
+            pool = files.enter_context(
                 ProcessPoolExecutor(
                     workers or processors(),
                     multiprocessing.get_context("spawn"),
@@ -277,12 +277,12 @@ def _script_left_alone() -> Iterator[None]:
     A script without ``if __name__ == "__main__"`` would otherwise repeat its work in every process.
     """
     main = vars(sys.modules["__main__"])
-    kept = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
+    hidden = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
     main["__spec__"] = None
     try:
         yield
     finally:
-        main.update(kept)
+        main.update(hidden)
 
 
 @contextlib.contextmanager

@@ -202,19 +202,19 @@ def _entry_points(group: str) -> list[EntryPoint]:
     """
     with contextlib.suppress(Exception):
         return list(entry_points(group=group))
-    found: dict[str, list[EntryPoint]] = {}
+    points: dict[str, list[EntryPoint]] = {}
     for package in distributions():
         try:
-            found.setdefault(package.name, list(package.entry_points.select(group=group)))
+            points.setdefault(package.name, list(package.entry_points.select(group=group)))
         except Exception as error:  # metadata of other packages may hold anything
-            found[package.name] = []
+            points[package.name] = []
             if f"[{group}]" in (package.read_text("entry_points.txt") or ""):
                 warnings.warn(
                     f"the entry points of the package {package.name} cannot be read, and nothing of it is "
                     f"registered: {first_line(error)}; the usual cause is a line without '='.",
                     stacklevel=2,
                 )
-    return [entry for several in found.values() for entry in several]
+    return [entry for several in points.values() for entry in several]
 
 
 def allow_current_folder() -> None:

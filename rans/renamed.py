@@ -106,18 +106,18 @@ def with_present_names(
     own = {field.name for field in fields(cls)} if is_dataclass(cls) else set[str]()
     for name in (getattr(cls, "former_constants", {}).keys() & result.keys()) - own:
         drop_constant(cls, name, result.pop(name))
-    moved = dict[str, Any]()
+    present = dict[str, Any]()
     for old, new in getattr(cls, "former_names", {}).items():
         if old not in result or (old in own and not is_former_value(result[old], old, new)):
             continue
         value = result.pop(old)
-        if moved.setdefault(new, value) != value:
+        if present.setdefault(new, value) != value:
             raise ConfigError(
                 f"{cls.__name__}.{new} takes the place of {old} and of another setting, so that they must be "
-                f"equal, got {brief(value)} and {brief(moved[new])}."
+                f"equal, got {brief(value)} and {brief(present[new])}."
             )
         _warn(cls, old, f"name it {new}")
-    for new, value in moved.items():
+    for new, value in present.items():
         owner, _, inner = new.partition(".")
         if inner:
             value = _with(result.get(owner, getattr(cls, owner) if in_call else {}), inner, value)

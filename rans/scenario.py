@@ -101,9 +101,9 @@ def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scena
         raise ConfigError(
             f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}."
         )
-    one = draws(seed, 1, episode)
-    found = Scenario(*task.sample(one.random(dimension, one.first)))
-    return map_leaves(lambda x: float(np.squeeze(x)), found)
+    source = draws(seed, 1, episode)
+    sampled = Scenario(*task.sample(source.random(dimension, source.first)))
+    return map_leaves(lambda x: float(np.squeeze(x)), sampled)
 
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:

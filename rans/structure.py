@@ -70,13 +70,13 @@ def _check_effort(text: str) -> None:
         raise ConfigError(
             f"a TOML text may have at most {LARGEST_TOML:,} characters, got {len(text):,}."
         )
-    beside = _STRINGS.sub("", text)
-    if len(beside) > _LARGEST_BESIDE:
+    rest = _STRINGS.sub("", text)
+    if len(rest) > _LARGEST_BESIDE:
         raise ConfigError(
             f"a TOML text may have at most {_LARGEST_BESIDE:,} characters beside its "
-            f"strings and comments, got {len(beside):,}."
+            f"strings and comments, got {len(rest):,}."
         )
-    dots = _OF_KEYS.sub("", beside)  # a key of n parts leaves n - 1 dots in a row
+    dots = _OF_KEYS.sub("", rest)  # a key of n parts leaves n - 1 dots in a row
     if "." * _MOST_PARTS in dots:
         raise ConfigError(f"a dotted key of a TOML text may have at most {_MOST_PARTS} parts.")
 
@@ -134,8 +134,8 @@ def structure(table: Any, cls: type[T], where: str) -> T:
     except Exception as error:  # cattrs collects the exceptions of all values in groups
         reasons = cattrs.transform_error(error, path=where, format_exception=_say)
         # cattrs appends the position to each reason; put it first.
-        places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
-        raise ConfigError(f"{'; '.join(places)}.") from error
+        sentences = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
+        raise ConfigError(f"{'; '.join(sentences)}.") from error
 
 
 def _accepting_former_names(kind: type, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
@@ -189,12 +189,12 @@ def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, RansError):
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):
-        known = [field.name for field in fields(error.cl)] if is_dataclass(error.cl) else []
+        names = [field.name for field in fields(error.cl)] if is_dataclass(error.cl) else []
         keys = (
-            brief(key) + (meant(key, known) or _deeper(error.cl, key))
+            brief(key) + (meant(key, names) or _deeper(error.cl, key))
             for key in sorted(error.extra_fields)
         )
-        return f"unknown key {', '.join(keys)}" + (f"; keys are {', '.join(known)}" * bool(known))
+        return f"unknown key {', '.join(keys)}" + (f"; keys are {', '.join(names)}" * bool(names))
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
     if isinstance(error, AttributeError):  # cattrs reads the keys of any value
@@ -202,6 +202,6 @@ def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, TypeError):
         return "expected a table or a list of values, such as [0.5, 4.5]"
     if get_origin(kind) is Literal:
-        given, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
-        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {brief(given)}"
+        value, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
+        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {brief(value)}"
     return str(error)

@@ -99,25 +99,25 @@ class Terminal(Console):
             shorter: shorter cells of each row; None: there are none.
             caption: sentence below a table with shorter cells.
         """
-        kept = _texts(rows)
+        texts = _texts(rows)
         note = ""
-        if len(_fitting(columns, kept, self.width)) > 1:
-            kept, note = (kept, "") if shorter is None else (_texts(shorter), caption)
+        if len(_fitting(columns, texts, self.width)) > 1:
+            texts, note = (texts, "") if shorter is None else (_texts(shorter), caption)
             columns = [
                 columns[0],
                 *(
                     fill(
                         name,
-                        max(_HEADING, *(len(row[k]) for row in kept), 0),
+                        max(_HEADING, *(len(row[k]) for row in texts), 0),
                         break_long_words=False,
                         break_on_hyphens=False,
                     )
                     for k, name in enumerate(columns[1:], 1)
                 ),
             ]
-        groups = _fitting(columns, kept, self.width)
+        groups = _fitting(columns, texts, self.width)
         for number, some in enumerate(groups):
-            cells = [[row[0], *(row[k] for k in some)] for row in kept]
+            cells = [[row[0], *(row[k] for k in some)] for row in texts]
             self.print(
                 table("" if number else title, [columns[0], *(columns[k] for k in some)], cells)
             )
@@ -232,12 +232,12 @@ def table(
     justify: JustifyMethod = "left",
 ) -> Table:
     """Table whose first column is not broken, and in which long words are folded."""
-    made = _Titled(title=title or None, caption=caption or None)
+    printed = _Titled(title=title or None, caption=caption or None)
     for column in columns:
-        made.add_column(column, overflow="fold", justify=justify, no_wrap=not made.columns)
+        printed.add_column(column, overflow="fold", justify=justify, no_wrap=not printed.columns)
     for row in rows:
-        made.add_row(*row)
-    return made
+        printed.add_row(*row)
+    return printed
 
 
 def progress() -> Progress:

@@ -141,8 +141,8 @@ class Effort:
         """
         craft = setting.craft
         forces = [
-            share * t.force
-            for share, t in zip(thrust(craft, outcome.command), craft.thrusters, strict=True)
+            level * t.force
+            for level, t in zip(thrust(craft, outcome.command), craft.thrusters, strict=True)
         ]
         zero = self.gained * 0.0
         spent = where(running, reduce(add, forces), zero) * setting.timing.control_period

@@ -306,9 +306,9 @@ def load_agent(
     setup = None
     if task is not None:
         craft = load_spacecraft(USUAL[2] if spacecraft is None else spacecraft)
-        wanted = load_task(task)
-        check_dimension(wanted, craft.dimension)
-        setup = Setup(craft, wanted, wanted.timing)
+        task_value = load_task(task)
+        check_dimension(task_value, craft.dimension)
+        setup = Setup(craft, task_value, task_value.timing)
     if isinstance(agent, str | Path) and str(agent):
         text = str(agent)
         run = contestant(text, default_setup=setup, trust=trust)

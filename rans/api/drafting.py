@@ -247,8 +247,8 @@ def _tensor(
         moments = (float(inertia),) * 3
     else:
         counts = (1,) if dimension == 2 else (1, 3)
-        found = _checked(inertia, "inertia", counts)
-        moments = found * 3 if len(found) == 1 else found
+        checked = _checked(inertia, "inertia", counts)
+        moments = checked * 3 if len(checked) == 1 else checked
     x, y, z = moments
     return ((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z))
 

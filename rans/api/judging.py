@@ -356,30 +356,30 @@ def assure(
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", _ASSURED if episodes is None else episodes)
     planned = plan(confidence, episodes, failure_below)
-    known = agent if isinstance(agent, AgentData) else None
-    spec = (known.spec or known.name) if known else str(agent)
+    in_memory = agent if isinstance(agent, AgentData) else None
+    spec = (in_memory.spec or in_memory.name) if in_memory else str(agent)
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
-    made = Assurance(spec, label, Campaign(planned, seed), command="rans.assure", trust=trust)
-    if known or isinstance(conditions, Conditions):
-        run = known.run if known else contestant(spec, trust=trust)
-        made.given = run.under(conditions_if_named(conditions))
-    _ = made.run
+    assurance = Assurance(spec, label, Campaign(planned, seed), command="rans.assure", trust=trust)
+    if in_memory or isinstance(conditions, Conditions):
+        run = in_memory.run if in_memory else contestant(spec, trust=trust)
+        assurance.given = run.under(conditions_if_named(conditions))
+    _ = assurance.run
     processor = chosen_device(device)
     with watched() as stage:
-        made.fly(processor, stage)
+        assurance.fly(processor, stage)
         stage("failed flights again", None)
-        made.replay(whole("worst", worst, least=0), worst)
+        assurance.replay(whole("worst", worst, least=0), worst)
         if rare:
             stage("rarer failures", None)
-            made.sample(rare, processor)
+            assurance.sample(rare, processor)
         if search and unit:
             stage("the worst case", None)
-            made.search(search, unit, processor)
+            assurance.search(search, unit, processor)
     if output is not None:
         folder = ready_folder(Path(output))
-        write_json(folder / "assurance.json", made.to_json())
-        page(made).write(folder / "assurance.html")
-    return made
+        write_json(folder / "assurance.json", assurance.to_json())
+        page(assurance).write(folder / "assurance.html")
+    return assurance
 
 
 def follow(
@@ -442,8 +442,8 @@ class Faults:
     """Every set of failed thrusters by kind and number, with its margin."""
 
     def __repr__(self) -> str:
-        said = ", ".join(f"{row[0]} {row[1]}" for row in self.rows())
-        return f"<Faults of {self.spacecraft.name}: recoverable are {said}>"
+        sentence = ", ".join(f"{row[0]} {row[1]}" for row in self.rows())
+        return f"<Faults of {self.spacecraft.name}: recoverable are {sentence}>"
 
     def _repr_html_(self) -> str:
         from rans.show.pages.notebook import listed
@@ -555,12 +555,12 @@ class Speed:
     """Measured speeds as shares of the bound that the memory bandwidth sets."""
 
     def __repr__(self) -> str:
-        said = "; ".join(
+        sentence = "; ".join(
             f"{measurement.kind}, {measurement.name}: {measurement.value:,.4g} {measurement.unit}"
             for measurement in self.measurements
             if measurement.value is not None
         )
-        return f"<Speed on {self.device}: {said}>"
+        return f"<Speed on {self.device}: {sentence}>"
 
     def __getitem__(self, name: str) -> Measurement:
         return {measurement.name: measurement for measurement in self.measurements}[name]

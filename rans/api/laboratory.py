@@ -13,9 +13,13 @@ def enter() -> None:
     In a wheel it lies in ``rans/laboratory``, so that the name is not installed; in a working copy
     beside ``rans`` (docs/decisions/security.md).
     """
-    here = PACKAGE_FOLDER
-    place = str(
-        next(one for one in (here / "laboratory", here.parent) if (one / "validation").is_dir())
+    package = PACKAGE_FOLDER
+    checkout = str(
+        next(
+            folder
+            for folder in (package / "laboratory", package.parent)
+            if (folder / "validation").is_dir()
+        )
     )
-    if sys.path[:1] != [place]:
-        sys.path.insert(0, place)
+    if sys.path[:1] != [checkout]:
+        sys.path.insert(0, checkout)

@@ -117,9 +117,11 @@ def train(
     folder = Path(run) if run is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
-    kept = RunFolder(folder)
-    trainer = Trainer([config], craft, kept, guard=guard_of(config, craft))
-    kept.begin(config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else "")
+    run_folder = RunFolder(folder)
+    trainer = Trainer([config], craft, run_folder, guard=guard_of(config, craft))
+    run_folder.begin(
+        config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else ""
+    )
     others = loggers(log, config, folder)
     with watched_training(config.total_timesteps, progress) as show:
 
@@ -278,23 +280,25 @@ def tune(
 
     ranges(typed(controller))
     craft = load_spacecraft(spacecraft)
-    wanted = load_task(task)
-    drawn = None if conditions is None else load_conditions(conditions).or_none
+    base_task = load_task(task)
+    world = None if conditions is None else load_conditions(conditions).or_none
     label = ""
-    if drawn is not None:
+    if world is not None:
         name = conditions if isinstance(conditions, str) else "own.toml"
-        label = conditions_label(name, drawn)
-    setup = Setup(craft, wanted.for_evaluation(), wanted.timing, drawn)
-    file = Path(output) if output is not None else OWN / file_name(controller, craft, wanted, label)
+        label = conditions_label(name, world)
+    setup = Setup(craft, base_task.for_evaluation(), base_task.timing, world)
+    file = (
+        Path(output) if output is not None else OWN / file_name(controller, craft, base_task, label)
+    )
     ready_folder(file.parent)
-    known = None if output is not None else tuned(controller, setup)
+    in_use = None if output is not None else tuned(controller, setup)
     count = whole("candidates", candidates)
     with watched() as stage:
         step = stage(f"tuning {controller}", count)
         result = search(
             controller, setup, count, whole("starts", starts), price, "rans.tune", step, seconds
         )
-    if known is None or not known.outlasts(result):
+    if in_use is None or not in_use.outlasts(result):
         result.write(file)
     return result
 
@@ -325,14 +329,14 @@ def _config(
         config = training_of_quality(_name(task), named, quality, device, conditions is not None)
     if algorithm is not None:
         config = with_algorithm(config, typed(algorithm))
-    given: dict[str, Any] = {
+    options: dict[str, Any] = {
         **numbers,
         "spacecraft": named,
         "settings": task if isinstance(task, Task) else None,
         "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),
         "conditions": None if conditions is None else load_conditions(conditions),
     }
-    return replace(config, **{key: value for key, value in given.items() if value is not None})
+    return replace(config, **{key: value for key, value in options.items() if value is not None})
 
 
 def _name(task: str | Task) -> str:

@@ -191,13 +191,13 @@ def _run(arguments: list[str]) -> int:
 
 def _warn_of_repeated_options(arguments: list[str]) -> None:
     """Warn about options that are repeated; `--set` and parts of a spacecraft may be repeated."""
-    seen: set[str] = set()
+    before: set[str] = set()
     for word in arguments:
         name = word.partition("=")[0].replace("_", "-")
-        if name in seen:
+        if name in before:
             _tell(f"rans: warning: {brief(name)} is given twice; the last value is used.")
         if name.startswith("--") and name not in ("--", "--set", "--thruster", "--wheel", "--help"):
-            seen.add(name)
+            before.add(name)
 
 
 def _parse(arguments: list[str]) -> Any:
@@ -225,9 +225,9 @@ def _parse(arguments: list[str]) -> Any:
             f"there is no command {brief(arguments[0])}{near}; commands are {', '.join(COMMANDS)}."
         )
     # Not list(COMMANDS): after its import, `list` is the module of that command.
-    wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
+    candidates = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
     commands = {
-        c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted
+        c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in candidates
     }
     if arguments[0] in ("-h", "--help"):
         from rans.cli.help import overview

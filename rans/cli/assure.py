@@ -85,8 +85,8 @@ class Assure:
         from rans.randomization.conditions_file import conditions_label
 
         is_plan = self.plan or self.episodes == 0
-        most = self.episodes or None  # 0 asks for the plan with the default number
-        check_count("--episodes", most)
+        episode_count = self.episodes or None  # 0 asks for the plan with the default number
+        check_count("--episodes", episode_count)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):
             if value < 0:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
@@ -96,7 +96,9 @@ class Assure:
             check_unit(
                 self.search, load_conditions(self.search)
             )  # reject a wrong name before the flights
-        episodes = _EPISODES if most is None and self.failure_below is None else most
+        episodes = (
+            _EPISODES if episode_count is None and self.failure_below is None else episode_count
+        )
         planned = plan(self.confidence, episodes, self.failure_below)
         assurance = made(
             self.agent,
@@ -204,9 +206,9 @@ def _show(assurance: Assurance, file: Path) -> None:
     if assurance.rare:
         console.say(f"By subset simulation {assurance.rare.summary}.")
     if assurance.replays and assurance.replays.found:
-        most = max(assurance.replays.found, key=lambda one: one.excess)
-        console.say(f"The worst failure, at {most.excess:.3g} tolerances:")
-        console.command(assurance.view(most.number))
+        worst_replay = max(assurance.replays.found, key=lambda replayed: replayed.excess)
+        console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")
+        console.command(assurance.view(worst_replay.number))
     others = ", ".join(name for name in (file.with_suffix(".html").name, worst) if name)
     console.say(f"Written to {file}, {others}.")
 
@@ -216,7 +218,7 @@ def _print_plan(assurance: Assurance) -> None:
     rows = [
         (
             f"{look.flights:,}",
-            f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else "-",
+            f"at most {allowed:,}" if (allowed := plan.allowed(look)) >= 0 else "-",
             f"{look.high_level:.2g}",
             f"{look.low_level:.2g}",
         )

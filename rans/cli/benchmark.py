@@ -122,7 +122,7 @@ class Benchmark:
             return
         peers = [peer for peer, _ in compared]
         ratios = [ratio for _, some in compared for ratio in some]
-        shares = list(bounds(measured))
+        bound_ratios = list(bounds(measured))
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
         # The first column of a table is not broken, and names are long.
@@ -130,12 +130,14 @@ class Benchmark:
             table(
                 _hardware(about),
                 ("value", "ratio", "of"),
-                [(_digits(r.value), r.name, r.note) for r in (*ratios, *shares)],
+                [(_digits(r.value), r.name, r.note) for r in (*ratios, *bound_ratios)],
             )
         )
         columns = ("", "measurement", "value", "unit", "warm-up", "note")
-        shown = len(columns) if self.full else _SHORT
-        console.print(table("", columns[:shown], (_measured(m)[:shown] for m in measured)))
+        column_count = len(columns) if self.full else _SHORT
+        console.print(
+            table("", columns[:column_count], (_measured(m)[:column_count] for m in measured))
+        )
         if peers:
             console.print(
                 table(
@@ -146,7 +148,7 @@ class Benchmark:
             )
             console.print(table("", ("not measured", "why", "tried"), map(astuple, UNMEASURED)))
         if self.output is not None:
-            self._write(self.output, about, measured, shares, peers, ratios)
+            self._write(self.output, about, measured, bound_ratios, peers, ratios)
         elif self.quick:
             console.suggest("rans benchmark --output speed.json")
 

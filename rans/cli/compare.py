@@ -186,8 +186,8 @@ class Compare:
 
     def _controllers(self, task: Task) -> list[str]:
         """First further controller, to view beside the first contestant."""
-        beside = default_opponents(task) if self.beside is None else self.beside
-        return [name for name in beside if name != "optimal"][:1]
+        opponents = default_opponents(task) if self.beside is None else self.beside
+        return [name for name in opponents if name != "optimal"][:1]
 
     def _check(self) -> None:
         """Reject (`ConfigError`) wrong options before anything is loaded."""
@@ -253,8 +253,8 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
         console.show(
             comparison.contest.title(),
             ("", *board),
-            cells(lambda one: one.text()),
-            cells(lambda one: figure(one.value)),
+            cells(lambda estimate: estimate.text()),
+            cells(lambda estimate: figure(estimate.value)),
             "A wider terminal shows intervals too.",
         )
     if full and (ratios := gaps(comparison)):

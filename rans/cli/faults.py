@@ -50,10 +50,10 @@ class Faults:
             save_picture(faults_figure(craft, result.sets), self.picture)
             Terminal().say(f"Picture: {self.picture}")
         # The conditions "faults" draw recoverable sets of one and of two thrusters, dead or stuck open.
-        drawn = all(
+        written = all(
             any(fault_set.recoverable for fault_set in sets) for sets in result.sets.values()
         )
-        if drawn and craft.thruster_count > 2:
+        if written and craft.thruster_count > 2:
             words = ["rans", "train", "go-to-pose", "--spacecraft", self.craft]
             Terminal().suggest(shlex.join([*words, "--conditions", "faults"]))
         return 0

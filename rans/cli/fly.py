@@ -120,9 +120,9 @@ class Fly:
                 )
             folder = source
             craft = load_spacecraft(source / "spacecraft.toml")
-            known = read_contract(source)
-            period = float(known["control_period"])
-            task = {"name": known["task"], "settings": known["settings"]}
+            contract = read_contract(source)
+            period = float(contract["control_period"])
+            task = {"name": contract["task"], "settings": contract["settings"]}
         else:
             run = RunFolder(name.folder)
             folder = output / "agent"
@@ -220,5 +220,5 @@ def opened_bus(text: str, domain: int | None, address: str, ros: Ros | None) -> 
         raise ConfigError(
             f"ROS_DISTRO must be one of {', '.join(get_args(Ros))} for zenoh, got {brief(name)}."
         )
-    known = name if name in get_args(Ros) else "jazzy"  # which only zenoh reads
-    return open_bus(cast("BusName", kind), domain, locator or address, cast("Ros", known))
+    distribution = name if name in get_args(Ros) else "jazzy"  # which only zenoh reads
+    return open_bus(cast("BusName", kind), domain, locator or address, cast("Ros", distribution))

@@ -159,10 +159,10 @@ def overview(about: str, commands: Mapping[str, type]) -> str:
     grouped = {name for names in GROUPS.values() for name in names}
     rest = tuple(name for name in commands if name not in grouped)
     for title, names in (*GROUPS.items(), ("More", rest)):
-        known = [name for name in names if name in commands]
-        if known:
+        names_here = [name for name in names if name in commands]
+        if names_here:
             lines += ["", f"{title}:"]
-        for name in known:
+        for name in names_here:
             first = f"  {name:<11}"
             text = f"{first}{_summary(commands[name])}"
             lines += _filled(text, width, " " * len(first))
@@ -199,12 +199,12 @@ def _filled(text: str, width: int, indent: str = "") -> list[str]:
 
 def _joined(text: str) -> str:
     """The text with "~" for the spaces of short commands in backticks, so that none is broken."""
-    return _QUOTED.sub(lambda found: found[0].replace(" ", "~"), text)
+    return _QUOTED.sub(lambda match: match[0].replace(" ", "~"), text)
 
 
 def _parted(text: str) -> str:
     """The text with these spaces again."""
-    return _QUOTED.sub(lambda found: found[0].replace("~", " "), text)
+    return _QUOTED.sub(lambda match: match[0].replace("~", " "), text)
 
 
 def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:

@@ -346,9 +346,11 @@ def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
         return None if text == "box" else numbers(text, "the inertia", counts)
 
     if start is not None:
-        kept = "as it is"
+        unchanged = "as it is"
         inertia = ask(
-            "Moments of inertia, kg m^2", lambda text: None if text == kept else read(text), kept
+            "Moments of inertia, kg m^2",
+            lambda text: None if text == unchanged else read(text),
+            unchanged,
         )
         return {} if inertia is None else {"inertia": inertia}
     print("Moment of inertia about the centre of mass, or type box for that of a uniform box.")

@@ -98,21 +98,21 @@ class List:
         name = {"pretrained": "agents", "crafts": "spacecraft", "missions": "tasks"}.get(name, name)
         if (every := f"all {name.lower()}") in _PARTS:
             return every
-        known: dict[str, Iterable[str]] = {
+        names_of: dict[str, Iterable[str]] = {
             "conditions": CONDITIONS,
             "task": TASKS,
             "agent": [*pretrained_names(), *missing_agents()],
             "controller": CONTROLLERS,
             "spacecraft": spacecraft_names(),
         }
-        for kind, names in known.items():
+        for kind, names in names_of.items():
             if name in names:
                 return kind
         if name.endswith(".toml"):
             return _kind_of_file(Path(name))
         if ":" in name:
             return _kind_of_object(name)
-        near = meant(name, [candidate for names in known.values() for candidate in names])
+        near = meant(name, [candidate for names in names_of.values() for candidate in names])
         raise ConfigError(
             "there is no spacecraft, task, agent, controller or set of conditions named "
             f"{brief(name)}{near}; `rans list` prints all; your own file of a spacecraft or of conditions "
@@ -233,9 +233,9 @@ def _all_agents() -> Iterable[str | Listing]:
 
 def _solved(card: dict[str, Any]) -> str:
     """Share of solved episodes; for a multi-task agent those of its worst and its best task."""
-    shares = [values["solved"][0] for values in card["evaluation"]["own"].values()]
-    low = min(shares)
-    high = max(shares)
+    rates = [values["solved"][0] for values in card["evaluation"]["own"].values()]
+    low = min(rates)
+    high = max(rates)
     return f"{low:.4g} %" if low == high else f"{low:.4g} to {high:.4g} %"
 
 

@@ -101,18 +101,18 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
         command: its class.
         words: that follow the name of the command.
     """
-    known = dict(_flags(command))
+    flags = dict(_flags(command))
     for k, word in enumerate(words):
         flag, _, value = word.partition("=")
         flag = flag.replace("_", "-")
         if word == "--":
             return
         value = value or next(iter(words[k + 1 : k + 2]), "")
-        if flag in known and known[flag] and value not in known[flag]:
+        if flag in flags and flags[flag] and value not in flags[flag]:
             raise ConfigError(
-                f"{flag} must be {' or '.join(known[flag])}, got {brief(value)}{meant(value, known[flag])}."
+                f"{flag} must be {' or '.join(flags[flag])}, got {brief(value)}{meant(value, flags[flag])}."
             )
-        if not flag.startswith("--") or flag in known or flag.startswith("--tyro-"):
+        if not flag.startswith("--") or flag in flags or flag.startswith("--tyro-"):
             continue
         hints = get_type_hints(command, include_extras=True)
         offered = dict(_flags(command, [f for f in hints if former(hints[f]) is None]))

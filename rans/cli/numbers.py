@@ -18,10 +18,10 @@ _KINDS: dict[type, str] = {int: "a whole number", float: "a number"}
 
 def registry() -> ConstructorRegistry:
     """Constructors of tyro for options of the types int and float, optional or not, and tuples of int."""
-    made = ConstructorRegistry()
-    made.primitive_rule(_many)
-    made.primitive_rule(_one)
-    return made
+    constructors = ConstructorRegistry()
+    constructors.primitive_rule(_many)
+    constructors.primitive_rule(_one)
+    return constructors
 
 
 def _one(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:

@@ -325,17 +325,17 @@ class Optimal:
 
     def _refuse_all_but(self, *used: str) -> None:
         """Reject (`ConfigError`) options that differ from their defaults and that this task does not use."""
-        given = [
+        unused = [
             f"--{field.name.replace('_', '-')}"
             for field in fields(self)
             if field.name not in (*used, "task", "output", "workers")
             and getattr(self, field.name) != field.default
         ]
-        if given:
+        if unused:
             listed = [name for name in used if name not in ("contestants", "agents")]
             options = ", ".join(f"--{name.replace('_', '-')}" for name in listed)
             raise ConfigError(
-                f"{', '.join(given)} would change nothing for {self.task}, which takes {options} and --output."
+                f"{', '.join(unused)} would change nothing for {self.task}, which takes {options} and --output."
             )
 
     def _starts(self, task: Task, craft: Spacecraft) -> Scenario:
@@ -391,7 +391,7 @@ class Optimal:
             events[bounds.Event("settling")] = "time s to settle", [math.nan] * len(answers)
         reason = bounds.no_certificate(craft, aims(task), period)
         sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
-        for event, (measure, beside) in events.items():
+        for event, (measure, upper) in events.items():
             questions = [
                 bounds.question(craft, task, period, event, effort, start) for start in each(starts)
             ]
@@ -404,11 +404,11 @@ class Optimal:
                         bounds.bounds(questions, range(len(questions)), self.workers, step)
                     )
             finally:
-                known = [answers_by_number[number] for number in sorted(answers_by_number)]
-                every.extend(known)
-                if known:
-                    costs = [beside[number] for number in sorted(answers_by_number)]
-                    Terminal().print(bounds.table(title, measure, known, costs))
+                sorted_answers = [answers_by_number[number] for number in sorted(answers_by_number)]
+                every.extend(sorted_answers)
+                if sorted_answers:
+                    costs = [upper[number] for number in sorted(answers_by_number)]
+                    Terminal().print(bounds.table(title, measure, sorted_answers, costs))
 
     def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         with progress() as bars:

@@ -64,9 +64,9 @@ def warn_of_former(name: str, command: type, arguments: Iterable[str]) -> None:
     options = {option_name(field, hint): former(hint) for field, hint in hints.items()}
     for word in arguments:
         option = word.partition("=")[0].replace("_", "-")
-        if (found := options.get(option)) is not None:
+        if (annotation := options.get(option)) is not None:
             warnings.warn(
-                f"{option} of rans {name} {DEPRECATED}: {found.advice}.",
+                f"{option} of rans {name} {DEPRECATED}: {annotation.advice}.",
                 DeprecationWarning,
                 stacklevel=2,
             )

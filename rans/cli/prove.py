@@ -130,8 +130,8 @@ class Prove:
             )
             return 1
         shipped = agent.startswith("pretrained:")
-        beside = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
-        output = self.output or beside
+        default_file = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
+        output = self.output or default_file
         digest = traps.write_trap(
             trap, keep["spin"], begin, {name: files[name] for name in traps.BOUND}, output
         )

@@ -285,8 +285,8 @@ class Train:
         with watched, showing as progress, StopGently() as stop:
             trainer.train(
                 lambda members: [
-                    one(members[0].rows[-1])
-                    for one in (progress.show, *(other.write for other in others))
+                    write(members[0].rows[-1])
+                    for write in (progress.show, *(other.write for other in others))
                 ],
                 lambda: stop.requested,
             )
@@ -405,14 +405,14 @@ def _nominal_hole(trainer: Trainer) -> str:
     # Of 256 flights one lost flight of a hundred is seen: it takes a second.
     run = load_agent(trainer.run.path).under(Conditions()).guarded(config.guard)
     flight = fly_episodes(run.controller, run.judged, SELECTION_SEED, 256, workers=1).flight
-    share = float(solved(flight).mean())
+    solved_rate = float(solved(flight).mean())
     trained = trainer.members[0].rows[-1]["success"]
     # An agent that has not learnt its own conditions has another problem, which the summary names.
-    if share >= WANTED or trained < WANTED:
+    if solved_rate >= WANTED or trained < WANTED:
         return ""
     return (
-        f"Warning: with everything as designed it solves {share:.1%} of 256 flights, and {trained:.1%} under the "
-        "conditions of its training, which leave that out. If your robot may be as designed, train with ranges "
+        f"Warning: with everything as designed it solves {solved_rate:.1%} of 256 flights, and {trained:.1%} in "
+        "the conditions of its training, which leave that out. If your robot may be as designed, train with ranges "
         "that reach it, such as latency = [0.0, 0.05] instead of 0.03."
     )
 

@@ -105,7 +105,7 @@ class Tune:
         setup = Setup(craft, task.for_evaluation(), timing, conditions)
         file = self.output or OWN / file_name(name, craft, task, label if conditions else "")
         ready_folder(file.parent)
-        known = (
+        in_use = (
             None if self.output else tuned(name, setup)
         )  # reject a damaged file before the search
         with progress() as bars:
@@ -120,7 +120,7 @@ class Tune:
                 step,
                 self.seconds,
             )
-        staying = known if known and known.outlasts(result) else None
+        staying = in_use if in_use and in_use.outlasts(result) else None
         if staying is None:
             result.write(file)
         before = defaults(CONTROLLERS[name], within)

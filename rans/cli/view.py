@@ -176,9 +176,9 @@ class View:
         every = flights(folder)
         results = [flight for start, flight in every if self.episode <= start < last]
         if not results:
-            known = ", ".join(str(start) for start, _ in every) or "none"
+            numbers = ", ".join(str(start) for start, _ in every) or "none"
             raise ConfigError(
-                f"{folder} has no trajectory of start {self.episode}; it has those of: {known}."
+                f"{folder} has no trajectory of start {self.episode}; it has those of: {numbers}."
             )
         return results
 

@@ -94,9 +94,9 @@ class _Value(NamedTuple):
         stride = 1
         for axis in range(len(shape) - 1, -1, -1):
             if own[axis] > 1:
-                place = index if inner == 1 else f"({index} / {inner})"
-                place = f"{place} % {shape[axis]}"
-                terms.append(place if stride == 1 else f"{place} * {stride}")
+                position = index if inner == 1 else f"({index} / {inner})"
+                position = f"{position} % {shape[axis]}"
+                terms.append(position if stride == 1 else f"{position} * {stride}")
                 stride *= own[axis]
             inner *= shape[axis]
         return f"{self.text}[{' + '.join(reversed(terms))}]"
@@ -159,8 +159,8 @@ def write_c(
     write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": _STACK_UNKNOWN}))
     write_text(folder / "agent.c", _filled(_SOURCE, names))
     if stack := _measured_stack(folder):
-        known = _filled(_STACK, {"BYTES": stack, "MACHINE": platform.machine()})
-        write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": known}))
+        stack_note = _filled(_STACK, {"BYTES": stack, "MACHINE": platform.machine()})
+        write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": stack_note}))
     if pairs is not None:
         write_text(folder / "agent_check.c", _check_text(pairs))
 
@@ -180,11 +180,11 @@ def compiled_check(folder: Path) -> str:
         return f"There is no C compiler here: check it on yours by {command}."
     results = []
     size = 0
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as build_folder:
         for optimization in (("-O2", "-ffast-math"), ("-O2",)):
             compiled = [compiler, *optimization, *FLAGS]
-            part = Path(place) / "agent.o"
-            built = Path(place) / "check"
+            part = Path(build_folder) / "agent.o"
+            built = Path(build_folder) / "check"
             for arguments in (
                 [*compiled, "-c", str(folder / "agent.c"), "-o", str(part)],
                 [*compiled, str(folder / "agent_check.c"), str(part), "-o", str(built), "-lm"],
@@ -208,10 +208,8 @@ def compiled_check(folder: Path) -> str:
 def stack_of(folder: Path) -> int | None:
     """Bytes of stack that agent.h in a folder states; None: there is none, or no compiler measured it."""
     file = folder / "agent.h"
-    found = (
-        re.search(r"^#define RANS_STACK (\d+)", read_text(file), re.M) if file.exists() else None
-    )
-    return int(found[1]) if found else None
+    line = re.search(r"^#define RANS_STACK (\d+)", read_text(file), re.M) if file.exists() else None
+    return int(line[1]) if line else None
 
 
 def _compiler() -> str | None:
@@ -223,8 +221,8 @@ def _measured_stack(folder: Path) -> int | None:
     compiler = _compiler()
     if compiler is None:
         return None
-    with tempfile.TemporaryDirectory() as place:
-        part = Path(place) / "agent.o"
+    with tempfile.TemporaryDirectory() as build_folder:
+        part = Path(build_folder) / "agent.o"
         arguments = [compiler, "-O2", "-std=c99", "-fstack-usage", "-c", str(folder / "agent.c")]
         subprocess.run([*arguments, "-o", str(part)], capture_output=True, check=False)
         usage = part.with_suffix(".su")
@@ -238,7 +236,7 @@ def _measured_stack(folder: Path) -> int | None:
 
 
 def _filled(text: str, names: Mapping[str, Any]) -> str:
-    return re.sub(r"@([A-Z]+)@", lambda found: str(names[found[1]]), text)
+    return re.sub(r"@([A-Z]+)@", lambda match: str(names[match[1]]), text)
 
 
 def _words(text: str) -> str:
@@ -442,12 +440,12 @@ class _Printer:
         for part in parts:
             own = part.shape[-1]
             count = rows * own
-            place = f"i / {own} * {width} + {start} + i % {own}" if rows > 1 else f"{start} + i"
+            position = f"i / {own} * {width} + {start} + i % {own}" if rows > 1 else f"{start} + i"
             if count == 1:
                 self._lines.append(f"{result.text}[{start}] = {part.text};")
             else:
                 self._lines.append(
-                    f"for (int i = 0; i < {count}; ++i) {{ {result.text}[{place}] = {part.text}[i]; }}"
+                    f"for (int i = 0; i < {count}; ++i) {{ {result.text}[{position}] = {part.text}[i]; }}"
                 )
             start += own
 

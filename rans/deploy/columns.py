@@ -47,7 +47,7 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
         state: of arrays (N,), with every quantity different in each.
         goal: of arrays (N,).
     """
-    known = _quantities(state, goal)
+    quantities_by_name = _quantities(state, goal)
     own = {
         "v_WB, own velocity": state.v.columns(),
         "own angular velocity, w_WB_B": state.spin(),
@@ -66,8 +66,8 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
         if isinstance(entry, TradeOff):
             results += ["trade-off input, 0 to 1"]
         else:
-            found = _named(columns, known)
-            results += [meaning or entry.meaning for meaning in found]
+            texts = _named(columns, quantities_by_name)
+            results += [meaning or entry.meaning for meaning in texts]
     dimension = 3 if isinstance(state.w, Vec3) else 2
     missing = observation_width(task, dimension) - len(results)
     return [*results, *["unused"] * missing]
@@ -75,10 +75,10 @@ def meanings(task: Task, state: State, goal: State) -> list[str]:
 
 def _quantities(state: State, goal: State) -> dict[str, Sequence[Field]]:
     """What a task may let a policy observe of state and goal, in words, with the columns of each."""
-    way = (goal.p - state.p).columns()
+    offset = (goal.p - state.p).columns()
     return {
-        "p_WG - p_WB: position of the goal minus own": way,
-        "p_WB - p_WG: own position minus the goal's": [-x for x in way],
+        "p_WG - p_WB: position of the goal minus own": offset,
+        "p_WB - p_WG: own position minus the goal's": [-x for x in offset],
         "v_WG - v_WB: velocity of the goal minus own": (goal.v - state.v).columns(),
         "w_WG - w_WB in B: angular velocity of the goal minus own": spin_difference(state, goal),
         "R_WB^T R_WG: cos and sin of the goal's heading minus own; in space the first two rows, whose "
@@ -109,9 +109,9 @@ def valid_ranges(task: Task, dimension: Dimension, seen: np.ndarray) -> list[tup
     it had. Every other column has the range that it had, without the `left_out` flights that reached lowest and
     those that reached highest, and `MARGIN` of that more on either side.
     """
-    few = left_out(seen.shape[1])
-    lows = np.sort(seen.min(axis=0), axis=0)[few].astype(float)
-    highs = np.sort(seen.max(axis=0), axis=0)[-1 - few].astype(float)
+    ignored = left_out(seen.shape[1])
+    lows = np.sort(seen.min(axis=0), axis=0)[ignored].astype(float)
+    highs = np.sort(seen.max(axis=0), axis=0)[-1 - ignored].astype(float)
     ranges: list[tuple[float, float]] = []
     for entry in example(task, dimension).terms:
         for _ in entry.columns():

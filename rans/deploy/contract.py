@@ -84,7 +84,7 @@ class Recorder:
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`."""
         count = len(observation)
-        wide = [map_leaves(lambda x: np.broadcast_to(x, count), one) for one in (state, goal)]
+        wide = [map_leaves(lambda x: np.broadcast_to(x, count), sample) for sample in (state, goal)]
         self._met.append((observation, *wide))
         return self._controller.act(state, goal, observation)
 
@@ -155,12 +155,12 @@ def contract(
             "frame": row.frame,
             "meaning": meaning,
             "bound": bound if math.isfinite(bound) else None,
-            "valid": [*known],
+            "valid": [*range_text],
             "refused": _short(np.array(beyond))
             if math.isinf(bound)
             else [-1.01 * bound, 1.01 * bound],
         }
-        for at, (row, bound, meaning, known, beyond) in enumerate(
+        for at, (row, bound, meaning, range_text, beyond) in enumerate(
             zip(
                 observed_as.table(),
                 observed_as.bounds(),
@@ -172,7 +172,7 @@ def contract(
         )
     ]
     conditions = config.conditions
-    sensors = [one.sensors for one in (conditions, *conditions.others)]
+    sensors = [conditions_set.sensors for conditions_set in (conditions, *conditions.others)]
     late = max(largest(sensor.delay) for sensor in sensors) * period
     outage = max(largest(sensor.outage) for sensor in sensors)
     return {
@@ -256,8 +256,8 @@ def contract(
 
 def _safety_filter(task: Task, craft: Spacecraft, timing: Timing) -> dict[str, Any] | None:
     """Constraints of the task, and the filter that keeps them, which exported files lack; None: no constraints."""
-    one = scenario(task, craft.dimension, seed=0, episode=0)
-    constraints = task.constraints(one.start, one.goal)
+    example = scenario(task, craft.dimension, seed=0, episode=0)
+    constraints = task.constraints(example.start, example.goal)
     if not constraints:
         return None
     about: dict[str, Any] = {
@@ -381,10 +381,10 @@ def _trade_off(task: Task, craft: Spacecraft) -> dict[str, Any] | None:
 def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
     """One entry of a command; the place is about the centre of mass."""
     thruster = craft.thrusters[at]
-    place = np.subtract(thruster.position, craft.centre_of_mass).tolist()
+    lever = np.subtract(thruster.position, craft.centre_of_mass).tolist()
     return {
         "index": at,
-        "position": place,
+        "position": lever,
         "direction": list(thruster.direction),
         "force": thruster.force,
         "supply": thruster.supply,
@@ -429,10 +429,10 @@ def golden(
         "command": [_short(row) for row in _in_ranges(pairs.reshape(len(begins), -1), craft)],
     }
     if flights is not None:
-        places = [(step, int(k)) for k in clearest for step in range(len(seen))]
+        positions = [(step, int(k)) for k in clearest for step in range(len(seen))]
         result |= {
-            "state": [quantities(_at(flights.states, place)) for place in places],
-            "goal": [quantities(_at(flights.goals, place)) for place in places],
+            "state": [quantities(_at(flights.states, position)) for position in positions],
+            "goal": [quantities(_at(flights.goals, position)) for position in positions],
         }
     if craft is not None and task is not None:
         result["wiring"] = wiring(task, craft)
@@ -448,12 +448,12 @@ def wiring(task: Task, craft: Spacecraft) -> dict[str, Any]:
     state, goal = _example_states(task, craft, WIRED)
     columns = observation(task, state, goal)
     rows = np.stack([np.broadcast_to(x, WIRED) for x in columns], axis=1)
-    known = [k for k in range(WIRED) if np.isfinite(rows[k]).all()]
+    wired = [k for k in range(WIRED) if np.isfinite(rows[k]).all()]
     return {
         "tolerance": OBSERVATION_TOLERANCE,
-        "state": [quantities(_at(state, k)) for k in known],
-        "goal": [quantities(_at(goal, k)) for k in known],
-        "observation": [_short(rows[k]) for k in known],
+        "state": [quantities(_at(state, k)) for k in wired],
+        "goal": [quantities(_at(goal, k)) for k in wired],
+        "observation": [_short(rows[k]) for k in wired],
     }
 
 

@@ -99,8 +99,8 @@ def export(
     text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
     flights = flown(network, setup, count=FLIGHTS)
-    few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
-    chosen = golden(network, few, craft, config.settings)
+    paired_flights = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    chosen = golden(network, paired_flights, craft, config.settings)
     pairs = json.dumps(chosen) + "\n"
     _check_alone(folder, form, pairs)
     measured = None

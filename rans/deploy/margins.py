@@ -88,8 +88,8 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
         held = np.asarray(flown.flight.verdict.held)
         numbers = draws(SEED, count)
         level = np.array(levels)[mixture_parts(mixed, setup.craft, numbers.first, numbers)]
-        here = [held[level == k] for k in range(len(several))]
-        return [float(one.mean()) if one.size else float("nan") for one in here]
+        groups = [held[level == k] for k in range(len(several))]
+        return [float(group.mean()) if group.size else float("nan") for group in groups]
 
     conditions = setup.conditions or Conditions()
     margins = margins_around(conditions, setup.craft, setup.timing, measure)
@@ -116,14 +116,14 @@ def margins_around(
     sizes = {disturbance.name: disturbance.sizes for disturbance in effects(craft, timing)}
     grids = dict[str, list[float]]()
     ranges = dict[str, tuple[float, float]]()
-    for one in QUANTITIES:
-        pairs = [bounds(_setting(part, one.path)) for part in (conditions, *conditions.others)]
-        low = min(pair[0] for pair in pairs) / one.factor
-        high = max(pair[1] for pair in pairs) / one.factor
-        ranges[one.name] = low, high
-        known = [size for effect in one.effects for size in sizes[effect]]
-        values = (low, (low + high) / 2.0, high, one.nominal, *known)
-        grids[one.name] = sorted({_rounded(value) for value in values})
+    for margin in QUANTITIES:
+        pairs = [bounds(_setting(part, margin.path)) for part in (conditions, *conditions.others)]
+        low = min(pair[0] for pair in pairs) / margin.factor
+        high = max(pair[1] for pair in pairs) / margin.factor
+        ranges[margin.name] = low, high
+        magnitudes = [size for effect in margin.effects for size in sizes[effect]]
+        values = (low, (low + high) / 2.0, high, margin.nominal, *magnitudes)
+        grids[margin.name] = sorted({_rounded(value) for value in values})
 
     tried = {
         (quantity.name, value): _changed(conditions, quantity.path, value * quantity.factor)
@@ -131,23 +131,23 @@ def margins_around(
         for value in grids[quantity.name]
     }
     several = list(dict.fromkeys([conditions, *tried.values()]))
-    shares = dict(zip(several, measure(several), strict=True))
+    rates = dict(zip(several, measure(several), strict=True))
     perfect = Conditions()
-    if perfect not in shares:  # apart: a mixture may differ in ranges only
-        shares |= zip([perfect], measure([perfect]), strict=True)
+    if perfect not in rates:  # apart: a mixture may differ in ranges only
+        rates |= zip([perfect], measure([perfect]), strict=True)
 
     result: dict[str, Any] = {
         "wanted_share": WANTED,
-        "training": round(shares[conditions], 4),
-        "nominal": round(shares[perfect], 4),
+        "training": round(rates[conditions], 4),
+        "nominal": round(rates[perfect], 4),
     }
-    for one in QUANTITIES:
-        values = grids[one.name]
-        low, high = ranges[one.name]
-        held = [shares[tried[one.name, value]] for value in values]
+    for margin in QUANTITIES:
+        values = grids[margin.name]
+        low, high = ranges[margin.name]
+        held = [rates[tried[margin.name, value]] for value in values]
         middle = values.index(_rounded((low + high) / 2.0))
-        result[one.name] = {
-            "unit": one.unit,
+        result[margin.name] = {
+            "unit": margin.unit,
             "of_training": [_rounded(low), _rounded(high)],
             "holds": _around(middle, values, held),
             "held": {f"{x:g}": round(y, 4) for x, y in zip(values, held, strict=True)},
@@ -166,8 +166,8 @@ def margin_lines(margins: dict[str, Any]) -> list[str]:
         holds = margins[quantity.name]["holds"]
         tolerated = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {quantity.unit}"
         parts.append(f"{quantity.name} {tolerated}")
-    wanted = f"{margins['wanted_share']:.0%}"
-    lines.append(f"At least {wanted} hold, all else as in the training, at: {'; '.join(parts)}.")
+    threshold = f"{margins['wanted_share']:.0%}"
+    lines.append(f"At least {threshold} hold, all else as in the training, at: {'; '.join(parts)}.")
     for name, where in (
         (
             "training",

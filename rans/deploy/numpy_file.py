@@ -69,7 +69,7 @@ def write_numpy(folder: Path, program: Program, architecture: Architecture, titl
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
     # The title has names that strangers may have given, and this is code.
-    places = {
+    fillings = {
         "TITLE": re.sub(r"[^\w .,:;()'-]", "?", title)[:_LINE],
         "WIDTH": architecture.layout.width,
         "MEMORY": architecture.memory,
@@ -77,16 +77,16 @@ def write_numpy(folder: Path, program: Program, architecture: Architecture, titl
         "STEPS": "\n".join(map(_broken, lines)).lstrip(),
     }
     write_text(
-        folder / "agent.py", re.sub(r"__([A-Z]+)__", lambda found: str(places[found[1]]), frame)
+        folder / "agent.py", re.sub(r"__([A-Z]+)__", lambda match: str(fillings[match[1]]), frame)
     )
 
-    kept = {name: program.constants[name] for name in tables}
+    stored = {name: program.constants[name] for name in tables}
 
     def write(draft: Path) -> None:
         with draft.open(
             "wb"
         ) as stream:  # not a path: NumPy adds ".npz" to one that has another ending
-            np.savez_compressed(stream, allow_pickle=False, **kept)
+            np.savez_compressed(stream, allow_pickle=False, **stored)
 
     replace_file(folder / "agent.npz", write)
 
@@ -108,7 +108,7 @@ def printed(program: Program) -> tuple[list[str], list[str]]:
             continue
         name = first if not others else _PARTS.get(step.inputs[0], f"{step.inputs[0]}_parts")
         known |= (
-            {part: f"{name}[{place}]" for place, part in enumerate(step.outputs)} if others else {}
+            {part: f"{name}[{index}]" for index, part in enumerate(step.outputs)} if others else {}
         )
         lines.append(f"{name} = {text}")
     used = "\n".join(lines)

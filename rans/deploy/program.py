@@ -43,8 +43,8 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
         )
     if ranges:
         _commanded(program, "output", ranges)
-    wanted = ["command", *(["memory_out"] if architecture.memory else [])]
-    program = _opened(program.pruned(wanted))
+    outputs = ["command", *(["memory_out"] if architecture.memory else [])]
+    program = _opened(program.pruned(outputs))
     tables = parameters(network)
     program.constants |= {name: tables[name] for name in program.parameters}
     for name, table in program.constants.items():

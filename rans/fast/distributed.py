@@ -113,7 +113,7 @@ class Processes:
 
     def part(self, count: int) -> tuple[int, int]:
         """First index and number of the items of this process among ``count``."""
-        first, end = (count * place // self.size for place in (self.rank, self.rank + 1))
+        first, end = (count * rank // self.size for rank in (self.rank, self.rank + 1))
         return first, end - first
 
     def from_all(self, value: Any) -> list[Any]:

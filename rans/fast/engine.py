@@ -114,7 +114,7 @@ class Engine:
         num_envs = divisible(num_envs, len(seeds))
         self._backend = backend = Backend.of(device, dtype, compiled, plain)
         is_craft_named, are_conditions_named = (
-            isinstance(one, str | Path) for one in (craft, conditions)
+            isinstance(argument, str | Path) for argument in (craft, conditions)
         )
         self.craft, self.task = craft, task = load_spacecraft(typed(craft)), load_task(typed(task))
         self.timing = task.timing if timing is None else checked("timing", timing, Timing)
@@ -381,10 +381,10 @@ def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None
             check(craft, actions, len(actions))
         return
     least = actions.min()
-    most = actions.max()
-    if not (least >= 0 and most <= 1):
+    largest = actions.max()
+    if not (least >= 0 and largest <= 1):
         raise ConfigError(
-            f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to {most}; "
+            f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to {largest}; "
             "the usual cause is a policy output that was not clipped or rounded."
         )
 

@@ -134,9 +134,9 @@ class Flights:
             yield from self._divided(_parts(first, count, _SHARE), seed)
             return
         size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
-        for begin, share in _parts(first, count, size):
+        for begin, part_size in _parts(first, count, size):
             with one_thread():
-                part = self._part(begin, share, seed)
+                part = self._part(begin, part_size, seed)
             yield part
 
     def _part(self, first: int, count: int, seed: int) -> FlightStatistics:

@@ -150,15 +150,15 @@ class AgentPolicy(ActorCriticPolicy):
     def get_distribution(self, obs: Any) -> Distribution:
         """As SB3."""
         policy = self._evaluated(obs).policy
-        known = cast("Any", self.action_dist)
+        distribution = cast("Any", self.action_dist)
         if isinstance(policy, ClippedGaussian):
-            return known.proba_distribution(policy.mean, policy.log_spread)
+            return distribution.proba_distribution(policy.mean, policy.log_spread)
         if not isinstance(policy, OnOff):
             raise ConfigError(
                 "Stable-Baselines3 has no distribution for this agent's head: fly it by its commands."
             )
         both = torch.stack((torch.zeros_like(policy.logit), policy.logit), dim=2).flatten(1)
-        return known.proba_distribution(action_logits=both)
+        return distribution.proba_distribution(action_logits=both)
 
     def evaluate_actions(self, obs: Any, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """As SB3: values (N, 1), log-probabilities and entropies (N,) of actions (N, thrusters)."""
@@ -213,22 +213,24 @@ def write_policy(
     Raises:
         ConfigError: the file cannot be written.
     """
-    seen, commanded = policy_spaces(architecture)
+    observation_space, commanded = policy_spaces(architecture)
     kwargs = policy_kwargs(architecture)
     rate = rate or settings.learning_rate
-    policy = AgentPolicy(seen, commanded, lambda _: rate, **kwargs, optimizer_class=_Written)
+    policy = AgentPolicy(
+        observation_space, commanded, lambda _: rate, **kwargs, optimizer_class=_Written
+    )
     policy.to(next(iter(tensors.values())).dtype)
     names = dict((*policy.named_parameters(), *policy.named_buffers()))
     with torch.no_grad():
-        for name, place in names.items():
-            place.copy_(tensors[name])
+        for name, path in names.items():
+            path.copy_(tensors[name])
     optimizer = policy.optimizer.state_dict()
     if adam:
         optimizer["state"] = adam
     data = {
         "policy_class": AgentPolicy,
         "policy_kwargs": kwargs,
-        "observation_space": seen,
+        "observation_space": observation_space,
         "action_space": commanded,
         "verbose": 0,
         "num_timesteps": steps,

@@ -88,8 +88,8 @@ class BarrierProgram:
         command = tuple(x if is_array(x) else like(state, size, x) for x in command)
         search = _Search.of(self, world)
         state, goal = search.ahead.delayed(state, goal, before, self.delay)
-        kept = search.kept(state, goal, command)
-        refused = where_true(~kept)
+        margin = search.kept(state, goal, command)
+        refused = where_true(~margin)
         changed = truths(state, size)
         admitted = tuple(copied(x) for x in command)
         if len(refused):

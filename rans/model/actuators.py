@@ -127,8 +127,8 @@ class Throttle(Actuators):
         """Range of a command's entries, in words."""
         if self.always_lit:
             return f"{self.least:g} (least thrust) to {self.most:g} (most thrust)"
-        most = "full thrust" if self.most == 1.0 else "most thrust"
-        return f"0 (no thrust) to {self.most:g} ({most})"
+        label = "full thrust" if self.most == 1.0 else "most thrust"
+        return f"0 (no thrust) to {self.most:g} ({label})"
 
     def levels(self, command: Command) -> Command:
         """Shares of full force under commands that are held: 0, or at least the least level."""

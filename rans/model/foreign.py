@@ -88,11 +88,11 @@ class Foreign:
             ConfigError: a position or force is missing, or a force acts out of the plane of a planar craft.
         """
         if dimension == 2:
-            for one in self.nozzles:
-                if abs(one.direction[2]) > 1e-6:
+            for nozzle_pose in self.nozzles:
+                if abs(nozzle_pose.direction[2]) > 1e-6:
                     raise ConfigError(
-                        f"{one.name} of {self.source} pushes along z, out of the plane: set dimension to 3, or "
-                        "give the thrusters of the plane with --thruster."
+                        f"{nozzle_pose.name} of {self.source} pushes along z, out of the plane: set dimension to 3, "
+                        "or give the thrusters of the plane with --thruster."
                     )
         if any(nozzle.force is None or nozzle.position is None for nozzle in self.nozzles):
             missing = "force" if all(nozzle.position for nozzle in self.nozzles) else "position"
@@ -118,17 +118,17 @@ def read_foreign(file: Path) -> Foreign:
     text = read_text(file, _LARGEST, "the spacecraft file ")
     try:
         if file.suffix.lower() == ".txt":
-            found = _table(text, file.name)
+            draft = _table(text, file.name)
         else:
             read = _urdf if file.suffix.lower() == ".urdf" else _sdf
-            found = read(_xml(text), file.name)
+            draft = read(_xml(text), file.name)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
-    if len(found.nozzles) > MOST_THRUSTERS:
+    if len(draft.nozzles) > MOST_THRUSTERS:
         raise ConfigError(
-            f"{file} has {len(found.nozzles)} thrusters, and a spacecraft at most {MOST_THRUSTERS}."
+            f"{file} has {len(draft.nozzles)} thrusters, and a spacecraft at most {MOST_THRUSTERS}."
         )
-    return found
+    return draft
 
 
 # rigid bodies
@@ -265,7 +265,9 @@ def _forces(plugins: Iterable[ET.Element], links: Mapping[str, _Link]) -> dict[s
             )
         )
     if stated:
-        return {link: force for _, link, force in sorted(stated, key=lambda one: one[0])}
+        return {
+            link: force for _, link, force in sorted(stated, key=lambda statement: statement[0])
+        }
     return {name: None for name in links if _NOZZLE.search(name)}
 
 
@@ -390,14 +392,14 @@ def _sdf(root: ET.Element, name: str) -> Foreign:
             own = element.get("name", "")
             if tag == "joint":
                 child = element.find(usual)
-                beside = "" if child is None else (child.text or "").strip()
+                text = "" if child is None else (child.text or "").strip()
             else:
-                beside = element.get(usual, "") if usual else ""
+                text = element.get(usual, "") if usual else ""
             pose = element.find("pose")
             relative = "" if pose is None else pose.get("relative_to", "")
             if own in placed:
                 raise ConfigError(f"two links, joints or frames have the name {brief(own)}.")
-            placed[own] = (relative or beside or "__model__", _sdf_pose(pose, own))
+            placed[own] = (relative or text or "__model__", _sdf_pose(pose, own))
     poses = {"__model__": _AT_ORIGIN}
     waiting = dict(placed)
     while waiting:
@@ -466,7 +468,7 @@ class _Lines:
 
     def all(self, comment: str) -> list[tuple[int, str]]:
         """Line numbers and values whose comments begin so."""
-        return [(k, value) for k, value, said in self.rows if said.startswith(comment)]
+        return [(k, value) for k, value, remark in self.rows if remark.startswith(comment)]
 
     def numbers(self, comment: str, count: int, entry: int = 0) -> np.ndarray:
         """Numbers of the line of an entry."""

@@ -100,7 +100,7 @@ def pieces_of_periods(
     bent = _VELOCITY_RESPONSE * size * period**2 / 8.0
     parts = np.sqrt(np.where(uneven, 0.0, bent) / (_CHORD_PART * scale))
     parts = 2 ** np.ceil(np.log2(np.clip(parts, 1.0, _MOST_PARTS))).astype(int)
-    found = []
+    blocks = []
     for count in np.unique(parts):
         rows = np.flatnonzero(parts == count)
         instants = np.linspace(0.0, period, count + 1)
@@ -116,10 +116,10 @@ def pieces_of_periods(
         error = np.where(uneven[rows], 2.0 * bent[rows], bent[rows] / count**2)
         for first, second in itertools.pairwise(coasts):
             time = np.full(len(rows), period + horizon)
-            found.append(Pieces(first, second, time, error, flight[rows]))
-    if not found:
+            blocks.append(Pieces(first, second, time, error, flight[rows]))
+    if not blocks:
         return single_coasts(before, np.zeros(0), flight)
-    return joined(found)
+    return joined(blocks)
 
 
 def single_coasts(states: np.ndarray, time: np.ndarray, flight: np.ndarray) -> Pieces:
@@ -171,8 +171,10 @@ def least_distances(mean_motion: float, pieces: Pieces, flights: int) -> np.ndar
             along = [np.abs(np.sum(unit * x[:, 3:], axis=1)) for x in (first, second)]
             slack = np.minimum(slack, np.maximum(*along) * half + 0.5 * bend[who] * half**2)
             lower = distance - slack - pieces.error[who]
-            kept = lower < best[pieces.flight[who]] - PRECISION
-            survivors.append((who[kept], begin[kept], middle[kept], finish[kept]))
+            candidates = lower < best[pieces.flight[who]] - PRECISION
+            survivors.append(
+                (who[candidates], begin[candidates], middle[candidates], finish[candidates])
+            )
         who, begin, middle, finish = (np.concatenate(x) for x in zip(*survivors, strict=True))
         owner = np.concatenate([who, who])
         start = np.concatenate([begin, middle])

@@ -125,8 +125,12 @@ def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
     """
     if isinstance(name_or_file, Spacecraft):
         return name_or_file
-    given = named("spacecraft", name_or_file, Spacecraft)
-    return read_spacecraft(Path(given)) if given.endswith(".toml") else SPACECRAFT[given].craft
+    registered = named("spacecraft", name_or_file, Spacecraft)
+    return (
+        read_spacecraft(Path(registered))
+        if registered.endswith(".toml")
+        else SPACECRAFT[registered].craft
+    )
 
 
 def read_spacecraft(file: Path) -> Spacecraft:
@@ -147,8 +151,8 @@ def spacecraft_text(name_or_file: str | Path) -> str:
     Raises:
         ConfigError: the name does not exist, or the file cannot be read.
     """
-    given = str(name_or_file)
-    return _file_text(given) if given.endswith(".toml") else SPACECRAFT[given].text
+    name = str(name_or_file)
+    return _file_text(name) if name.endswith(".toml") else SPACECRAFT[name].text
 
 
 def _file_text(given: str) -> str:
@@ -192,10 +196,10 @@ def to_toml(craft: Spacecraft) -> str:
     table: dict[str, Any] = dataclasses.asdict(dataclasses.replace(craft, further_effectors=()))
     del table["further_effectors"]
     defaults = {f.name: f.default for f in dataclasses.fields(craft.actuators)}
-    given = table.pop("actuators").items()
+    entries = table.pop("actuators").items()
     actuators = {"kind": craft.actuators.kind} | {
         key: value
-        for key, value in given
+        for key, value in entries
         if value != defaults[key] or craft.actuators.kind == "pulsed"
     }
     tank = table.pop("propellant")
@@ -305,15 +309,15 @@ def _wheel(table: dict[str, Any], index: int) -> Wheel:
 def _further(tables: Any, key: str) -> tuple[Any, ...]:
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{key} must be [[effector]] tables, got {brief(tables)}.")
-    found = []
+    parts = []
     for index, table in enumerate(tables):
         where = f"effector {index}"
         if "kind" not in table:
             raise ConfigError(f'{where}: the key "kind" is missing.')
         kind = _text(table["kind"], f"{where} kind")
         settings = {name: value for name, value in table.items() if name != "kind"}
-        found.append(structure(settings, EFFECTORS[kind], where))
-    return tuple(found)
+        parts.append(structure(settings, EFFECTORS[kind], where))
+    return tuple(parts)
 
 
 def _propellant(table: Any, key: str) -> Propellant:
@@ -353,10 +357,12 @@ def _check_keys(
     prefix: str,
 ) -> None:
     """Reject unknown keys, and tables without the required ones."""
-    known = sorted({*needed, *optional})
+    allowed = sorted({*needed, *optional})
     for key in table:
-        if key not in known:
-            raise ConfigError(f"unknown key {brief(key)} in {where}; known are {', '.join(known)}.")
+        if key not in allowed:
+            raise ConfigError(
+                f"unknown key {brief(key)} in {where}; known are {', '.join(allowed)}."
+            )
     for key in needed:
         if key not in table:
             raise ConfigError(f"{prefix}the key {brief(key)} is missing.")

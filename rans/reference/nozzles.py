@@ -171,8 +171,8 @@ class _Flow:
         rate = np.zeros_like(self.first)
         slope = np.zeros_like(self.size)
         np.divide(self.size, self.ramp, out=slope, where=moving)
-        there = np.where(moving, slope * (begin - self.start), self.size * (gone >= self.ramp))
-        np.add.at(thrust, (self.row, self.column), there)
+        level = np.where(moving, slope * (begin - self.start), self.size * (gone >= self.ramp))
+        np.add.at(thrust, (self.row, self.column), level)
         np.add.at(rate, (self.row, self.column), slope)
         return thrust, rate
 

@@ -443,9 +443,9 @@ class Plant:
                     middle = 0.5 * (first + last)
                     self._weigh(middle)
                     self._left = left
-                    given = opened * (middle / first)[:, None]
+                    burned = opened * (middle / first)[:, None]
                     ends = (opened + growing * step) * (middle / last)[:, None]
-                    yield Segment(stop, given, (ends - given) / max(step, 1e-30))
+                    yield Segment(stop, burned, (ends - burned) / max(step, 1e-30))
                     now = stop
             begin = end
 

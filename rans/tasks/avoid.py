@@ -113,9 +113,9 @@ class Avoid(GoToPose):
         """Terms of `GoToPose`, then those of the zones, the nearest first."""
         entries = list(super().observation_terms(state, goal))
         for k, zone in enumerate(nearest_first(self.scenery(goal), state.p), 1):
-            way = zone.centre - state.p
+            offset = zone.centre - state.p
             close = nearness(_outside(zone.gap(state.p)), self.zone_scale)
-            towards = way.scale(close / at_least(way.norm(), 1e-6))
+            towards = offset.scale(close / at_least(offset.norm(), 1e-6))
             entries += zone.entries(f"zone {k}", state)
             meaning = (
                 f"direction from the spacecraft to the centre of zone {k}, of length 1 at its surface and "
@@ -143,8 +143,8 @@ def _across(direction: Vector, along: Vector) -> Vector:
     if isinstance(along, Vec2):
         left = Vec2(-along.y, along.x)
         side = direction.dot(left)
-        one = side * 0.0 + 1.0
-        return left.scale(where(side < 0.0, -one, one))
+        unity = side * 0.0 + 1.0
+        return left.scale(where(side < 0.0, -unity, unity))
     part = direction - along.scale(direction.dot(along))
     return part.scale(1.0 / sqrt(part.dot(part) + 1e-12))
 

@@ -39,15 +39,15 @@ def check_dimension(task: Task, dimension: Dimension) -> None:
     """
     if (reason := _failure(task, dimension)) is None or dimension in (works := dimensions(task)):
         return
-    here = PLACES[dimension]
-    there = PLACES[works[0]]
+    own = PLACES[dimension]
+    supported = PLACES[works[0]]
     if dimension not in task.dimensions:
         raise ConfigError(
-            f"the task {type(task).__name__} works {there} only: fly a spacecraft that moves {there}."
+            f"the task {type(task).__name__} works {supported} only: fly a spacecraft that moves {supported}."
         ) from reason
     raise ConfigError(
-        f"the task {type(task).__name__} works {there}, but not {here}: {type(reason).__name__}: "
-        f"{first_line(reason)}. Fly a spacecraft that moves {there}, or write the task with what states have "
+        f"the task {type(task).__name__} works {supported}, but not {own}: {type(reason).__name__}: "
+        f"{first_line(reason)}. Fly a spacecraft that moves {supported}, or write the task with what states have "
         "in both, such as (goal.p - state.p).norm() and state.attitude.to(goal.attitude)."
     ) from reason
 
@@ -60,7 +60,7 @@ def _failure(task: Task, dimension: Dimension) -> Exception | None:
     try:
         with warnings.catch_warnings(action="ignore"):
             state, goal = example_state(task, dimension)
-            if {len(one.p.columns()) for one in (state, goal)} != {dimension}:
+            if {len(pose.p.columns()) for pose in (state, goal)} != {dimension}:
                 raise TypeError("its sample gives states of the other dimension")
             step_goal(state, task.drift, 0.2)
             goal = goal_after(task, goal, state, 0.2)

@@ -68,13 +68,13 @@ class Dock(OrbitalMission):
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the target at the origin; the notes of the goal have a deadline and a plan."""
         distance = random.uniform(*self.spawn_distance)
-        place = self._direction(random).scale(distance)
+        position = self._direction(random).scale(distance)
         speed = random.uniform(*self.start_speed)
         if not self.starts_as_coded:
             at_contact = self.velocity_tolerance - self.limit_slope * self.position_tolerance
             speed = speed * (at_contact + distance * self.limit_slope)
         velocity = self._direction(random).scale(speed)
-        start = replace(random.moving(velocity, random.no_rotation()), p=place)
+        start = replace(random.moving(velocity, random.no_rotation()), p=position)
         goal = random.at_rest(random.origin(), random.no_rotation())
         return start, self.planned(random, start, goal)
 

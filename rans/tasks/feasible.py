@@ -22,7 +22,7 @@ def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
         return []
     result = []
     own = task.timing
-    episode = max(one.control_period * one.episode_steps for one in (timing, own))
+    episode = max(source.control_period * source.episode_steps for source in (timing, own))
     name = f"spacecraft {craft.name!r}"
     if (metre := seconds_for_a_metre(craft)) > episode:
         result.append(

@@ -43,8 +43,8 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
     """
     try:
         state, goal = (
-            _named(one, name)
-            for one, name in zip(example_state(task, dimension), ("", "goal_"), strict=True)
+            _named(example, name)
+            for example, name in zip(example_state(task, dimension), ("", "goal_"), strict=True)
         )
         observed = {
             entry.value: Symbol.input(entry.name)
@@ -80,7 +80,7 @@ def _compute(task: Task, dimension: Dimension) -> None:
     """
 
     def compute(form: Callable[[float], Field]) -> None:
-        state, goal = (map_leaves(form, one) for one in example_state(task, dimension))
+        state, goal = (map_leaves(form, example) for example in example_state(task, dimension))
         command = (form(0.0),)
         task.observation_terms(state, goal)
         task.reward(Transition(state, goal, command, command, state, 1.0, (1.0,)))
@@ -90,13 +90,13 @@ def _compute(task: Task, dimension: Dimension) -> None:
         compute(lambda x: np.zeros(2) + x)
 
 
-def _length(symbol: Symbol, known: dict[int, float]) -> float:
+def _length(symbol: Symbol, lengths: dict[int, float]) -> float:
     """Number of operations in the text of a formula, which repeats shared symbols; inf if an input has no name."""
-    if symbol.serial not in known:
+    if symbol.serial not in lengths:
         unnamed = symbol.operation == "input" and _UNNAMED.fullmatch(str(symbol.value))
-        parts = sum(_length(part, known) for part in symbol.args)
-        known[symbol.serial] = math.inf if unnamed else 1.0 + parts
-    return known[symbol.serial]
+        parts = sum(_length(part, lengths) for part in symbol.args)
+        lengths[symbol.serial] = math.inf if unnamed else 1.0 + parts
+    return lengths[symbol.serial]
 
 
 def _named(state: State, prefix: str) -> State:

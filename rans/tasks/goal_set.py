@@ -26,8 +26,8 @@ def aims(task: Task) -> frozenset[str]:
     Raises:
         ConfigError: the task is a multi-task, which has no tolerances.
     """
-    wanted = task.tolerances().keys()
-    return frozenset(wanted) | {_RATES[name] for name in wanted if name in _RATES}
+    toleranced = task.tolerances().keys()
+    return frozenset(toleranced) | {_RATES[name] for name in toleranced if name in _RATES}
 
 
 def asks_rest(task: Task) -> bool:

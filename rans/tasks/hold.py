@@ -135,8 +135,8 @@ class Hold(OrbitalMission):
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the target and goal behind it; the notes of the goal have a deadline and a plan."""
-        place = random.direction().scale(random.uniform(*self.spawn_distance))
+        position = random.direction().scale(random.uniform(*self.spawn_distance))
         rest = random.at_rest(random.origin(), random.no_rotation())
         behind = replace(rest.p, y=-self.hold_distance)
-        start = replace(rest, p=place)
+        start = replace(rest, p=position)
         return start, self.planned(random, start, replace(rest, p=behind))

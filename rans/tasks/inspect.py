@@ -138,12 +138,12 @@ class Inspect(SingleTask):
     def normals(self) -> tuple[tuple[float, float, float], ...]:
         """Unit normals of the points in W: a Fibonacci lattice with even steps in z and the golden angle."""
         golden = math.pi * (3.0 - math.sqrt(5.0))
-        found = []
+        normals = []
         for k in range(self.points):
             height = 1.0 - (2 * k + 1) / self.points
             across = math.sqrt(1.0 - height * height)
-            found.append((across * math.cos(golden * k), across * math.sin(golden * k), height))
-        return tuple(found)
+            normals.append((across * math.cos(golden * k), across * math.sin(golden * k), height))
+        return tuple(normals)
 
     @property
     def coast_zone(self) -> CoastZone:
@@ -154,9 +154,9 @@ class Inspect(SingleTask):
         """Start around the target, and the goal with the angle of the sun; no point has been seen."""
         distance = random.uniform(*self.spawn_distance)
         speed = distance * random.uniform(*self.start_speed) * (2.0 * self.mean_motion)
-        place = random.direction().scale(distance)
+        position = random.direction().scale(distance)
         velocity = random.direction().scale(speed)
-        start = replace(random.moving(velocity, random.no_rotation()), p=place)
+        start = replace(random.moving(velocity, random.no_rotation()), p=position)
         goal = random.at_rest(random.origin(), random.no_rotation())
         sun = random.uniform(-math.pi, math.pi)
         words = -(-self.points // WORD)
@@ -173,13 +173,13 @@ class Inspect(SingleTask):
         now = self.visible(goal, state)
         counted: Field = 0.0
         remembered = []
-        for word, known in zip(words, self._known(goal), strict=True):
-            kept = word * 0.0
-            for bit, before in enumerate(known):
-                seen = before | now[len(remembered) * WORD + bit]
-                kept = where(seen, kept + float(2**bit), kept)
-                counted = counted + where(seen, kept * 0.0 + 1.0, kept * 0.0)
-            remembered.append(kept)
+        for word, bits in zip(words, self._known(goal), strict=True):
+            packed = word * 0.0
+            for bit, before in enumerate(bits):
+                is_inspected = before | now[len(remembered) * WORD + bit]
+                packed = where(is_inspected, packed + float(2**bit), packed)
+                counted = counted + where(is_inspected, packed * 0.0 + 1.0, packed * 0.0)
+            remembered.append(packed)
         return replace(goal, notes=(sun, counted, *remembered))
 
     def visible(self, goal: State, state: State) -> list[Field]:
@@ -190,12 +190,12 @@ class Inspect(SingleTask):
         sun = self.sun(goal)
         view = math.cos(math.radians(self.view_degrees))
         light = math.cos(math.radians(self.light_degrees))
-        found = []
+        visible = []
         for normal in self.normals:
             along = _dot(p, normal)
-            way = sqrt(at_least(square - along * (2.0 * radius), 0.0))
-            found.append((along - radius > way * view) & (_dot(sun, normal) > light))
-        return found
+            distance_along = sqrt(at_least(square - along * (2.0 * radius), 0.0))
+            visible.append((along - radius > distance_along * view) & (_dot(sun, normal) > light))
+        return visible
 
     def sun(self, goal: State) -> Vec3:
         """Unit vector towards the sun in W."""
@@ -208,7 +208,7 @@ class Inspect(SingleTask):
 
     def _known(self, goal: State) -> list[list[Field]]:
         """Whether each point has been seen, unpacked from the numbers in the notes."""
-        found: list[list[Field]] = []
+        words: list[list[Field]] = []
         for k, word in enumerate(goal.notes[2:]):
             bits = min(WORD, self.points - k * WORD)
             rest = word
@@ -217,8 +217,8 @@ class Inspect(SingleTask):
                 is_set = rest > 2.0**bit - 0.5
                 rest = where(is_set, rest - 2.0**bit, rest)
                 known.append(is_set)
-            found.append(known[::-1])
-        return found
+            words.append(known[::-1])
+        return words
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
         """The keep-out ball around the target."""
@@ -273,13 +273,13 @@ class Inspect(SingleTask):
 
     def directions(self, goal: State) -> tuple[Vec3, Vec3]:
         """Sum of the normals of unseen points, and of unseen lit points, each over the number of points."""
-        known = reduce(add, self._known(goal))
+        inspected = reduce(add, self._known(goal))
         sun = self.sun(goal)
         light = math.cos(math.radians(self.light_degrees))
         zero = goal.notes[1] * 0.0
         sums = [[zero, zero, zero], [zero, zero, zero]]
-        for normal, seen in zip(self.normals, known, strict=True):
-            share = where(seen, zero, zero + 1.0 / self.points)
+        for normal, is_inspected in zip(self.normals, inspected, strict=True):
+            share = where(is_inspected, zero, zero + 1.0 / self.points)
             lit = where(_dot(sun, normal) > light, share, zero)
             for total, weight in zip(sums, (share, lit), strict=True):
                 for axis in range(3):

@@ -63,14 +63,14 @@ class MultiTask(Task):
         parts = fields(self)[1:]
         for part in parts:
             checked(part.name, getattr(self, part.name), type(default(part)))
-        known = [part.name.replace("_", "-") for part in parts]
+        names = [part.name.replace("_", "-") for part in parts]
         if (
             not self.tasks
             or len(set(self.tasks)) < len(self.tasks)
-            or not set(self.tasks) <= set(known)
+            or not set(self.tasks) <= set(names)
         ):
             raise ConfigError(
-                f"tasks must be different ones of {', '.join(known)}, got {self.tasks!r}."
+                f"tasks must be different ones of {', '.join(names)}, got {self.tasks!r}."
             )
 
     def parts(self) -> dict[str, SingleTask]:

@@ -145,8 +145,8 @@ class RelativeRotation(ObservationTerm):
         """First two rows of G R G^T, for the symmetry G and the first two rows of R."""
         if len(columns) == 2:
             return [columns[0], columns[1] * hand]
-        turned = [view(column) for column in zip(*matrix_rows(columns), strict=True)]
-        return [x for row in list(zip(*turned, strict=True))[:2] for x in view(row)]
+        views = [view(column) for column in zip(*matrix_rows(columns), strict=True)]
+        return [x for row in list(zip(*views, strict=True))[:2] for x in view(row)]
 
 
 @dataclass(frozen=True)
@@ -278,8 +278,12 @@ class Layout(NamedTuple):
 
     def in_body(self, columns: Columns) -> list[Field]:
         """Columns of an observation with vectors in B and without the attitude, in the layout `body`."""
-        turned = to_body(columns[: self.blocks[0].width])
-        return [x for block, mine in self.split(columns) for x in block.kind.in_body(mine, turned)]
+        columns_in_body = to_body(columns[: self.blocks[0].width])
+        return [
+            x
+            for block, mine in self.split(columns)
+            for x in block.kind.in_body(mine, columns_in_body)
+        ]
 
     def ahead(self, columns: Columns) -> Columns | None:
         """First vector of the task data, such as that to the goal, from columns in the layout `body`; else None."""

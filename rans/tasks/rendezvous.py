@@ -125,6 +125,6 @@ class Rendezvous(OrbitalMission):
         # The distance across the axis is bounded by the angle.
         widest = math.tan(math.radians(self.spawn_degrees))
         across = random.direction().scale(distance * random.uniform(0.0, widest))
-        place = replace(across, x=distance * -1.0)
-        start = replace(rest, p=place)
+        position = replace(across, x=distance * -1.0)
+        start = replace(rest, p=position)
         return start, self.planned(random, start, rest)

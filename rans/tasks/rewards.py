@@ -39,10 +39,10 @@ def within(*shares: Field, sharpness: int) -> Field:
     The sharpness is the number of times that the numbers are squared.
     """
     if sharpness > _SQUARINGS:  # large numbers would overflow single precision
-        most = 2.0 ** (120.0 / 2**sharpness)
-        shares = tuple(where(share < most, share, most) for share in shares)
+        limit = 2.0 ** (120.0 / 2**sharpness)
+        shares = tuple(where(ratio < limit, ratio, limit) for ratio in shares)
     for _ in range(sharpness):
-        shares = tuple(share * share for share in shares)
+        shares = tuple(ratio * ratio for ratio in shares)
     return 1.0 / (1.0 + sum(shares))
 
 
@@ -226,5 +226,7 @@ def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], 
     kept, because there the reward of the task is wrong, which trainers report.
     """
     total = sum(terms.values())
-    known = finite(total) | ~terminated
-    return {name: where(known, term, 0.0) for name, term in terms.items()}, where(known, total, 0.0)
+    is_paid = finite(total) | ~terminated
+    return {name: where(is_paid, term, 0.0) for name, term in terms.items()}, where(
+        is_paid, total, 0.0
+    )

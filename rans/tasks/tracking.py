@@ -34,8 +34,8 @@ class Tracking(SingleTask):
         """Reward term for being within all tolerances, if it has a weight."""
         if not is_used(self.within_weight):
             return {}
-        shares = (errors[name] / bound for name, bound in self.tolerances().items())
-        return {"within": within(*shares, sharpness=_SQUARINGS) * self.within_weight}
+        ratios = (errors[name] / bound for name, bound in self.tolerances().items())
+        return {"within": within(*ratios, sharpness=_SQUARINGS) * self.within_weight}
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft spins too fast."""
@@ -258,4 +258,4 @@ class TrackVelocityHeading(Tracking):
 
 def spin_difference(state: State, goal: State) -> tuple[Field, ...]:
     """Angular velocity of the goal less that of the craft, rad/s: about z in the plane, in B in space."""
-    return tuple(wanted - w for wanted, w in zip(goal.spin(), state.spin(), strict=True))
+    return tuple(goal_spin - w for goal_spin, w in zip(goal.spin(), state.spin(), strict=True))

@@ -47,8 +47,8 @@ class CpuLayers:
         if missing := cls.capabilities.missing(architecture):
             return missing
         chosen = choice(architecture.tokens) if architecture.backbone == "allocated" else None
-        many = chosen is not None and len(chosen.offset) > _SUBSETS
-        return f"more than {_SUBSETS} ways to open thrusters" if many else ""
+        is_large = chosen is not None and len(chosen.offset) > _SUBSETS
+        return f"more than {_SUBSETS} ways to open thrusters" if is_large else ""
 
     def __init__(self, stage: Stage, tables: Mapping[str, np.ndarray]) -> None:
         self._layers = stage.layers

@@ -105,7 +105,9 @@ class Assurance:
             "seed": self.campaign.seed,
             "confidence": plan.confidence,
             "below": plan.below,
-            "looks": [[look.flights, look.high_level, look.low_level] for look in plan.looks],
+            "looks": [
+                [interim.flights, interim.high_level, interim.low_level] for interim in plan.looks
+            ],
             "hashes": self.hashes,
         }
 

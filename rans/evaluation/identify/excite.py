@@ -139,14 +139,14 @@ class Excitation:
         calm = drift <= 0.5 * _RETURN * self.side
         calm &= turning <= _SPIN
         rows = self.regressors(commands, rotation) * (lasting / (np.sqrt(2.0) * _NOISE))
-        seen = rows @ self.spread @ rows.swapaxes(1, 2)
-        gain = np.linalg.slogdet(np.eye(rows.shape[1]) + seen)[1]
+        gained = rows @ self.spread @ rows.swapaxes(1, 2)
+        gain = np.linalg.slogdet(np.eye(rows.shape[1]) + gained)[1]
         if calm.any():
             best = int(np.argmax(np.where(calm, gain, -np.inf)))
         else:
             best = int(np.argmin(drift**2 + (_RADIUS * turning) ** 2))
         chosen = rows[best]
-        weight = np.linalg.inv(np.eye(len(chosen)) + seen[best])
+        weight = np.linalg.inv(np.eye(len(chosen)) + gained[best])
         across = self.spread @ chosen.T
         self.spread = self.spread - across @ weight @ across.T
         self.command = commands[best]

@@ -450,9 +450,9 @@ class _Solver:
         for group, starts in zip(problem.groups, self.starts, strict=True):
             residual = problem.residual(group, self.values[None], starts[None])
             for name, part in self.columns.items():
-                known = residual[..., part]
-                sums[name] += float(np.nansum(known**2))
-                counts[name] += int(np.isfinite(known).sum())
+                channel = residual[..., part]
+                sums[name] += float(np.nansum(channel**2))
+                counts[name] += int(np.isfinite(channel).sum())
         total = sum(counts.values())
         fitted = sum(len(starts) * problem.width for starts in self.starts)
         fitted += 0 if self.frozen else len(problem.parameters)
@@ -472,10 +472,10 @@ class _Solver:
         total = float(np.sum(self._from_prior(self.values) ** 2))
         for residual in self.residuals(1 + max(group.number for group in self.problem.groups)):
             for name in self.noise:
-                known = residual[:, self.columns[name]]
-                count = int(np.isfinite(known).sum())
+                channel = residual[:, self.columns[name]]
+                count = int(np.isfinite(channel).sum())
                 total += 2.0 * count * np.log(self.noise[name])
-                total += float(np.nansum(known**2)) / self.noise[name] ** 2
+                total += float(np.nansum(channel**2)) / self.noise[name] ** 2
         return total
 
     def covariance(self) -> np.ndarray:

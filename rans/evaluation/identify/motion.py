@@ -203,8 +203,8 @@ def predicted(
     )
     delivered = thrusts.delivered(grid, physics.latency, physics.rise)
     gain = np.stack([np.broadcast_to(g, len(times)) for g in physics.body.gain], axis=-1)
-    shares = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
-    wrenches = shares @ np.array(craft.wrench_map)
+    fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
+    wrenches = fractions @ np.array(craft.wrench_map)
 
     if craft.dimension == 2:
         motors = np.diff(thrusts.spun(grid), axis=1) / step[..., None]

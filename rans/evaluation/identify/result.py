@@ -243,7 +243,7 @@ class Identification:
             result.append("Only measured speeds of wheels determine the inertia of their rotors.")
         coloured = [channel for channel in self.channels() if not channel.is_white]
         if coloured:
-            names = ", ".join(f"{one.name} ({one.correlation:+.2f})" for one in coloured)
+            names = ", ".join(f"{pair.name} ({pair.correlation:+.2f})" for pair in coloured)
             result.append(
                 f"Successive residuals are correlated in {names}: something acts that the model lacks, or a filter "
                 "smooths the readings, and intervals are too narrow."

@@ -189,14 +189,18 @@ def _damage_as_config_error(file: Path) -> Iterator[None]:
 
 def _read(table: dict[str, Any]) -> SavedPolicy:
     """Agent from the table of `agent_bytes` or `actor_bytes`."""
-    made = _architecture(table["architecture"])
+    architecture = _architecture(table["architecture"])
     weights = table["weights"]
     steps = int(table["steps"])
     if not any(name.startswith(_CRITIC) for name in weights):
-        return SavedPolicy(_network(made, weights, False), {}, steps, {}, 0.0, has_critic=False)
-    adam = {int(place): moments for place, moments in table["adam"].items()}
+        return SavedPolicy(
+            _network(architecture, weights, False), {}, steps, {}, 0.0, has_critic=False
+        )
+    adam = {int(number): moments for number, moments in table["adam"].items()}
     rate = float(table["rate"])
-    return SavedPolicy(_network(made, weights), _settings(table["settings"]), steps, adam, rate)
+    return SavedPolicy(
+        _network(architecture, weights), _settings(table["settings"]), steps, adam, rate
+    )
 
 
 def _settings(table: dict[str, Any]) -> dict[str, Any]:
@@ -285,57 +289,60 @@ def _architecture(table: dict[str, Any]) -> Architecture:
             "it anew."
         )
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
-    given = Architecture(
+    architecture = Architecture(
         blocks,
         symmetries=views,
         filters=bank,
         **{name: _value(name, x) for name, x in table.items()},
     )
-    if bank is not None and not bank.fits(blocks.body, given.thrusters):
+    if bank is not None and not bank.fits(blocks.body, architecture.thrusters):
         raise ValueError("its filters are of another spacecraft")
     known = {
-        "head": (given.head, HEADS),
-        "activation": (given.activation, ACTIVATIONS),
-        "backbone": (given.backbone, BACKBONES),
+        "head": (architecture.head, HEADS),
+        "activation": (architecture.activation, ACTIVATIONS),
+        "backbone": (architecture.backbone, BACKBONES),
     }
     for name, (key, table) in known.items():
         if key not in table:
             raise ValueError(f"its {name} {brief(key)} is unknown here")
-    backbone = BACKBONES[given.backbone]
-    widths = [backbone.token_width] * given.thrusters
-    if backbone.has_tokens and [*map(len, given.tokens)] != widths:
+    backbone = BACKBONES[architecture.backbone]
+    widths = [backbone.token_width] * architecture.thrusters
+    if backbone.has_tokens and [*map(len, architecture.tokens)] != widths:
         raise ValueError("its tokens are of another spacecraft")
-    if given.authority:
-        given.columns  # noqa: B018 (refuses the observations of another task)
+    if architecture.authority:
+        architecture.columns  # noqa: B018 (refuses the observations of another task)
         if bank or views:
             raise ValueError(
                 "it has symmetries or filters, which are for columns without authority"
             )
-        if len(given.authority) != 7 or not all(x > 0.0 for x in given.authority):
+        if len(architecture.authority) != 7 or not all(x > 0.0 for x in architecture.authority):
             raise ValueError("its authority is not a control period and six accelerations above 0")
-    if given.last.is_advised:
-        first, last = given.columns.advice
-        if first == last or [*map(len, given.levers)] != [last - first] * given.thrusters:
+    if architecture.last.is_advised:
+        first, last = architecture.columns.advice
+        if (
+            first == last
+            or [*map(len, architecture.levers)] != [last - first] * architecture.thrusters
+        ):
             raise ValueError("what guidance recommends to it is of another spacecraft or task")
     numbers = {
         "filters": bank or (),
         "symmetries": views or (),
-        "nominal": given.nominal,
-        "averages": given.averages,
-        "zoom": given.zoom,
-        "tokens": given.tokens,
-        "authority": given.authority,
-        "levers": given.levers,
-        "clip": given.clip,
+        "nominal": architecture.nominal,
+        "averages": architecture.averages,
+        "zoom": architecture.zoom,
+        "tokens": architecture.tokens,
+        "authority": architecture.authority,
+        "levers": architecture.levers,
+        "clip": architecture.clip,
     }
     for name, values in numbers.items():
         if not _are_finite(values):
             raise ValueError(f"in its {name} there are numbers that are not finite")
-    if views is not None and not _are_views(views, given):
+    if views is not None and not _are_views(views, architecture):
         raise ValueError("its symmetries are of another spacecraft")
-    if given.nominal and len(given.nominal) != given.privileged:
+    if architecture.nominal and len(architecture.nominal) != architecture.privileged:
         raise ValueError("its critic observes quantities of another spacecraft")
-    return given
+    return architecture
 
 
 def _value(name: str, value: Any) -> Any:
@@ -355,12 +362,12 @@ def _are_views(views: Symmetries, architecture: Architecture) -> bool:
     count = len(views.turn)
     axes = views.turn.shape[-1]
     shapes = views.turn.shape, views.hand.shape, views.place.shape
-    places = views.place.astype(int)
+    starts = views.place.astype(int)
     return (
         shapes == ((count, axes, axes), (count,), (count, architecture.thrusters))
         and axes in (2, 3)
         and count > 0
-        and bool(((places >= 0) & (places < architecture.thrusters)).all())
+        and bool(((starts >= 0) & (starts < architecture.thrusters)).all())
     )
 
 

@@ -85,8 +85,8 @@ def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
         }
     if isinstance(value, list | tuple):
         return [
-            _split(inner, f"{path}/{place}" if path else str(place), tensors)
-            for place, inner in enumerate(value)
+            _split(inner, f"{path}/{index}" if path else str(index), tensors)
+            for index, inner in enumerate(value)
         ]
     return value
 

@@ -109,8 +109,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         craft, task = choose(task_name, dimension, spacecraft, task)
         if max_episode_steps is not None:
             usual = task.timing if timing is None else checked("timing", timing, Timing)
-            most = whole("max_episode_steps", max_episode_steps)
-            timing = replace(usual, episode_steps=min(most, usual.episode_steps))
+            step_limit = whole("max_episode_steps", max_episode_steps)
+            timing = replace(usual, episode_steps=min(step_limit, usual.episode_steps))
         self._made = partial(
             Engine,
             craft,
@@ -317,12 +317,12 @@ def _seeds(seed: Any, count: int) -> int | list[int] | None:
     """Seed of all environments, or a list with one per environment, as ints; ConfigError if it is wrong."""
     if seed is None:
         return None
-    many = isinstance(seed, list | tuple) or getattr(seed, "ndim", 0) > 0
-    each: list[Any] = list(seed) if many else [seed]
+    is_list = isinstance(seed, list | tuple) or getattr(seed, "ndim", 0) > 0
+    each: list[Any] = list(seed) if is_list else [seed]
     whole = all(
         isinstance(x, int | np.integer) and not isinstance(x, bool) and 0 <= x < 2**64 for x in each
     )
-    if not whole or (many and len(each) != count):
+    if not whole or (is_list and len(each) != count):
         raise ConfigError(
             "the seed must be one whole number for the whole batch, >= 0 and < 2^64, or a list "
             f"of {count}, got {brief(seed)}."
@@ -337,11 +337,11 @@ class Film:
         from rans.drawing import Scene
         from rans.window import Window
 
-        shown = render_mode == "human"
+        is_live = render_mode == "human"
         self.engine = engine
-        self._count = min(engine.num_envs, _SHOWN) if shown else engine.num_envs
+        self._count = min(engine.num_envs, _SHOWN) if is_live else engine.num_envs
         self._scene = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT)
-        self._window = Window(1.0 / engine.timing.control_period) if shown else None
+        self._window = Window(1.0 / engine.timing.control_period) if is_live else None
 
     def restart(self) -> None:
         """Clear all trails after new episodes have begun in all environments."""

@@ -71,16 +71,16 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     Raises:
         ConfigError: there is no such entry, or the name is not unique.
     """
-    known = list(_names(table))
-    is_known = any(candidate == name or candidate.endswith(f".{name}") for candidate in known)
+    names = list(_names(table))
+    is_known = any(candidate == name or candidate.endswith(f".{name}") for candidate in names)
     present = _present(table, name, value, is_known)
     if present is None:
         return
     name = present
     result = (
         [name]
-        if name in known
-        else [candidate for candidate in known if candidate.endswith(f".{name}")]
+        if name in names
+        else [candidate for candidate in names if candidate.endswith(f".{name}")]
     )
     # An entry of the task itself comes before one of a value in it.
     depth = min((key.count(".") for key in result), default=0)
@@ -91,7 +91,7 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         )
     if not result:
         raise ConfigError(
-            f"the config has no {brief(name)}{_suggestion(name, known)}; `rans list TASK`, "
+            f"the config has no {brief(name)}{_suggestion(name, names)}; `rans list TASK`, "
             "`rans list TRAINING` and the config.json of any run show its entries."
         )
     *parents, last = result[0].split(".")

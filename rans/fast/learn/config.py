@@ -54,8 +54,8 @@ def require(config: object, bound: str, holds: Callable[[Any], bool], *names: st
     """
     for name in names:
         if not fits(value := getattr(config, name), holds):
-            shown = list(value) if isinstance(value, tuple) else value
-            raise ConfigError(f"{name} must be {bound}, got {brief(shown)}.")
+            printed = list(value) if isinstance(value, tuple) else value
+            raise ConfigError(f"{name} must be {bound}, got {brief(printed)}.")
 
 
 @dataclass(frozen=True)
@@ -359,7 +359,10 @@ class Coefficients(NamedTuple):
     @classmethod
     def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
         """Hyper-parameters of K members, in the dtype and on the device of another tensor."""
-        table = ([attrgetter(cls.entry(name))(one) for one in settings] for name in cls._fields)
+        table = (
+            [attrgetter(cls.entry(name))(settings_of_member) for settings_of_member in settings]
+            for name in cls._fields
+        )
         return cls(
             *(
                 like.new_tensor([float("nan") if x is None else x for x in column])

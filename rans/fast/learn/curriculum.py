@@ -67,12 +67,12 @@ class Ramp:
 
     def values(self, end: Range, steps: int) -> Iterator[float]:
         """Yield the one or two numbers of the setting after ``steps`` environment steps."""
-        share = self.share(steps)
+        fraction = self.share(steps)
         for low, high in zip(_numbers(self.start), _numbers(end), strict=True):
             yield (
-                low * (high / low) ** share
+                low * (high / low) ** fraction
                 if self.shape == "geometric"
-                else low + (high - low) * share
+                else low + (high - low) * fraction
             )
 
 
@@ -94,23 +94,23 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
         ConfigError: a setting is unknown or has two ramps, a start is not of the setting's kind (number or range),
             a geometric ramp ends at 0, or the task rejects the values at the start or end of a ramp.
     """
-    known = _numbers_of(task)
+    ranges = _numbers_of(task)
     for ramp in ramps:
         name = ramp.setting
-        if name not in known:
+        if name not in ranges:
             raise ConfigError(
-                f"the task has no setting {name!r} to ramp; known are {', '.join(known)}."
+                f"the task has no setting {name!r} to ramp; known are {', '.join(ranges)}."
             )
         if sum(other.setting == name for other in ramps) > 1:
             raise ConfigError(f"{name} has more than one ramp; give it one.")
-        if ramp.shape == "geometric" and not min(_numbers(known[name])) > 0:
+        if ramp.shape == "geometric" and not min(_numbers(ranges[name])) > 0:
             raise ConfigError(
-                f"the geometric ramp of {name} must end above 0, got {known[name]!r}; take a "
+                f"the geometric ramp of {name} must end above 0, got {ranges[name]!r}; take a "
                 "linear one."
             )
-        if len(_numbers(ramp.start)) != len(_numbers(known[name])):
+        if len(_numbers(ramp.start)) != len(_numbers(ranges[name])):
             raise ConfigError(
-                f"the ramp of {name} must start at something like {known[name]!r}, got "
+                f"the ramp of {name} must start at something like {ranges[name]!r}, got "
                 f"{ramp.start!r}."
             )
     for steps in sorted(
@@ -122,12 +122,12 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
 def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
     """The task with its settings after ``steps`` environment steps."""
     ends = _numbers_of(task)
-    moved = dict[str, float]()
+    changes = dict[str, float]()
     for ramp in ramps:
-        moved |= zip(
+        changes |= zip(
             _places(ramp.setting, ends), ramp.values(ends[ramp.setting], steps), strict=True
         )
-    return map_settings(lambda name, number: moved.get(name, number), task, checked=True)
+    return map_settings(lambda name, number: changes.get(name, number), task, checked=True)
 
 
 class Curriculum:
@@ -205,8 +205,8 @@ def _numbers_of(task: Task) -> dict[str, Range]:
     result: dict[str, Any] = {}
 
     def note(name: str, number: float) -> float:
-        setting, _, place = name.rpartition(".")
-        if place.isdigit():
+        setting, _, component = name.rpartition(".")
+        if component.isdigit():
             result[setting] = (*result.get(setting, ()), number)
         else:
             result[name] = number

@@ -80,8 +80,8 @@ class FailedStarts:
     def _next_search(self) -> float:
         """Environment steps after which the next search is due."""
         begin = self._settings.begin
-        share = begin + (1.0 - begin) * self._searches / self._settings.searches
-        return share * self._configs[0].total_timesteps
+        fraction = begin + (1.0 - begin) * self._searches / self._settings.searches
+        return fraction * self._configs[0].total_timesteps
 
     def _search(self) -> None:
         """Fly every member, and store the states of failed flights."""

@@ -146,10 +146,10 @@ class PPO:
                 "run folder."
             )
         count = engine.num_envs
-        kept = {name: value for name, value in saved.settings.items() if name in _KNOWN}
+        accepted = {name: value for name, value in saved.settings.items() if name in _KNOWN}
         if saved.settings.get("n_envs") != count:
-            kept.pop("batch_size", None)
-        model = cls(env, **kept | settings)
+            accepted.pop("batch_size", None)
+        model = cls(env, **accepted | settings)
         model.num_timesteps = saved.steps
         try:
             adopt(model.learner, saved)

@@ -74,7 +74,7 @@ class FusedGradient(ABC):
         zero = adam.row.shape[1]  # index of a zero behind the parameters, for padding
         # Index of every parameter in the row of all: the tensors are views of that row.
         indices = torch.arange(zero, device=self._device)
-        places = design.places(
+        offsets = design.places(
             {
                 name: indices.as_strided(x.shape, x.stride(), x.storage_offset())
                 for name, x in network.tensors.items()
@@ -82,14 +82,14 @@ class FusedGradient(ABC):
             },
             zero,
         )
-        head = Places(*(x.T for x in places["head"]))
+        head = Places(*(x.T for x in offsets["head"]))
         # What to gather for the packed weights and biases. Each is the difference of two parameters, since a
         # thruster's logit is a difference of outputs. The heads' weights come twice: rounded, and their remainder.
         matrices = [
             [functional.pad(x, (0, PAD), value=zero).flatten() for x in pair]
-            for pair in (places["first"], places["second"], head, head)
+            for pair in (offsets["first"], offsets["second"], head, head)
         ]
-        biases = [[x.flatten() for x in places[name]] for name in ("bias", "constant")]
+        biases = [[x.flatten() for x in offsets[name]] for name in ("bias", "constant")]
         self._weights, self._biases = (
             [torch.cat(x) for x in zip(*parts, strict=True)] for parts in (matrices, biases)
         )
@@ -99,7 +99,7 @@ class FusedGradient(ABC):
         # is cut off.
         self._source = torch.zeros(zero + 1, dtype=torch.int64, device=self._device)
         self._sign = adam.row.new_zeros(zero + 1)
-        for pair, sign in zip(zip(*places.values(), strict=True), (1.0, -1.0), strict=True):
+        for pair, sign in zip(zip(*offsets.values(), strict=True), (1.0, -1.0), strict=True):
             flat = torch.cat([x.flatten() for x in pair])
             self._source[flat] = torch.arange(len(flat), device=self._device)
             self._sign[flat] = sign

@@ -39,7 +39,7 @@ def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list
     Raises:
         ConfigError: a logger cannot be started.
     """
-    made = {"hparams": _Hparams, "wandb": _WandB, "mlflow": _MLflow}
+    writers = {"hparams": _Hparams, "wandb": _WandB, "mlflow": _MLflow}
     plain = (bool, int, float, str)  # lists become texts
     settings = {
         name: x if isinstance(x, plain) else str(x) for name, x in entries(to_table(config))
@@ -47,7 +47,7 @@ def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list
     results: list[Logger] = []
     for name in dict.fromkeys(names):
         try:
-            results.append(made[name](settings, run))
+            results.append(writers[name](settings, run))
         except Exception as error:  # services may raise anything
             raise ConfigError(f"--log {name} cannot start: {first_line(error)}.") from error
     return results

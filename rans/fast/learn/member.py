@@ -105,8 +105,8 @@ def begin(
         ConfigError: the settings do not fit the engine.
     """
     plain = engine.plain if plain is None else plain
-    for one in settings:
-        check_sizes(engine, one, len(settings))
+    for entry in settings:
+        check_sizes(engine, entry, len(settings))
     architecture = architecture_of(engine, settings[0])
     set_precision(settings[0].matmul, engine.device)
     tables, generators = zip(
@@ -131,8 +131,8 @@ def begin(
 def _head(engine: Engine, settings: PPOSettings) -> str:
     """Key of `rans.policy.heads.HEADS`; ConfigError if the spacecraft or the task does not fit it."""
     craft = engine.craft
-    wanted = settings.head
-    if wanted == "guided":
+    head_name = settings.head
+    if head_name == "guided":
         first, last = engine.layout.advice
         if first == last:
             raise ConfigError(
@@ -141,7 +141,7 @@ def _head(engine: Engine, settings: PPOSettings) -> str:
             )
         if settings.symmetric:
             raise ConfigError("the head 'guided' needs symmetric to be false.")
-    if wanted == "auto":
+    if head_name == "auto":
         return "gaussian" if craft.is_continuous else "on-off"
     odd = [
         command.name
@@ -150,11 +150,11 @@ def _head(engine: Engine, settings: PPOSettings) -> str:
     ]
     if odd:
         raise ConfigError(
-            f"the head {wanted!r} needs commands that may be 0 or a share up to the largest, and those of "
+            f"the head {head_name!r} needs commands that may be 0 or a share up to the largest, and those of "
             f"{craft.name} may not ({odd[0]}): give it throttled or pulsed thrusters without wheels, or "
             "train with the head 'auto'."
         )
-    return wanted
+    return head_name
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:

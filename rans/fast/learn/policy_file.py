@@ -61,18 +61,18 @@ def moments(adam: Adam, number: int) -> dict[Any, Any]:
         for tensors in adam.moments
     )
     return {
-        place: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
-        for place, (a, b) in enumerate(zip(first, second, strict=True))
+        index: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
+        for index, (a, b) in enumerate(zip(first, second, strict=True))
     }
 
 
 def remember(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
     """Load Adam moments from `moments` for a single member; without any, they stay zero."""
     adam.rate.fill_(rate)
-    for place, kept in saved.items():
+    for parameter, moments_of in saved.items():
         for memory, name in zip(adam.moments, ("exp_avg", "exp_avg_sq"), strict=True):
-            memory[place].copy_(kept[name])
-        adam.steps.copy_(kept["step"])
+            memory[parameter].copy_(moments_of[name])
+        adam.steps.copy_(moments_of["step"])
 
 
 @torch.no_grad()

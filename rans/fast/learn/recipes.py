@@ -160,8 +160,8 @@ def _to_the_end(quick: TrainConfig) -> TrainConfig:
 
 def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path | None:
     """Recipe file of a quality; None: this task has none."""
-    place = "plane" if dimension == 2 else "space"
-    good = RECIPE_FOLDER / f"good-{task}-{place}.toml"
+    space = "plane" if dimension == 2 else "space"
+    good = RECIPE_FOLDER / f"good-{task}-{space}.toml"
     if quality == "good" and ":" not in task and good.exists():
         return good
     endings = ["", "-shared"]
@@ -179,9 +179,9 @@ def preset(task: str, dimension: int, device: str) -> PPOSettings:
         dimension: 2 or 3.
         device: torch device; any device but a CPU uses the GPU values.
     """
-    place = "plane" if dimension == 2 else "space"
-    own = RECIPE_FOLDER / f"preset-{task}-{place}.toml"
-    file = own if ":" not in task and own.exists() else RECIPE_FOLDER / f"preset-{place}.toml"
+    space = "plane" if dimension == 2 else "space"
+    own = RECIPE_FOLDER / f"preset-{task}-{space}.toml"
+    file = own if ":" not in task and own.exists() else RECIPE_FOLDER / f"preset-{space}.toml"
     table = _on_device(_table(file), device)
     settings = structure(table.get("ppo", {}), PPOSettings, f"{file.stem}.ppo")
     return replace(settings, symmetric=TASKS[task].symmetric)
@@ -206,10 +206,10 @@ def _table(file: Path) -> dict[str, Any]:
     base = table.pop("base", None)
     if base is None:
         return _with_present_names(table, table.get("task"))
-    known = sorted(path.stem for path in RECIPE_FOLDER.glob("*.toml"))
-    if base not in known:
+    recipe_names = sorted(path.stem for path in RECIPE_FOLDER.glob("*.toml"))
+    if base not in recipe_names:
         raise ConfigError(
-            f"base must be the name of a recipe that comes with RANS, one of {', '.join(known)}, "
+            f"base must be the name of a recipe that comes with RANS, one of {', '.join(recipe_names)}, "
             f"got {brief(base)}."
         )
     below = _table(RECIPE_FOLDER / f"{base}.toml")

@@ -114,8 +114,8 @@ class Rollout:
         if action.is_cuda:
             return self._processes.uniform_like(action)
         parts = zip(action.chunk(self._members, dim=1), generators, strict=True)
-        drawn = [self._processes.uniform_like(part, generator) for part, generator in parts]
-        return torch.cat(drawn, dim=1) if len(drawn) > 1 else drawn[0]
+        samples = [self._processes.uniform_like(part, generator) for part, generator in parts]
+        return torch.cat(samples, dim=1) if len(samples) > 1 else samples[0]
 
     def spread(self, values: Tensor) -> Tensor:
         """Repeat numbers (K,) of the members for their environments: (N,), or (1,) for one member."""

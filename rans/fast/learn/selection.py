@@ -81,14 +81,14 @@ class Selection:
     def _named(self, values: Sequence[float]) -> dict[str, float]:
         left = iter(values)
         duties = []
-        shares = []
+        success_rates = []
         errors = {}
         for name, engine in self._engines.items():
             prefix = f"{name}/" if len(self._engines) > 1 else ""
             duties.append(next(left))
-            shares.append(next(left))
+            success_rates.append(next(left))
             errors |= {f"error/{prefix}{quantity}": next(left) for quantity in engine.errors()}
-        return {"success": min(shares), "duty": fmean(duties), **errors}
+        return {"success": min(success_rates), "duty": fmean(duties), **errors}
 
     @torch.no_grad()
     def _fly(self) -> Tensor:

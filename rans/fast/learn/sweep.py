@@ -121,10 +121,10 @@ class Sweep:
     def _train_all(
         self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
     ) -> None:
-        for place, batch in self.processes.mine(list(enumerate(self._batches))):
-            run = RunFolder(inside(self.path, "batches", str(place)))
+        for number, batch in self.processes.mine(list(enumerate(self._batches))):
+            run = RunFolder(inside(self.path, "batches", str(number)))
             if not stop() or run.has_checkpoint:
-                if place > 0:
+                if number > 0:
                     gc.collect()  # the device's memory of the batch before hangs in reference cycles
                 self._train(run, batch, report, stop)
         try:

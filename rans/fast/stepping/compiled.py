@@ -77,8 +77,8 @@ class GeneratedStep:
         for memory in room.values():
             memory.put(stride, draws.stride)
         self._blocks = [
-            (slice(place * _BLOCK, place * _BLOCK + size), room[size])
-            for place, size in enumerate(sizes)
+            (slice(index * _BLOCK, index * _BLOCK + size), room[size])
+            for index, size in enumerate(sizes)
         ]
 
     def __call__(self, action: Tensor) -> Step:

@@ -59,8 +59,8 @@ class Kernel:
         self._members = members
         self._thrusters = world.craft.command_count
         self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
-        many = self._count >= MANY and self._count % 2 == 0
-        self._together = 2 if many and self._program.operations < LONG else 1
+        is_vectorized = self._count >= MANY and self._count % 2 == 0
+        self._together = 2 if is_vectorized and self._program.operations < LONG else 1
         for parameter in self._program.settings:  # They are read without conversion.
             if (parameter.source.dtype, parameter.source.device) != (self._real, self._device):
                 raise TypeError(

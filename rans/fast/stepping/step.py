@@ -166,7 +166,7 @@ class Backend:
         the draws of their conditions, or draw them in every step.
         """
         zeros = torch.zeros(count, dtype=torch.float64)
-        kept = getattr(torch, world.craft.command_dtype)
+        command_dtype = getattr(torch, world.craft.command_dtype)
         real = torch.float64 if self.fields in (np.float64, torch.float64) else torch.float32
         clock = self.put(zeros, torch.int32)
 
@@ -177,7 +177,7 @@ class Backend:
         start, goal = world.scenario(clock, draws)
         new = world.begin(start, goal, clock, draws, body)
         anywhere = map_leaves(lambda x: x + self.put(zeros, real), start)
-        moved = goal_after(world.task, goal, anywhere, world.timing.control_period)
+        next_goal = goal_after(world.task, goal, anywhere, world.timing.control_period)
         # A buffer for each of these values.
         parameters = None
         if remember and new.parameters is not None:
@@ -188,11 +188,11 @@ class Backend:
         return replace(
             new,
             state=map_leaves(buffer, new.state),
-            goal=map_leaves(buffer, goal, moved),
+            goal=map_leaves(buffer, goal, next_goal),
             parameters=parameters,
             past=map_leaves(buffer, new.past),
             reading=map_leaves(buffer, new.reading),
-            commands=map_leaves(lambda _: self.put(zeros, kept), new.commands),
+            commands=map_leaves(lambda _: self.put(zeros, command_dtype), new.commands),
             violated=None if new.violated is None else self.put(zeros, real),
         )
 
@@ -327,7 +327,9 @@ def restore(
     copy_into(
         seed,
         [
-            torch.as_tensor(word).numpy() if isinstance(kept, np.ndarray) else torch.as_tensor(word)
-            for kept, word in zip(seed, table["seed"], strict=True)
+            torch.as_tensor(word).numpy()
+            if isinstance(saved, np.ndarray)
+            else torch.as_tensor(word)
+            for saved, word in zip(seed, table["seed"], strict=True)
         ],
     )

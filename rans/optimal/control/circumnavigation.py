@@ -111,8 +111,8 @@ class Circumnavigation:
         within: float | None = None,
         safe_coasts: bool = False,
     ) -> None:
-        self.craft, asked = craft_and_task(craft, task)
-        self.task = Inspect.expected(asked, "circumnavigation flies inspections")
+        self.craft, task_value = craft_and_task(craft, task)
+        self.task = Inspect.expected(task_value, "circumnavigation flies inspections")
         self._timing = self.task.timing if timing is None else timing
         self._period = self._timing.control_period
         length = self._timing.control_period * self._timing.episode_steps
@@ -217,35 +217,37 @@ class Circumnavigation:
     def _plan(self, row: int, state: Any, goal: Any, now: float) -> None:
         """Set the plan of one flight."""
         assert self._plans is not None
-        here, there = map_leaves(lambda x: float(x[row]), (state, goal))
+        state_now, target_now = map_leaves(lambda x: float(x[row]), (state, goal))
         left = self._within - now
         if left <= 0.0:
             left = self._within
-        first, second, target, price = self._priced(here, there)
+        first, second, target, price = self._priced(state_now, target_now)
         order = np.argsort(price, kind="stable")
         order = order[second[order] < left]
-        most = -1
+        most_points = -1
         best = 0
         end = now + left
         for begin in range(0, len(order), _TOGETHER):
             some = order[begin : begin + _TOGETHER]
-            seen, finish = self._judged(
-                here, there, first[some], second[some], target[:, some], left
+            inspected, finish = self._judged(
+                state_now, target_now, first[some], second[some], target[:, some], left
             )
             if self._safe_coasts and np.isfinite(finish).any():
-                safe = self._coasts_safely(here, now, first[some], second[some], target[:, some])
-                seen, finish = np.where(safe, seen, -1), np.where(safe, finish, math.inf)
+                safe = self._coasts_safely(
+                    state_now, now, first[some], second[some], target[:, some]
+                )
+                inspected, finish = np.where(safe, inspected, -1), np.where(safe, finish, math.inf)
             # The cheapest that sees enough, or else the one that sees the most.
-            k = int(np.argmax(np.where(np.isfinite(finish), math.inf, seen)))
-            if seen[k] > most:
-                most = seen[k]
+            k = int(np.argmax(np.where(np.isfinite(finish), math.inf, inspected)))
+            if inspected[k] > most_points:
+                most_points = inspected[k]
                 best = some[k]
                 end = now + min(finish[k], left)
             if np.isfinite(finish[k]):
                 break
-        if most < 0:
+        if most_points < 0:
             # Nothing keeps clear: the closed orbit through this position.
-            self._set(row, now, now, here.p.x, here.p.y, now + left)
+            self._set(row, now, now, state_now.p.x, state_now.p.y, now + left)
             return
         x, y = map(float, target[:, best])
         self._set(row, now + first[best], now + second[best], x, y, end)
@@ -261,7 +263,7 @@ class Circumnavigation:
         self._plans.finish[row] = finish
 
     def _priced(
-        self, here: Any, there: Any
+        self, state_now: Any, target_now: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Times of both burns (K,), position of the second (2, K), and velocity change (K,) of all plans."""
         n = self.task.mean_motion
@@ -272,10 +274,10 @@ class Circumnavigation:
         period = self._period
         first = np.round(grid[0] * orbit / period) * period + 0.5 * period
         second = first + np.maximum(np.round(grid[1] * orbit / period), 1.0) * period
-        phase = there.notes[0] - n * second + grid[2]
+        phase = target_now.notes[0] - n * second + grid[2]
         width = least + grid[3]
         target = np.array([width * np.cos(phase), 2.0 * width * np.sin(phase)])
-        p, v = self.task.drift.carry(here.p, here.v, first)
+        p, v = self.task.drift.carry(state_now.p, state_now.v, first)
         p, v = Vec2(p.x, p.y), Vec2(v.x, v.y)
         begin = velocity_to_reach(self.task.drift, p, Vec2(target[0], target[1]), second - first)
         _, arrival = self.task.drift.carry(p, begin, second - first)
@@ -289,8 +291,8 @@ class Circumnavigation:
 
     def _judged(
         self,
-        here: Any,
-        there: Any,
+        state_now: Any,
+        target_now: Any,
         first: np.ndarray,
         second: np.ndarray,
         target: np.ndarray,
@@ -300,8 +302,8 @@ class Circumnavigation:
         task = self.task
         n = task.mean_motion
         times = np.arange(0.0, left + 1e-9, _STEP)[:, None]
-        before = self._coasted(here.p, here.v, times)
-        at_first = task.drift.carry(here.p, here.v, first)
+        before = self._coasted(state_now.p, state_now.v, times)
+        at_first = task.drift.carry(state_now.p, state_now.v, first)
         begin = velocity_to_reach(
             task.drift,
             Vec2(at_first[0].x, at_first[0].y),
@@ -309,7 +311,7 @@ class Circumnavigation:
             second - first,
         )
         transfer = self._coasted(at_first[0], Vec3(begin.x, begin.y, at_first[1].z), times - first)
-        z = task.drift.carry(here.p, here.v, second)
+        z = task.drift.carry(state_now.p, state_now.v, second)
         closed = self._coasted(
             Vec3(target[0], target[1], z[0].z),
             Vec3(0.5 * n * target[1], -2.0 * n * target[0], z[1].z),
@@ -325,19 +327,19 @@ class Circumnavigation:
         )
         clear = _nearest(p) > task.keep_out + 0.9 * _CLEAR
         clear &= p.norm() < task.fail_distance - _CLEAR
-        notes = (there.notes[0] - n * times, *there.notes[1:])
-        moved = replace(here, p=p)
-        seen = np.array(task.visible(replace(there, notes=notes), moved))
-        known = np.array([bool(x) for word in task._known(there) for x in word])
-        seen = np.logical_or.accumulate(seen, axis=1) | known[:, None, None]
-        count = seen.sum(axis=0)
+        notes = (target_now.notes[0] - n * times, *target_now.notes[1:])
+        coasting = replace(state_now, p=p)
+        inspected = np.array(task.visible(replace(target_now, notes=notes), coasting))
+        inspected_before = np.array([bool(x) for word in task._known(target_now) for x in word])
+        inspected = np.logical_or.accumulate(inspected, axis=1) | inspected_before[:, None, None]
+        count = inspected.sum(axis=0)
         enough = 1.0 - count / task.points < task.unseen_tolerance - 1e-9
         finish = np.where(enough.any(axis=0), times[np.argmax(enough, axis=0), 0], math.inf)
         safe = (clear | (times > finish)).all(axis=0)
         return np.where(safe, count[-1], -1), np.where(safe, finish, math.inf)
 
     def _coasts_safely(
-        self, here: Any, now: float, first: np.ndarray, second: np.ndarray, target: np.ndarray
+        self, state_now: Any, now: float, first: np.ndarray, second: np.ndarray, target: np.ndarray
     ) -> np.ndarray:
         """Whether the coasts of plans (K,) stay outside the ball for an orbit, whenever the thrusters shut.
 
@@ -348,7 +350,7 @@ class Circumnavigation:
         orbit = 2.0 * math.pi / n
         count = len(first)
         waits = first > self._period
-        start = np.tile(np.array([*here.p.columns(), *here.v.columns()]), (count, 1))
+        start = np.tile(np.array([*state_now.p.columns(), *state_now.v.columns()]), (count, 1))
         at_first = carried(n, start, first)
         begin = velocity_to_reach(
             self.task.drift, Vec2(*at_first[:, :2].T), Vec2(*target), second - first
@@ -373,14 +375,14 @@ class Circumnavigation:
         return distance > self.task.keep_out + _COASTS_CLEAR
 
     def _coasted(self, p: Any, v: Any, times: np.ndarray) -> Vec3:
-        moved, _ = self.task.drift.carry(p, v, times)
-        shape = np.broadcast_shapes(*(np.shape(x) for x in moved.columns()))
-        return Vec3(*(np.broadcast_to(x, shape) for x in moved.columns()))
+        positions, _ = self.task.drift.carry(p, v, times)
+        shape = np.broadcast_shapes(*(np.shape(x) for x in positions.columns()))
+        return Vec3(*(np.broadcast_to(x, shape) for x in positions.columns()))
 
 
 def _nearest(p: Vec3) -> np.ndarray:
     """Least distance (T, K) from the origin on the line from every instant to the next one, m."""
-    here = np.array(p.columns())
-    way = np.diff(here, axis=1, append=here[:, -1:])
-    share = -(here * way).sum(axis=0) / np.maximum((way * way).sum(axis=0), 1e-12)
-    return np.linalg.norm(here + way * np.clip(share, 0.0, 1.0), axis=0)
+    points = np.array(p.columns())
+    steps = np.diff(points, axis=1, append=points[:, -1:])
+    fraction = -(points * steps).sum(axis=0) / np.maximum((steps * steps).sum(axis=0), 1e-12)
+    return np.linalg.norm(points + steps * np.clip(fraction, 0.0, 1.0), axis=0)

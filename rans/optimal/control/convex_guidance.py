@@ -111,29 +111,33 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
-        here = np.stack(
+        relative_states = np.stack(
             [np.asarray(x, float) for x in (*leaves(state.p), *leaves(state.v))], axis=1
         )
-        if len(self._plans) != len(here):
-            self.reset(len(here))
+        if len(self._plans) != len(relative_states):
+            self.reset(len(relative_states))
         goal = self._afterwards.goal(state, goal)
         stays = self._afterwards.stays
         deadline, arrival = (
-            np.broadcast_to(np.asarray(x, float), len(here)) for x in goal.notes[:2]
+            np.broadcast_to(np.asarray(x, float), len(relative_states)) for x in goal.notes[:2]
         )
         if self._meeting is None:
             self._meeting = self._cautious(goal)
             self._impulses = Impulses(self._meeting)
-        commands = np.zeros((len(here), self._craft.command_count))
+        commands = np.zeros((len(relative_states), self._craft.command_count))
         for k, plan in enumerate(self._plans):
-            if plan is not None and (stays[k] or self._is_off(self._meeting, plan, here[k])):
+            if plan is not None and (
+                stays[k] or self._is_off(self._meeting, plan, relative_states[k])
+            ):
                 self._plans[k] = None
         lost = np.array([plan is None for plan in self._plans])
         open_ = np.flatnonzero(lost & ~stays)
         if self._closed_form:
-            open_ = self._fired(self._meeting, here, arrival, open_, commands)
+            open_ = self._fired(self._meeting, relative_states, arrival, open_, commands)
         for k in open_:
-            self._plans[k] = self._planned(self._meeting, here[k], deadline[k], arrival[k])
+            self._plans[k] = self._planned(
+                self._meeting, relative_states[k], deadline[k], arrival[k]
+            )
         for k, plan in enumerate(self._plans):
             if plan is not None:
                 commands[k] = plan.commands[0]
@@ -143,7 +147,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     def _fired(
         self,
         meeting: Meeting,
-        here: np.ndarray,
+        relative_state: np.ndarray,
         arrival: np.ndarray,
         rows: np.ndarray,
         commands: np.ndarray,
@@ -158,49 +162,49 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             if count < 1:
                 left.append(ours)
                 continue
-            states = here[ours]
+            states = relative_state[ours]
             firings = self._impulses.firings(states, int(count))
-            kept = (firings.share <= 1.0).all(axis=1)
+            feasible = (firings.share <= 1.0).all(axis=1)
             last = int(count) * self._timing.checks
             checks = np.unique(np.linspace(1, last, min(last, _CHECKED)).astype(int))
             flown = self._impulses.flown(states, firings, checks)
             # Nobody can do better than to go on where a limit is broken already.
             broken = least_margins(meeting.limits, states[:, None]) < 0.0
-            kept &= broken | (least_margins(meeting.limits, flown) >= 0.0)
-            commands[ours[kept]] = firings.now(commands.shape[1])[kept]
-            left.append(ours[~kept])
+            feasible &= broken | (least_margins(meeting.limits, flown) >= 0.0)
+            commands[ours[feasible]] = firings.now(commands.shape[1])[feasible]
+            left.append(ours[~feasible])
         return np.concatenate(left) if left else rows
 
     def _cautious(self, goal: Any) -> Meeting:
         """The mission's meeting, with its tolerances and limits a little tighter."""
-        one = replace(
+        cautious = replace(
             goal,
             p=type(goal.p)(*(np.ravel(x)[:1] for x in leaves(goal.p))),
             v=type(goal.v)(*(np.ravel(x)[:1] for x in leaves(goal.v))),
         )
-        meeting = Meeting.of(self._craft, self._mission, one)
-        kept = 1.0 - self._reserve
+        meeting = Meeting.of(self._craft, self._mission, cautious)
+        remaining = 1.0 - self._reserve
         return replace(
             meeting,
             timing=self._timing,
             every=self._every,
-            position_tolerance=meeting.position_tolerance * kept,
-            velocity_tolerance=meeting.velocity_tolerance * kept,
+            position_tolerance=meeting.position_tolerance * remaining,
+            velocity_tolerance=meeting.velocity_tolerance * remaining,
             limits=tuple(_tightened(limit, self._reserve) for limit in meeting.limits),
         )
 
-    def _is_off(self, meeting: Meeting, plan: _Plan, here: np.ndarray) -> bool:
+    def _is_off(self, meeting: Meeting, plan: _Plan, relative_state: np.ndarray) -> bool:
         """Whether a plan that is flown on would miss its arrival."""
         size = len(meeting.place)
         free = meeting.transition(len(plan.states) - 1)
-        missed = free @ (here - plan.states[0])
+        missed = free @ (relative_state - plan.states[0])
         return bool(
             np.linalg.norm(missed[:size]) > _OFF * meeting.position_tolerance
             or np.linalg.norm(missed[size:]) > _OFF * meeting.velocity_tolerance
         )
 
     def _planned(
-        self, meeting: Meeting, here: np.ndarray, left: float, arrival: float
+        self, meeting: Meeting, relative_state: np.ndarray, left: float, arrival: float
     ) -> _Plan | None:
         """A plan from this state (2 d,), with so many s until the deadline and the task's planned arrival."""
         last = last_check(left, meeting.interval)
@@ -208,37 +212,37 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             return None
         try:
             transfer = (
-                self._searched(meeting, here, left)
+                self._searched(meeting, relative_state, left)
                 if self._search
-                else self._direct(meeting, here, last, arrival)
+                else self._direct(meeting, relative_state, last, arrival)
             )
         except SolverFailed:
             transfer = None
         if transfer is None:
             self.failures += 1
             return None
-        return _Plan(transfer.commands, trajectory(meeting, here, transfer))
+        return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
 
     @staticmethod
-    def _searched(meeting: Meeting, here: np.ndarray, left: float) -> Transfer:
+    def _searched(meeting: Meeting, relative_state: np.ndarray, left: float) -> Transfer:
         """The cheapest transfer; where none is known that keeps the limits, the cheapest without them."""
-        answer = rendezvous(meeting, here, left)
+        answer = rendezvous(meeting, relative_state, left)
         return answer.free if answer.transfer is None else answer.transfer
 
     def _direct(
-        self, meeting: Meeting, here: np.ndarray, last: int, arrival: float
+        self, meeting: Meeting, relative_state: np.ndarray, last: int, arrival: float
     ) -> Transfer | None:
         """The transfer to the planned arrival, or where it keeps no limits to the first of later ones that does."""
         planned = round(arrival / meeting.interval)
-        checks = [planned, *(max(1, round(share * last)) for share in self._later)]
+        checks = [planned, *(max(1, round(fraction * last)) for fraction in self._later)]
         unlimited: Transfer | None = None
         for check in dict.fromkeys(check for check in checks if 1 <= check <= last):
-            free = least_impulse(meeting, here, check)
+            free = least_impulse(meeting, relative_state, check)
             if free is None:
                 continue
-            kept = within_limits(meeting, here, free)
-            if kept is not None:
-                return kept
+            feasible = within_limits(meeting, relative_state, free)
+            if feasible is not None:
+                return feasible
             unlimited = unlimited or free
         return unlimited
 

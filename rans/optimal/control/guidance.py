@@ -105,9 +105,9 @@ class VelocityToGain(ModelBased):
         self._inertia = inertia(craft)
         self._rotation = Regulator.of(craft, self._task, self._timing, Weights()).rotation
         # A velocity that was not given is wanted anew; an angle that is held adds up to pulses.
-        carried = np.zeros(craft.degrees_of_freedom, bool)
-        carried[craft.dimension :] = self._rotation.price[0] > 0
-        self._rounding = rounding(craft, period, carried)
+        integrated = np.zeros(craft.degrees_of_freedom, bool)
+        integrated[craft.dimension :] = self._rotation.price[0] > 0
+        self._rounding = rounding(craft, period, integrated)
         self._afterwards = Afterwards.of(craft, self._task, self._timing)
         self._motions: dict[int, LinearMotion] = {}
         self._flown = 0
@@ -121,8 +121,8 @@ class VelocityToGain(ModelBased):
 
     def memory(self) -> np.ndarray:
         """What is owed to every episode and the periods flown, (N, 4 or 7); see `recall`."""
-        owed = self._rounding.owed
-        return np.column_stack([owed, np.full(len(owed), self._flown)])
+        debt = self._rounding.owed
+        return np.column_stack([debt, np.full(len(debt), self._flown)])
 
     def recall(self, memory: np.ndarray) -> None:
         """Go on from a `memory`, of as many episodes as it has, all as far on their way."""
@@ -143,12 +143,12 @@ class VelocityToGain(ModelBased):
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
         """Force and torque on B that are wanted now, (N, 3 or 6), N and N m; see the class."""
-        wanted = self._forces(state, self._burn(state, goal))
+        forces = self._forces(state, self._burn(state, goal))
         turn = -rotation_vector(state.attitude.to(goal.attitude))
         spin = np.array(state.spin()) - np.array(goal.spin())
         spin_up = self._rotation.acceleration(turn, spin)
-        wanted[:, self._craft.dimension :] = (self._inertia @ spin_up).T
-        return wanted
+        forces[:, self._craft.dimension :] = (self._inertia @ spin_up).T
+        return forces
 
     def _burn(self, state: Any, goal: Any) -> np.ndarray:
         """Acceleration in W of the burn that begins now, (d, N) m/s^2."""
@@ -169,14 +169,14 @@ class VelocityToGain(ModelBased):
 
     def _burn_by(self, left: int, state: Any, goal: Any) -> np.ndarray:
         """The same of episodes that should arrive after so many control periods."""
-        here = np.array([*leaves(state.p), *leaves(state.v)])
-        first = np.zeros((self._craft.dimension, here.shape[1]))
-        open_ = np.ones(here.shape[1], dtype=bool)
+        state_now = np.array([*leaves(state.p), *leaves(state.v)])
+        first = np.zeros((self._craft.dimension, state_now.shape[1]))
+        open_ = np.ones(state_now.shape[1], dtype=bool)
         for periods in self._arrivals(left):
-            there = goal_ahead(self._task, goal, state, periods * self._timing.control_period)
+            goal_then = goal_ahead(self._task, goal, state, periods * self._timing.control_period)
             whole = self._motion(periods)
-            missing = np.array([*leaves(there.p), *leaves(there.v)]) - whole.offset[:, None]
-            missing = missing - whole.matrix @ here
+            missing = np.array([*leaves(goal_then.p), *leaves(goal_then.v)]) - whole.offset[:, None]
+            missing = missing - whole.matrix @ state_now
             for burns in self._burn_lengths(periods):
                 # Episodes that no shorter burns and no sooner arrival suffice for take these.
                 ours, last = self._solved(periods, burns, missing[:, open_])

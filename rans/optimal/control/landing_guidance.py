@@ -130,8 +130,8 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         """(3, 3) rotation from B to the frame whose z is along thrust, and whose x is towards z of B."""
         self._offset = thrust_offset(self._craft, dead) if dead else 0.0
         descent = Descent.of(mission)
-        kept = 1.0 - reserve
-        self._lander = replace(lander, largest_thrust=lander.largest_thrust * kept)
+        remaining = 1.0 - reserve
+        self._lander = replace(lander, largest_thrust=lander.largest_thrust * remaining)
         self._descent = replace(
             descent,
             tilt=descent.tilt - _UPRIGHT,
@@ -188,37 +188,37 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
                 commands[k] = self._command(k, self._here(row, site[k]))
         return commands
 
-    def _command(self, number: int, here: _Here) -> np.ndarray:
+    def _command(self, number: int, situation: _Here) -> np.ndarray:
         """Command (n,) of one episode."""
         followed = self._plans[number]
         if followed is not None:
-            here = here.near(followed)
+            situation = situation.near(followed)
         if followed is None:
             if self._waits[number] == 0:
-                followed = self._planned(here)
+                followed = self._planned(situation)
                 self._waits[number] = _PAUSE
             self._waits[number] -= 1
-        elif followed.left > _LAST and followed.is_off(here.state, self._descent):
-            followed = self._planned_again(followed, here)
+        elif followed.left > _LAST and followed.is_off(situation.state, self._descent):
+            followed = self._planned_again(followed, situation)
         self._plans[number] = followed
         if followed is None or followed.left < 1:
             # Weight, while what is left of speed and height goes.
-            thrust = here.state[10] * self._descent.gravity
-            turning = -here.state[6:8] - here.state[8:10]
-            rolling = -here.state[12:]
+            thrust = situation.state[10] * self._descent.gravity
+            turning = -situation.state[6:8] - situation.state[8:10]
+            rolling = -situation.state[12:]
         else:
-            thrust, *others = followed.next(here.state)
+            thrust, *others = followed.next(situation.state)
             turning, rolling = np.array(others[:2]), np.array(others[2:])
-        turning = self._within_tilt(here.state[6:8], here.state[8:10], turning)
+        turning = self._within_tilt(situation.state[6:8], situation.state[8:10], turning)
         level = np.clip(
             thrust / self._full_thrust, self._craft.actuators.low, self._craft.actuators.high
         )
-        angular = here.acceleration(turning, rolling, self._timing.control_period)
-        torque = self._inertia @ self._axes.T @ angular * (here.state[10] / self._full_mass)
-        shares = np.clip(self._shares @ torque, -1.0, 1.0)
+        angular = situation.acceleration(turning, rolling, self._timing.control_period)
+        torque = self._inertia @ self._axes.T @ angular * (situation.state[10] / self._full_mass)
+        gimbals = np.clip(self._shares @ torque, -1.0, 1.0)
         levels = np.full(self._craft.thruster_count, self._craft.actuators.low)
         levels[self._live] = level
-        return np.concatenate([levels, shares])
+        return np.concatenate([levels, gimbals])
 
     def _here(self, row: np.ndarray, site: np.ndarray) -> _Here:
         """State as plans have it, of a row (14,) of state and propellant left, kg, and the site (3,), m."""
@@ -247,11 +247,11 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         excess = outwards @ (rate + period * turning) - math.sqrt(2.0 * self._turning * room)
         return turning - outwards * (max(0.0, excess) / period)
 
-    def _planned(self, here: _Here) -> _Followed | None:
+    def _planned(self, situation: _Here) -> _Followed | None:
         """The first plan of a flight."""
         period = self._timing.control_period
-        propellant = here.state[10] - (self._lander.mass - self._lander.propellant)
-        start = here.state[:3], here.state[3:6]
+        propellant = situation.state[10] - (self._lander.mass - self._lander.propellant)
+        start = situation.state[:3], situation.state[3:6]
         fastest = best_landing(
             self._lander, self._convex, start, period, "bound", propellant=propellant
         )
@@ -267,18 +267,18 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
                     period,
                     propellant=propellant,
                 )
-                found = self._landings.from_convex(here.state, guess or fastest, count)
-                if found is not None:
-                    return _Followed(found)
+                solution = self._landings.from_convex(situation.state, guess or fastest, count)
+                if solution is not None:
+                    return _Followed(solution)
         self.failures += 1
         return None
 
-    def _planned_again(self, followed: _Followed, here: _Here) -> _Followed:
+    def _planned_again(self, followed: _Followed, situation: _Here) -> _Followed:
         """A new plan from here, or the old one where there is none."""
         for longer in _AGAIN:
-            found = self._landings.again(here.state, followed.plan, followed.left + longer)
-            if found is not None:
-                return _Followed(found)
+            solution = self._landings.again(situation.state, followed.plan, followed.left + longer)
+            if solution is not None:
+                return _Followed(solution)
         self.failures += 1
         followed.trust()
         return followed
@@ -324,11 +324,11 @@ class _Here:
         if len(rolling):
             roll = self.state[11] + period * self.state[12] + 0.5 * period**2 * rolling[0]
             roll_rate = self.state[12] + period * rolling[0]
-            turned = attitude_of(tilt, roll)
+            attitude = attitude_of(tilt, roll)
             small = 1e-4
             change = attitude_of(tilt + small * rate, roll + small * roll_rate)
             change -= attitude_of(tilt - small * rate, roll - small * roll_rate)
-            spin = turned.T @ change / (2.0 * small)
+            spin = attitude.T @ change / (2.0 * small)
             return (np.array([spin[2, 1], spin[0, 2], spin[1, 0]]) - self.w) / period
         # The attitude then, by the shortest way from the one now.
         now, then = self.rotation[:, 2], direction_of(tilt)
@@ -336,12 +336,12 @@ class _Here:
         cross = np.array(
             [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
         )
-        turned = (
+        attitude = (
             self.rotation
             + cross @ self.rotation
             + cross @ cross @ self.rotation / (1.0 + now @ then)
         )
-        return (turned.T @ angular_velocity(tilt, rate) - self.w) / period
+        return (attitude.T @ angular_velocity(tilt, rate) - self.w) / period
 
     @classmethod
     def of(

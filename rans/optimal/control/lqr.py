@@ -131,5 +131,5 @@ class LQR(ModelBased):
         turn = -rotation_vector(state.attitude.to(goal.attitude))
         spin = np.array(state.spin()) - np.array(goal.spin())
         spin_up = regulator.rotation.acceleration(turn, spin)
-        wanted = np.vstack([leaves(to_body.rotate(force)), self._inertia @ spin_up])
-        return (wanted * mass_share(self._craft, state)).T
+        body_wrench = np.vstack([leaves(to_body.rotate(force)), self._inertia @ spin_up])
+        return (body_wrench * mass_share(self._craft, state)).T

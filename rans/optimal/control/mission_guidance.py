@@ -153,8 +153,8 @@ class MissionGuidance(ModelBased):
         goal = self._afterwards.goal(state, goal, exact=self._filter is None)
         left = self._mission.arrival(goal)
         change = self._mission.recommended(state, goal, left) - state.v
-        given = change.norm() > small
-        change = map_leaves(lambda x: np.where(given, x, 0.0), change)
+        burns = change.norm() > small
+        change = map_leaves(lambda x: np.where(burns, x, 0.0), change)
         in_body = state.attitude.to(self._identity).rotate(change)
         command = np.clip(_rows(in_body, state) @ self._levers.T, 0.0, 1.0)
         if self._counts is not None:

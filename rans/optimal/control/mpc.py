@@ -167,9 +167,9 @@ class MPC(ModelBased):
 
     def memory(self) -> np.ndarray:
         """What is owed to every episode and its plan, (N, ...); see `recall`."""
-        owed = self._rounding.owed
+        debt = self._rounding.owed
         width = math.prod(self._plans.shape[1:])
-        return np.column_stack([owed, self._plans.reshape(len(owed), width)])
+        return np.column_stack([debt, self._plans.reshape(len(debt), width)])
 
     def recall(self, memory: np.ndarray) -> None:
         """Go on from a `memory`, of as many episodes as it has."""
@@ -211,8 +211,8 @@ class MPC(ModelBased):
         size = np.shape(state.p.columns()[0])
 
         def column(time: float) -> list[np.ndarray]:
-            there = goal_ahead(self._task, goal, state, time)
-            return [np.broadcast_to(x, size) for x in leaves(there)]
+            goal_then = goal_ahead(self._task, goal, state, time)
+            return [np.broadcast_to(x, size) for x in leaves(goal_then)]
 
         now: Any = column(0.0)
         if goal_stands_still(self._task):
@@ -348,8 +348,10 @@ class _Program:
         if self._missing is None:
             return better
         # Margins bend: of the way to the new plan that part is gone after which the flown plan costs least.
-        tried = [plan + share * (better - plan) for share in _SHARES]
-        return min(tried, key=lambda one: self._cost(one, error, goals, slope[: plan.size]))
+        tried = [plan + fraction * (better - plan) for fraction in _SHARES]
+        return min(
+            tried, key=lambda candidate: self._cost(candidate, error, goals, slope[: plan.size])
+        )
 
     def _cost(self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, slope: Any) -> float:
         """What a plan costs as it is flown, with what its margins lack."""
@@ -394,8 +396,8 @@ class _Program:
         e, g = (ca.SX.sym(n, margins.size1_in(i)) for i, n in enumerate("eg"))
         value = margins(e, g)
         slope = ca.jacobian(value, e)
-        one = ca.Function("one", [e, g], [_RESERVE - value + slope @ e, slope])
-        least, slopes = one.map(self._count)(flown, goals[:, 1:])
+        linearized = ca.Function("one", [e, g], [_RESERVE - value + slope @ e, slope])
+        least, slopes = linearized.map(self._count)(flown, goals[:, 1:])
         by_errors = ca.diagcat(*ca.horzsplit(slopes, self._size))
         matrix = ca.horzcat(
             ca.MX(by_errors.size1(), self._nozzles * self._count),
@@ -424,12 +426,12 @@ class _Program:
         entries = np.arange(2 * size).reshape(2, size)
         stage = np.zeros((2 * size, 2 * size))
         last = np.zeros((2 * size, 2 * size))
-        for gains, kept in (
+        for gains, weights in (
             (regulator.translation, entries[:, : craft.dimension]),
             (regulator.rotation, entries[:, craft.dimension :]),
         ):
-            own = np.ix_(kept.ravel(), kept.ravel())
-            stage[own] = np.diag(np.repeat(gains.price, kept.shape[1]))
+            own = np.ix_(weights.ravel(), weights.ravel())
+            stage[own] = np.diag(np.repeat(gains.price, weights.shape[1]))
             last[own] = gains.cost_to_go
         stage = ca.sparsify(ca.DM(stage))
         last = ca.sparsify(ca.DM(last))
@@ -455,8 +457,8 @@ def _step(craft: Spacecraft, period: float, like: State, drift: Drift) -> ca.Fun
     u = [ca.SX.sym("u") for _ in _wrenches(craft)]
     pushed = wrench(linear, u[craft.thruster_commands])
     if craft.wheels:
-        turned = ca.DM(np.array(craft.wheel_map).T) @ ca.vertcat(*u[craft.thruster_count :])
-        torque = Vec3(*ca.vertsplit(turned)) if craft.dimension == 3 else turned
+        wheel_torque = ca.DM(np.array(craft.wheel_map).T) @ ca.vertcat(*u[craft.thruster_count :])
+        torque = Vec3(*ca.vertsplit(wheel_torque)) if craft.dimension == 3 else wheel_torque
         pushed = replace(pushed, torque=pushed.torque + torque)
     after = advance(around(goal, e), pushed, body, period, drift=drift)
     columns = [

@@ -65,8 +65,8 @@ class NavigationFilter:
             # Both are symmetric, so that the transposed gain solves this system.
             gain = np.linalg.solve(before + self._noise, before).transpose(0, 2, 1)
             self._mean = self._mean + (gain @ (reading - self._mean)[:, :, None])[:, :, 0]
-            kept = np.eye(len(self._noise)) - gain
-            of_before = kept @ before @ kept.transpose(0, 2, 1)
+            complement = np.eye(len(self._noise)) - gain
+            of_before = complement @ before @ complement.transpose(0, 2, 1)
             of_reading = gain @ self._noise @ gain.transpose(0, 2, 1)
             self._covariance = of_before + of_reading
         return self._mean, self._covariance

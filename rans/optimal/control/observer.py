@@ -69,11 +69,11 @@ class Observer:
         """Learn from the state (fields (N,)) that followed what `expect` was told."""
         if self._expected is None:
             return
-        share = self._trust.share / self._period
+        rate = self._trust.share / self._period
         missed = np.array(leaves(state.v - self._expected.v))
-        self.force = self.force + share * self._craft.mass * missed
+        self.force = self.force + rate * self._craft.mass * missed
         spin = np.array(state.spin()) - np.array(self._expected.spin())
-        self.torque = self.torque + share * self._turned(self._inertia @ spin, state.attitude)
+        self.torque = self.torque + rate * self._turned(self._inertia @ spin, state.attitude)
 
     def expect(self, state: Any, commands: np.ndarray) -> None:
         """Predict what follows from commands (N, thrusters) in this state."""
@@ -166,7 +166,7 @@ class ObserverMPC(MPC):
             self._observer.acting(),
             self._timing.control_period,
         )
-        wanted = self._planned(state, goal, rest) - self._observer.in_body(state)
-        commands = self._rounding.round(wanted, rest, state.stores)
+        planned = self._planned(state, goal, rest) - self._observer.in_body(state)
+        commands = self._rounding.round(planned, rest, state.stores)
         self._observer.expect(state, commands)
         return commands

@@ -99,8 +99,8 @@ class PassiveApproach:
         task: str | Task,
         timing: Timing | None = None,
     ) -> None:
-        self.craft, asked = craft_and_task(craft, task)
-        self.task = Hold.expected(asked, "passive approach flies to hold points")
+        self.craft, task_value = craft_and_task(craft, task)
+        self.task = Hold.expected(task_value, "passive approach flies to hold points")
         self._period = (self.task.timing if timing is None else timing).control_period
         self._rounding = rounding(
             self.craft, self._period, np.zeros(self.craft.degrees_of_freedom, bool)
@@ -125,7 +125,7 @@ class PassiveApproach:
         if not self._plans:
             deadlines = np.asarray(goal.notes[0])
             self._plans = [
-                self._planned(*one) for one in zip(states, goals, deadlines, strict=True)
+                self._planned(*row) for row in zip(states, goals, deadlines, strict=True)
             ]
         now = self._step * self._period
         self._step += 1
@@ -189,37 +189,41 @@ class PassiveApproach:
         orbit = 2.0 * math.pi / n
         own = least_distances(n, single_coasts(start[None], np.array([orbit]), np.array([0])), 1)[0]
         random = np.random.default_rng(0)
-        drawn = [self._drawn(random, legs, count, start, goal, deadline) for legs, count in _LEGS]
-        prices = np.concatenate([one[0] for one in drawn])
+        candidates = [
+            self._drawn(random, legs, count, start, goal, deadline) for legs, count in _LEGS
+        ]
+        prices = np.concatenate([batch[0] for batch in candidates])
         # (number of coasts, row)
-        names = [(k, row) for k, one in enumerate(drawn) for row in range(len(one[0]))]
+        names = [(k, row) for k, batch in enumerate(candidates) for row in range(len(batch[0]))]
         order = np.argsort(prices, kind="stable")[:_MOST_CHECKED]
         k, row = names[order[0]]
-        best, farthest = self._made(*(x[row] for x in drawn[k][1:])), -1.0
+        best, farthest = self._made(*(x[row] for x in candidates[k][1:])), -1.0
         for begin in range(0, len(order), _CHECKED):
             some = [names[i] for i in order[begin : begin + _CHECKED]]
             pieces = []
-            for k, (_, times, _, before, after) in enumerate(drawn):
-                mine = [(place, row) for place, (other, row) in enumerate(some) if other == k]
+            for k, (_, times, _, before, after) in enumerate(candidates):
+                mine = [(index, row) for index, (other, row) in enumerate(some) if other == k]
                 if not mine:
                     continue
-                place, row = np.array(mine).T
+                index, row = np.array(mine).T
                 nothing = np.zeros(len(row))
                 for j in range(before.shape[1]):
                     if j > 0 or own >= self.task.keep_out:
                         # Any part of a burn.
                         pieces.append(
-                            Pieces(before[row, j], after[row, j], nothing + orbit, nothing, place)
+                            Pieces(before[row, j], after[row, j], nothing + orbit, nothing, index)
                         )
                     if j + 1 < before.shape[1]:
                         lasting = orbit + times[row, j + 1] - times[row, j]
-                        pieces.append(single_coasts(after[row, j], lasting, place))
+                        pieces.append(single_coasts(after[row, j], lasting, index))
             distance = least_distances(n, joined(pieces), len(some))
             # Those that are safe as impulses are flown ahead.
             ahead = np.flatnonzero(distance > self.task.keep_out)[:_FLOWN]
             if not len(ahead):
                 continue
-            plans = [self._made(*(x[some[i][1]] for x in drawn[some[i][0]][1:])) for i in ahead]
+            plans = [
+                self._made(*(x[some[i][1]] for x in candidates[some[i][0]][1:])) for i in ahead
+            ]
             flown = self._flown(plans, start, goal, own < self.task.keep_out)
             safe = flown > self.task.keep_out + _CLEAR
             if safe.any():
@@ -295,15 +299,15 @@ class PassiveApproach:
         """
         n = self.task.mean_motion
         # Instants, of which the first is half of a burn of three periods after the start.
-        share = np.maximum(random.dirichlet(np.full(legs, 1.5), count), _SHORTEST)
-        share /= share.sum(axis=1, keepdims=True)
+        fractions = np.maximum(random.dirichlet(np.full(legs, 1.5), count), _SHORTEST)
+        fractions /= fractions.sum(axis=1, keepdims=True)
         first = 1.5 * self._period
         latest = deadline - 4.0 * self._period
         total = random.uniform(_EARLIEST, 1.0, (count, 1)) * (latest - first)
         if legs == 1:
             total = np.linspace(_EARLIEST, 1.0, count)[:, None] * (latest - first)
         times = first + np.concatenate(
-            [np.zeros((count, 1)), np.cumsum(share * total, axis=1)], axis=1
+            [np.zeros((count, 1)), np.cumsum(fractions * total, axis=1)], axis=1
         )
         # Burns begin with control periods: their middles are multiples of half a period.
         times = first + np.round((times - first) / self._period) * self._period

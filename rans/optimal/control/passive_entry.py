@@ -91,8 +91,8 @@ class PassiveEntry:
         task: str | Task,
         timing: Timing | None = None,
     ) -> None:
-        self.craft, asked = craft_and_task(craft, task)
-        mission = OrbitalMission.expected(asked, "passive entry flies missions on an orbit")
+        self.craft, task_value = craft_and_task(craft, task)
+        mission = OrbitalMission.expected(task_value, "passive entry flies missions on an orbit")
         self._guidance = MissionGuidance(self.craft, mission, timing)
         zone = mission.coast_zone
         if zone is None or zone.approach <= zone.radius or self.craft.dimension != 3:
@@ -271,12 +271,12 @@ class PassiveEntry:
 
     def _keeps_speed(self, states: np.ndarray) -> np.ndarray:
         """Whether states (K, 6) keep `_SPEED` of the mission's speed limit, if it has one."""
-        kept = np.ones(len(states), bool)
+        within = np.ones(len(states), bool)
         p, v = Vec3(*states[:, :3].T), Vec3(*states[:, 3:].T)
         for limit in self._limits.speeds:
             allowed = np.asarray(limit.gap(p, v.scale(0.0)))
-            kept &= np.linalg.norm(states[:, 3:], axis=1) < _SPEED * allowed
-        return kept
+            within &= np.linalg.norm(states[:, 3:], axis=1) < _SPEED * allowed
+        return within
 
     def _flown(
         self, start: np.ndarray, points: np.ndarray, ends: np.ndarray, unsafe_start: bool

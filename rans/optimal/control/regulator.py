@@ -72,8 +72,8 @@ def distance_scale(task: Task, craft: Spacecraft) -> float:
     has it: with 0.6 m, craft that start 250 m away accelerate at full thrust until they must brake.
     """
     starts = scenarios(task.for_evaluation(), craft, seed=0, count=_STARTS)
-    way = starts.start.p - starts.goal.p
-    return max(1.0, float(np.median(way.norm())) / _NEAR)
+    offset = starts.start.p - starts.goal.p
+    return max(1.0, float(np.median(offset.norm())) / _NEAR)
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,8 @@ class Deadband:
         ignored = frozenset() if can_turn(craft) else {"spin", "attitude"}
         inside = [
             error < bounds.get(name, self.spin)
-            for there, aim in instants
-            for name, error in task.errors(there, aim).items()
+            for state_then, aim in instants
+            for name, error in task.errors(state_then, aim).items()
             if name not in ignored
         ]
         return np.logical_and.reduce(inside)
@@ -161,12 +161,12 @@ def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any)
         goal: now.
         later: the goal after that time.
     """
-    place = goal if held else state
+    reference = goal if held else state
     size = np.shape(state.p.columns()[0])
     return motion.holding(
         *(
             np.array([np.broadcast_to(x, size) for x in vector.columns()])
-            for vector in (place.p, goal.v, later.v)
+            for vector in (reference.p, goal.v, later.v)
         )
     )
 
@@ -245,15 +245,15 @@ class Axis:
     def _solved(cls, period: float, acceleration: float, *price: float) -> Axis:
         from scipy.linalg import solve_discrete_are
 
-        kept = slice(0 if price[0] > 0 else 1, 2)
-        motion = np.array([[1.0, period], [0.0, 1.0]])[kept, kept]
-        effect = np.array([[0.5 * period**2], [period]])[kept]
+        priced = slice(0 if price[0] > 0 else 1, 2)
+        motion = np.array([[1.0, period], [0.0, 1.0]])[priced, priced]
+        effect = np.array([[0.5 * period**2], [period]])[priced]
         effort = np.array([[1.0 / acceleration**2]])
         cost_to_go = np.zeros((2, 2))
         gain = np.zeros(2)
-        p = solve_discrete_are(motion, effect, np.diag(price[kept]), effort)
-        cost_to_go[kept, kept] = p
-        gain[kept] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ motion)[0]
+        p = solve_discrete_are(motion, effect, np.diag(price[priced]), effort)
+        cost_to_go[priced, priced] = p
+        gain[priced] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ motion)[0]
         return cls(np.array(price), cost_to_go, gain)
 
 
@@ -284,15 +284,17 @@ class Gains:
         from scipy.linalg import solve_discrete_are
 
         count = motion.effect.shape[1]
-        kept = slice(0 if axis.price[0] > 0 else count, 2 * count)
-        matrix = motion.matrix[kept, kept]
-        effect = motion.effect[kept]
+        priced = slice(0 if axis.price[0] > 0 else count, 2 * count)
+        matrix = motion.matrix[priced, priced]
+        effect = motion.effect[priced]
         effort = np.eye(count) / acceleration**2
-        p = solve_discrete_are(matrix, effect, np.diag(np.repeat(axis.price, count)[kept]), effort)
+        p = solve_discrete_are(
+            matrix, effect, np.diag(np.repeat(axis.price, count)[priced]), effort
+        )
         cost_to_go = np.zeros((2 * count, 2 * count))
-        cost_to_go[kept, kept] = p
+        cost_to_go[priced, priced] = p
         gain = np.zeros((count, 2 * count))
-        gain[:, kept] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ matrix)
+        gain[:, priced] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ matrix)
         return cls(axis.price, cost_to_go, gain)
 
     @classmethod

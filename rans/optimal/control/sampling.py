@@ -134,8 +134,8 @@ class MPPI(ModelBased):
         commands = np.zeros((len(rest), len(self._forces)))
         awake = np.flatnonzero(~rest)
         if len(awake):
-            here, there = (map_leaves(lambda x: x[awake], s) for s in (state, goal))
-            commands[awake] = self._planned(here, there, awake)
+            state_now, goal_now = (map_leaves(lambda x: x[awake], s) for s in (state, goal))
+            commands[awake] = self._planned(state_now, goal_now, awake)
         self._chances[rest] = _FIRST
         if self._afterwards is not None:
             commands = self._afterwards.commands(state, goal, commands)
@@ -185,9 +185,9 @@ class MPPI(ModelBased):
             pattern, size = bits[:, k - 1], sizes[:, k - 1]
             applied = wrench(self._craft, tuple((pattern * size[:, None]).T))
             state = advance(state, applied, self._body, self._period, drift=drift)
-            there = goal_ahead(self._task, goal, state, k * self._period)
-            left = left + self._value.time_left(state, there) / PERIODS
-            for margin in self._task.constraints(state, there).values():
+            goal_then = goal_ahead(self._task, goal, state, k * self._period)
+            left = left + self._value.time_left(state, goal_then) / PERIODS
+            for margin in self._task.constraints(state, goal_then).values():
                 left = left + np.where(margin < 0.0, _VIOLATED - _VIOLATION * margin, 0.0)
             spent = spent + self._period * size * (self._patterns.shares(pattern) @ self._forces)
         return (left + self._price * spent).reshape(plans.shape[:2])

@@ -261,13 +261,13 @@ class Switching(ModelBased):
         scales = self._scales(len(now.p))
         shut = np.zeros((len(now.p), 1, len(self._forces)), bool)
         waits = (self._cost(coast, shut, scales) >= self._cost(now, shut, scales))[:, 0]
-        for rate, full, kept in (
+        for rate, full, lowest in (
             (now.v, self._push, "position"),
             (now.spin, self._turn, "attitude"),
         ):
-            if kept == "attitude" and not self._can_turn:
+            if lowest == "attitude" and not self._can_turn:
                 continue
-            waits &= (kept not in held) | (least_time(None, rate, full) < _SLOW * self._period)
+            waits &= (lowest not in held) | (least_time(None, rate, full) < _SLOW * self._period)
         scales[:, waits] = 1.0
         return scales
 
@@ -283,21 +283,21 @@ class Switching(ModelBased):
 
         With the help of wheels in this period, or without.
         """
-        shares = self._patterns.shares(patterns) * part
+        loads = self._patterns.shares(patterns) * part
         held = self._task.tolerances()
         h = self._period
         lighter = gap.lighter[:, None]
-        push = ((shares @ self._pushes) @ gap.to_world) * lighter[..., None]
+        push = ((loads @ self._pushes) @ gap.to_world) * lighter[..., None]
         full = self._push * lighter
-        most = np.maximum(full * scales[0] - gap.pull[:, None], _LEAST_PUSH * full)
-        way = least_time(
+        acceleration = np.maximum(full * scales[0] - gap.pull[:, None], _LEAST_PUSH * full)
+        duration = least_time(
             gap.p[:, None] + 0.5 * h * h * push if "position" in held else None,
             gap.v[:, None] + h * push,
-            most,
+            acceleration,
         )
-        turning = np.zeros_like(way)
+        turning = np.zeros_like(duration)
         if self._can_turn:
-            turn = (shares @ self._turns) * lighter[..., None]
+            turn = (loads @ self._turns) * lighter[..., None]
             if wheels is not None:
                 turn = turn + wheels.accelerations(turn)
             turning = least_time(
@@ -306,8 +306,8 @@ class Switching(ModelBased):
                 self._turn * lighter * scales[1],
             )
         power = self._curve.norm_scale
-        both = (way**power + turning**power) ** (1.0 / power)
-        return both + self._curve.thrust_weight * h * (shares @ self._forces)
+        both = (duration**power + turning**power) ** (1.0 / power)
+        return both + self._curve.thrust_weight * h * (loads @ self._forces)
 
 
 @dataclass(frozen=True)
@@ -385,17 +385,19 @@ class _WheelHelp:
 
     def accelerations(self, turn: np.ndarray) -> np.ndarray:
         """Angular accelerations (N, C, 1 or 3) by the wheels beside those by thrusters."""
-        turned = self.commands(turn) @ self.wheels.map @ self.inverse_inertia
-        return turned * self.lighter[:, None, None]
+        wheel_spin_up = self.commands(turn) @ self.wheels.map @ self.inverse_inertia
+        return wheel_spin_up * self.lighter[:, None, None]
 
 
-def _to_curve(x: np.ndarray | None, v: np.ndarray, most: np.ndarray, period: float) -> np.ndarray:
+def _to_curve(
+    x: np.ndarray | None, v: np.ndarray, acceleration: np.ndarray, period: float
+) -> np.ndarray:
     """Accelerations (N, axes) that take coasting deviations to the curve on which braking ends at rest.
 
     Args:
         x: deviations (N, axes) after a period without acceleration; None: rest anywhere.
         v: rates (N, axes).
-        most: acceleration to brake with, (N, 1).
+        acceleration: acceleration to brake with, (N, 1).
         period: length of the period, s.
     """
     if x is None:
@@ -405,7 +407,9 @@ def _to_curve(x: np.ndarray | None, v: np.ndarray, most: np.ndarray, period: flo
     distance = np.linalg.norm(middle, axis=-1, keepdims=True)
     # Far away sqrt(2 a s), near the goal s / slack: it must be above half a period, or craft would oscillate.
     slack = _SLACK * period
-    speed = np.sqrt(2.0 * most * distance + (most * slack) ** 2) - most * slack
+    speed = (
+        np.sqrt(2.0 * acceleration * distance + (acceleration * slack) ** 2) - acceleration * slack
+    )
     return (-middle / np.maximum(distance, 1e-12) * speed - v) / period
 
 
@@ -416,23 +420,25 @@ def _pull(motion: LinearMotion, task: Task, period: float, state: Any, goal: Any
     return np.linalg.norm(holding(motion, held, state, goal, later), axis=0)
 
 
-def least_time(x: np.ndarray | None, v: np.ndarray, most: Any) -> np.ndarray:
+def least_time(x: np.ndarray | None, v: np.ndarray, acceleration: Any) -> np.ndarray:
     """Time to rest at the origin, or where there is no place x to go to, to rest anywhere, s.
 
     Along the way and across it, each as if alone, then their root of squares: exact on a line, nearly so
-    elsewhere. x and v are (..., axes), the acceleration is at most ``most``; returns (...).
+    elsewhere. x and v are (..., axes), the acceleration is at most ``acceleration``; returns (...).
     """
     if x is None:
-        return np.linalg.norm(v, axis=-1) / most
+        return np.linalg.norm(v, axis=-1) / acceleration
     distance = np.linalg.norm(x, axis=-1)
     direction = x / np.maximum(distance, 1e-12)[..., None]  # at the goal all is across
     along = (v * direction).sum(axis=-1)
     across = np.linalg.norm(v - along[..., None] * direction, axis=-1)
-    return np.hypot(_on_a_line(distance, along, most), _on_a_line(0.0, across, most))
+    return np.hypot(
+        _on_a_line(distance, along, acceleration), _on_a_line(0.0, across, acceleration)
+    )
 
 
-def _on_a_line(x: Any, v: np.ndarray, most: Any) -> np.ndarray:
+def _on_a_line(x: Any, v: np.ndarray, acceleration: Any) -> np.ndarray:
     """Minimum time of the double integrator: thrust changes sign on x = -v |v| / 2 a (Bryson and Ho)."""
-    beyond = np.where(x + v * np.abs(v) / (2.0 * most) >= 0.0, 1.0, -1.0)
-    root = 0.5 * (v / most) ** 2 + beyond * x / most
-    return beyond * v / most + 2.0 * np.sqrt(np.maximum(root, 0.0))
+    beyond = np.where(x + v * np.abs(v) / (2.0 * acceleration) >= 0.0, 1.0, -1.0)
+    root = 0.5 * (v / acceleration) ** 2 + beyond * x / acceleration
+    return beyond * v / acceleration + 2.0 * np.sqrt(np.maximum(root, 0.0))

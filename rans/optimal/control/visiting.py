@@ -65,8 +65,8 @@ class Visiting:
         turn: float = 0.9,
         least: float = 0.05,
     ) -> None:
-        self.craft, asked = craft_and_task(craft, task)
-        self.task = Inspect.expected(asked, "visiting flies inspections")
+        self.craft, task_value = craft_and_task(craft, task)
+        self.task = Inspect.expected(task_value, "visiting flies inspections")
         self._timing = self.task.timing if timing is None else timing
         self._distance = distance
         self._speed = speed
@@ -119,20 +119,20 @@ class Visiting:
 
     def _velocity_to_gain(self, state: Any, goal: Any) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, with which the craft coasts to the next view."""
-        here = np.array(leaves(state.p))
-        size = here.shape[1]
+        state_now = np.array(leaves(state.p))
+        size = state_now.shape[1]
         unseen, lit = (
             np.array([np.broadcast_to(x, size) for x in leaves(v)])
             for v in self.task.directions(goal)
         )
-        wanted = np.where(np.linalg.norm(lit, axis=0) > _LEAST, lit, unseen)
-        from_target = _unit(here)
-        axis = wanted - from_target * (wanted * from_target).sum(axis=0)
+        outward = np.where(np.linalg.norm(lit, axis=0) > _LEAST, lit, unseen)
+        from_target = _unit(state_now)
+        axis = outward - from_target * (outward * from_target).sum(axis=0)
         aside = _unit(axis)
-        angle = np.arctan2(np.linalg.norm(axis, axis=0), (wanted * from_target).sum(axis=0))
+        angle = np.arctan2(np.linalg.norm(axis, axis=0), (outward * from_target).sum(axis=0))
         step = np.minimum(angle, self._turn)
         view = self._distance * (from_target * np.cos(step) + aside * np.sin(step))
-        arc = np.linalg.norm(view - here, axis=0)
+        arc = np.linalg.norm(view - state_now, axis=0)
         time = np.maximum(arc / self._speed, 2.0 * self._timing.control_period)
         wanted_v = velocity_to_reach(self.task.drift, state.p, Vec3(*view), time)
         return np.array([np.broadcast_to(x, size) for x in leaves(wanted_v)]) - np.array(

@@ -138,9 +138,9 @@ class Allocation:
             return reach
         wheels = np.array(craft.wheel_map)
         inverse = np.linalg.pinv(wheels)
-        turned = np.isclose(np.linalg.norm(inverse @ wheels, axis=1), 1.0, atol=1e-9)
+        by_wheels = np.isclose(np.linalg.norm(inverse @ wheels, axis=1), 1.0, atol=1e-9)
         largest = np.abs(inverse).max(axis=1)
-        reach[craft.dimension :] += np.where(turned, 1.0 / np.maximum(largest, 1e-300), 0.0)
+        reach[craft.dimension :] += np.where(by_wheels, 1.0 / np.maximum(largest, 1e-300), 0.0)
         return reach
 
     def _rows(self, wrench: np.ndarray) -> np.ndarray:
@@ -152,8 +152,8 @@ class Allocation:
     def _load(self, command: np.ndarray) -> np.ndarray:
         """(N,) by how much commands without upper bound ask for more than there is."""
         thrusters = command[:, : self._thrusters]
-        most = thrusters.sum(axis=1) if self._shared else thrusters.max(axis=1)
-        return np.maximum(most, command[:, self._thrusters :].max(axis=1, initial=0.0))
+        supply = thrusters.sum(axis=1) if self._shared else thrusters.max(axis=1)
+        return np.maximum(supply, command[:, self._thrusters :].max(axis=1, initial=0.0))
 
     def _unbounded(self, wrench: np.ndarray) -> np.ndarray:
         columns = self._columns
@@ -176,13 +176,13 @@ class Allocation:
         """(N,) largest powers of a half at which the dual function rises enough (Armijo's rule)."""
         before = self._value(wrench, dual)
         slope = 1e-4 * (step * up).sum(axis=1)
-        share = np.ones(len(wrench))
+        fraction = np.ones(len(wrench))
         for _ in range(40):
-            short = self._value(wrench, dual + share[:, None] * step) < before + share * slope
+            short = self._value(wrench, dual + fraction[:, None] * step) < before + fraction * slope
             if not short.any():
                 break
-            share = np.where(short, 0.5 * share, share)
-        return share
+            fraction = np.where(short, 0.5 * fraction, fraction)
+        return fraction
 
     def _value(self, wrench: np.ndarray, dual: np.ndarray) -> np.ndarray:
         push = np.maximum(0.0, dual @ self._columns)
@@ -278,9 +278,9 @@ def check_attitude(craft: Spacecraft, task: Task) -> None:
     """
     if can_turn(craft):
         return
-    if wanted := sorted(aims(task) & {"attitude", "spin"}):
+    if asked_angles := sorted(aims(task) & {"attitude", "spin"}):
         raise ConfigError(
-            f"{type(task).__name__} asks for {' and '.join(wanted)}, and spacecraft {craft.name!r} cannot "
+            f"{type(task).__name__} asks for {' and '.join(asked_angles)}, and spacecraft {craft.name!r} cannot "
             "turn: all its thrusters act through its centre of mass. Choose a task of positions or "
             "velocities, such as go-to-position or track-velocity, or give it a thruster with an arm."
         )
@@ -302,9 +302,11 @@ class Patterns:
     def __init__(self, craft: Spacecraft) -> None:
         self.wrenches = np.array(craft.wrench_map)
         self._shared = craft.thrust_sharing == "split"
-        one = np.eye(len(self.wrenches), dtype=bool)  # every way to choose at most two, none first
-        pairs = map(np.bitwise_or.reduce, itertools.combinations_with_replacement(one, 2))
-        self._flips = np.array([one[0] & ~one[0], *pairs])
+        single = np.eye(
+            len(self.wrenches), dtype=bool
+        )  # every way to choose at most two, none first
+        pairs = map(np.bitwise_or.reduce, itertools.combinations_with_replacement(single, 2))
+        self._flips = np.array([single[0] & ~single[0], *pairs])
 
     def shares(self, pattern: np.ndarray) -> np.ndarray:
         """(..., thrusters) share of its force that each gives, as `rans.model.dynamics.thrust` has it."""
@@ -388,16 +390,16 @@ class SigmaDelta:
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         load = self._allocation.load(wrench)
         within_reach = wrench / np.maximum(load, 1.0)[:, None]
-        owed = np.where(rest[:, None], 0.0, self.owed + within_reach)
-        first = (self._allocation.commands(owed) >= 0.5) & ~rest[:, None]
+        debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
+        first = (self._allocation.commands(debt) >= 0.5) & ~rest[:, None]
 
         def energy(episodes: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-            left = (owed[episodes][:, None] - self._patterns.wrench(candidates)) @ self._root
+            left = (debt[episodes][:, None] - self._patterns.wrench(candidates)) @ self._root
             return (left * left).sum(axis=2)
 
         pulse = self._patterns.best(first, energy, ~rest)
         self.kept = self._carried | (load > _SATURATED)[:, None]
-        self.left = owed - self._patterns.wrench(pulse)
+        self.left = debt - self._patterns.wrench(pulse)
         self.owed = np.where(self.kept, self.left, 0.0)
         return pulse.astype(float)
 
@@ -452,9 +454,9 @@ class Proportional:
         """See `Rounding`."""
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
-        owed = np.where(rest[:, None], 0.0, self.owed + within_reach)
-        commands = self._allocation.commands(owed)
-        self.left = owed - self._mean(commands) @ self._wrenches
+        debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
+        commands = self._allocation.commands(debt)
+        self.left = debt - self._mean(commands) @ self._wrenches
         self.owed = np.where(self.kept, self.left, 0.0)
         return commands
 
@@ -462,8 +464,8 @@ class Proportional:
         """(N, thrusters) share of its force that each thruster gives in the mean of a period."""
         mean = np.zeros(commands.shape)
         for duration, opened in self._craft.actuators.pulses(tuple(commands.T)):
-            shares = np.stack(thrust(self._craft, opened), axis=1)
-            mean += np.reshape(duration, (-1, 1)) * shares
+            openings = np.stack(thrust(self._craft, opened), axis=1)
+            mean += np.reshape(duration, (-1, 1)) * openings
         return mean
 
 
@@ -509,18 +511,18 @@ class WithWheels:
         high = np.where(rest[:, None], np.maximum(high, 0.0), high)
 
         torque = wrench[:, self._turns]
-        given = self._wheels.commands(torque, low, high) @ self._wheels.map
-        wanted = wrench.copy()
-        wanted[:, self._turns] = (torque - given) @ self._turned
-        opened = self._thrusters.round(wanted, rest)
+        wheel_torque = self._wheels.commands(torque, low, high) @ self._wheels.map
+        remainder = wrench.copy()
+        remainder[:, self._turns] = (torque - wheel_torque) @ self._turned
+        opened = self._thrusters.round(remainder, rest)
 
         # Wheels give what they were asked for and what thrusters gave too little of or too much.
         thrusters = self._thrusters
         left = np.where(rest[:, None], 0.0, thrusters.left[:, self._turns])
-        wheels = self._wheels.commands(given + left, low, high)
-        left = left - (wheels @ self._wheels.map - given)
-        kept = np.broadcast_to(thrusters.kept, thrusters.owed.shape)[:, self._turns]
-        thrusters.owed[:, self._turns] = np.where(kept & ~rest[:, None], left, 0.0)
+        wheels = self._wheels.commands(wheel_torque + left, low, high)
+        left = left - (wheels @ self._wheels.map - wheel_torque)
+        debt = np.broadcast_to(thrusters.kept, thrusters.owed.shape)[:, self._turns]
+        thrusters.owed[:, self._turns] = np.where(debt & ~rest[:, None], left, 0.0)
         return np.hstack([opened, wheels])
 
 

@@ -93,7 +93,9 @@ def path_margins(
     They are rounded as `rounded` says, so that distances have gradients; kept above `LEAST_MARGIN`, which
     makes up for that, the margins themselves are not negative. None: there are no constraints.
     """
-    symbols: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), one) for one in (state, goal)]
+    symbols: list[Any] = [
+        map_leaves(lambda _: ca.SX.sym("s"), example) for example in (state, goal)
+    ]
     margins = [*task.constraints(*symbols).values()]
     if limits is not None:
         margins += limits.margins(symbols[0]).values()
@@ -122,14 +124,18 @@ class Arrival:
 
     def __init__(self, task: Task, goal: State, ending: Ending) -> None:
         check_goal(task)
-        there = replace(goal, notes=())  # a state there: what a goal notes is of the goal alone
-        state, aim = (map_leaves(lambda _: ca.SX.sym("s"), given) for given in (there, goal))
+        final_state = replace(
+            goal, notes=()
+        )  # a state there: what a goal notes is of the goal alone
+        state, aim = (
+            map_leaves(lambda _: ca.SX.sym("s"), example) for example in (final_state, goal)
+        )
         arguments = [ca.vertcat(*leaves(s)) for s in (state, aim)]
         rates = _rate_gaps(task, state, aim) if ending != "free" else []
         if ending == "exact":
             gaps = [*residual(task, state, aim), *rates]
             self.conditions = ca.Function("arrival", arguments, [ca.vertcat(*gaps)])
-            gradient = _gradient(self.conditions, leaves(there), leaves(goal))
+            gradient = _gradient(self.conditions, leaves(final_state), leaves(goal))
             if not np.isfinite(gradient).all():
                 raise ConfigError(
                     f"what {type(task).__name__} shows (its `observation_terms`) has no gradient at the "
@@ -158,11 +164,13 @@ def _rate_gaps(task: Task, state: Any, goal: Any) -> list[Any]:
     return [b - a for a, b in pairs]
 
 
-def _gradient(conditions: ca.Function, there: Sequence[float], goal: Sequence[float]) -> np.ndarray:
+def _gradient(
+    conditions: ca.Function, final_state: Sequence[float], goal: Sequence[float]
+) -> np.ndarray:
     """Gradient of every condition by the state there, a row each."""
-    state, aim = (ca.SX.sym("s", len(given)) for given in (there, goal))
+    state, aim = (ca.SX.sym("s", len(numbers)) for numbers in (final_state, goal))
     gradient = ca.Function("gradient", [state, aim], [ca.jacobian(conditions(state, aim), state)])
-    return np.array(gradient(there, goal))
+    return np.array(gradient(final_state, goal))
 
 
 def _independent(rows: np.ndarray) -> np.ndarray:

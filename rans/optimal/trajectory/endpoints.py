@@ -22,11 +22,11 @@ NAMES = {
 unit quaternion R_WB, angular velocity (rad/s, in space on B)."""
 
 
-def endpoint(given: Sequence[str], like: State) -> State:
+def endpoint(words: Sequence[str], like: State) -> State:
     """The state that a user names; what is not named is zero, the attitude none.
 
     Args:
-        given: texts such as "p.x=3" and "heading=1.57", or one TOML file with these keys (``[p]`` with ``x = 3``
+        words: texts such as "p.x=3" and "heading=1.57", or one TOML file with these keys (``[p]`` with ``x = 3``
             is "p.x=3").
         like: a state of floats; its notes and stores stay.
 
@@ -38,7 +38,7 @@ def endpoint(given: Sequence[str], like: State) -> State:
     values = dict.fromkeys(names, 0.0)
     if "q.w" in values:
         values["q.w"] = 1.0
-    for key, text in _pairs(given):
+    for key, text in _pairs(words):
         if key not in values:
             raise ConfigError(
                 f"a state has no {key!r}{meant(key, names)}; its values are {', '.join(names)}."
@@ -59,10 +59,10 @@ def endpoint(given: Sequence[str], like: State) -> State:
     return replace(result, notes=like.notes, stores=like.stores)
 
 
-def _pairs(given: Sequence[str]) -> list[tuple[str, Any]]:
-    if len(given) == 1 and "=" not in given[0]:
+def _pairs(words: Sequence[str]) -> list[tuple[str, Any]]:
+    if len(words) == 1 and "=" not in words[0]:
         try:
-            table = read_toml(read_text(Path(given[0]), LARGEST_TOML))
+            table = read_toml(read_text(Path(words[0]), LARGEST_TOML))
         except ConfigError as error:
             raise ConfigError(
                 "a state is KEY=VALUE ..., such as p.x=3 p.y=1 heading=0.7 (m, rad), or a TOML file with these "
@@ -74,7 +74,7 @@ def _pairs(given: Sequence[str]) -> list[tuple[str, Any]]:
             for inner, number in (value.items() if isinstance(value, dict) else [("", value)])
         ]
     pairs = []
-    for text in given:
+    for text in words:
         key, equals, value = text.partition("=")
         if not equals:
             raise ConfigError(f"a state is KEY=VALUE ..., such as p.x=3, got {text!r}.")

@@ -94,11 +94,11 @@ def _translation(
         v1 = v0
     if "position" not in aims:
         p1 = p0 + 0.5 * duration * (v0 + v1)
-    way = p1 - p0
+    offset = p1 - p0
     before = duration * v0
     after = duration * v1
-    square = 3.0 * way - 2.0 * before - after
-    cube = before + after - 2.0 * way
+    square = 3.0 * offset - 2.0 * before - after
+    cube = before + after - 2.0 * offset
     return (
         p0 + s * (before + s * (square + s * cube)),
         (before + s * (2.0 * square + s * 3.0 * cube)) / duration,
@@ -124,8 +124,8 @@ def _rotation(
     first, last = (np.array(x.spin()) for x in (start, goal if "spin" in aims else start))
     attitude = start.attitude
     columns = []
-    for share in s - 0.5 / len(s):  # each interval with its mean rate
-        step = (first + share * (last - first)) * duration / len(s)
+    for fraction in s - 0.5 / len(s):  # each interval with its mean rate
+        step = (first + fraction * (last - first)) * duration / len(s)
         columns.append(_turned(attitude, step, np.ones(1))[:, 0])
         attitude = type(attitude)(*columns[-1])
     return np.array(columns).T, first[:, None] + np.outer(last - first, s)
@@ -148,10 +148,10 @@ def _bowed(
     before = Quat(*attitude)
     further = Quat(*_turned(Quat(1.0, 0.0, 0.0, 0.0), sideways, bow))
     # Rates add in the axes of the body, which has turned further.
-    turned = further.conjugate().rotate(Vec3(*w))
+    spin = further.conjugate().rotate(Vec3(*w))
     return (
         np.array(leaves(before.times(further))),
-        np.array(turned.columns()) + np.outer(sideways, rate),
+        np.array(spin.columns()) + np.outer(sideways, rate),
     )
 
 
@@ -164,9 +164,9 @@ def _turning(
     else:
         axis = np.random.default_rng(number).normal(size=3)
         turn = axis / np.linalg.norm(axis) * math.pi / 4.0 * ((number + 1) // 2)
-    share = np.minimum(3.0 * s, 1.0)
-    pace = share * share * (3.0 - 2.0 * share)
-    rate = 18.0 * share * (1.0 - share) / duration
+    fraction = np.minimum(3.0 * s, 1.0)
+    pace = fraction * fraction * (3.0 - 2.0 * fraction)
+    rate = 18.0 * fraction * (1.0 - fraction) / duration
     return _turned(start.attitude, turn, pace), np.outer(turn, rate)
 
 
@@ -204,10 +204,10 @@ def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: 
             only.
     """
     push, turn_up = _accelerations(craft)
-    way, speed = (np.array(x.columns()) for x in (goal.p - start.p, goal.v - start.v))
+    offset, speed = (np.array(x.columns()) for x in (goal.p - start.p, goal.v - start.v))
     turn = rotation_vector(start.attitude.to(goal.attitude))
     spin = np.array(goal.spin()) - np.array(start.spin())
-    translation = _time(aims, ("position", way), ("velocity", speed), push)
+    translation = _time(aims, ("position", offset), ("velocity", speed), push)
     return 1.2 * max(translation, _time(aims, ("attitude", turn), ("spin", spin), turn_up), 1e-3)
 
 
@@ -220,11 +220,11 @@ def _accelerations(craft: Spacecraft) -> tuple[float, float]:
 
 def _time(
     aims: Collection[str],
-    way: tuple[str, np.ndarray],
+    offset: tuple[str, np.ndarray],
     rate: tuple[str, np.ndarray],
     acceleration: float,
 ) -> float:
-    far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (way, rate))
+    far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (offset, rate))
     if far == fast == 0.0:
         return 0.0
     return 2.0 * math.sqrt(far / acceleration) + fast / acceleration

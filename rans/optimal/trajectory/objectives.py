@@ -188,7 +188,7 @@ class MaximumReward(_GivenTime):
             ],
             [sum(terms.values())],
         )
-        given = [
+        rewards = [
             path.states,
             path.goals,
             path.commands,
@@ -198,8 +198,8 @@ class MaximumReward(_GivenTime):
         ]
         if path.corner is not None:
             stage = rounded(stage, ca.SX.sym("corner"))
-            given.append(ca.repmat(path.corner, 1, self.intervals))
-        return -ca.sum2(stage.map(self.intervals)(*given))
+            rewards.append(ca.repmat(path.corner, 1, self.intervals))
+        return -ca.sum2(stage.map(self.intervals)(*rewards))
 
 
 @dataclass(frozen=True)

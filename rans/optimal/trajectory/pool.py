@@ -46,8 +46,8 @@ def solve_all(
         goal_motion(task, example.goal)
     jobs = [(index, start, guesses) for index in range(len(objectives)) for start in each(starts)]
 
-    def lost(index: int, one: Scenario, guesses: int) -> Trajectory:
-        return unsolved(objectives[index], craft, one.start, "Worker_Died")
+    def lost(index: int, start: Scenario, guesses: int) -> Trajectory:
+        return unsolved(objectives[index], craft, start.start, "Worker_Died")
 
     pool = Workers(_transcriptions, (craft, task, objectives, limits), workers)
     answers: dict[int, Trajectory] = {}
@@ -66,6 +66,6 @@ def _transcriptions(
 
 
 def _solve(
-    transcriptions: list[Transcription], index: int, one: Scenario, guesses: int
+    transcriptions: list[Transcription], index: int, start: Scenario, guesses: int
 ) -> Trajectory:
-    return transcriptions[index].solve(one.start, one.goal, guesses)
+    return transcriptions[index].solve(start.start, start.goal, guesses)

@@ -135,10 +135,10 @@ class SteeredLandings:
 
     def again(self, state: np.ndarray, plan: SteeredLanding, count: int) -> SteeredLanding | None:
         """Landing from a state (n,) in so many periods, guessed from the end of a plan; None: none was found."""
-        there = np.linspace(len(plan.commands) - count, len(plan.commands), count + 1)
-        known = np.arange(len(plan.states))
-        states = np.stack([np.interp(there, known, x) for x in plan.states.T], axis=1)
-        held = np.clip(np.floor(there[:-1]).astype(int), 0, len(plan.commands) - 1)
+        instants = np.linspace(len(plan.commands) - count, len(plan.commands), count + 1)
+        planned = np.arange(len(plan.states))
+        states = np.stack([np.interp(instants, planned, x) for x in plan.states.T], axis=1)
+        held = np.clip(np.floor(instants[:-1]).astype(int), 0, len(plan.commands) - 1)
         return self._solved(state, _packed(states, plan.commands[held]), count)
 
     def _solved(self, state: np.ndarray, guess: np.ndarray, count: int) -> SteeredLanding | None:
@@ -220,11 +220,11 @@ def _rolled(tilts: np.ndarray, first: float) -> np.ndarray:
     last = first
     for k in range(1, len(tilts)):
         if np.linalg.norm(tilts[k]) > _ROLLED:
-            wanted = math.atan2(tilts[k, 0], -tilts[k, 1])
-            last = wanted + math.tau * round((last - wanted) / math.tau)
+            aligned = math.atan2(tilts[k, 0], -tilts[k, 1])
+            last = aligned + math.tau * round((last - aligned) / math.tau)
             roll[k] = last
-    known = np.flatnonzero(np.isfinite(roll))
-    roll = np.interp(np.arange(len(tilts)), known, roll[known])
+    defined = np.flatnonzero(np.isfinite(roll))
+    roll = np.interp(np.arange(len(tilts)), defined, roll[defined])
     for _ in range(8):
         roll[1:-1] = 0.25 * (roll[:-2] + 2.0 * roll[1:-1] + roll[2:])
     return roll
@@ -233,8 +233,8 @@ def _rolled(tilts: np.ndarray, first: float) -> np.ndarray:
 def direction_of(tilt: np.ndarray) -> np.ndarray:
     """(3,) direction of thrust with a tilt (2,), rad."""
     angle = math.hypot(*tilt)
-    share = math.sin(angle) / angle if angle > 1e-9 else 1.0
-    return np.array([tilt[1] * share, -tilt[0] * share, math.cos(angle)])
+    sinc = math.sin(angle) / angle if angle > 1e-9 else 1.0
+    return np.array([tilt[1] * sinc, -tilt[0] * sinc, math.cos(angle)])
 
 
 def tilt_of(direction: np.ndarray) -> np.ndarray:
@@ -256,8 +256,8 @@ def angular_velocity(tilt: np.ndarray, rate: np.ndarray) -> np.ndarray:
 def tilt_rate(direction: np.ndarray, w: np.ndarray) -> np.ndarray:
     """(2,) rate of the tilt, rad/s, of thrust along a direction (3,) that turns with w (3,) in W, rad/s."""
     small = 1e-4
-    moved = np.cross(w, direction) * small
-    return (tilt_of(direction + moved) - tilt_of(direction - moved)) / (2.0 * small)
+    change = np.cross(w, direction) * small
+    return (tilt_of(direction + change) - tilt_of(direction - change)) / (2.0 * small)
 
 
 def attitude_of(tilt: np.ndarray, roll: float) -> np.ndarray:
@@ -288,8 +288,8 @@ def _step(lander: Lander, descent: Descent, period: float, rolls: bool = False) 
     def slope(x: ca.SX) -> ca.SX:
         tilt = x[6:8]
         angle = ca.sqrt(ca.sumsqr(tilt) + 1e-12)
-        share = ca.sin(angle) / angle
-        direction = ca.vertcat(tilt[1] * share, -tilt[0] * share, ca.cos(angle))
+        sinc = ca.sin(angle) / angle
+        direction = ca.vertcat(tilt[1] * sinc, -tilt[0] * sinc, ca.cos(angle))
         push = direction * (command[0] * _THRUST / (x[10] * _UNITS[10]))
         acceleration = push - ca.DM([0.0, 0.0, descent.gravity])
         flow = command[0] * (_THRUST / lander.exhaust_speed)
@@ -309,9 +309,9 @@ def _step(lander: Lander, descent: Descent, period: float, rolls: bool = False) 
 def _height_of_axis(tilt: ca.MX, roll: ca.MX, offset: float) -> ca.MX:
     """Cosine of the tilt (1, N) of an axis off the thrust, whose tilts are (2, N) and whose rolls are (1, N)."""
     angle = ca.sqrt(ca.sum1(tilt**2) + 1e-12)
-    share = ca.sin(angle) / angle
+    sinc = ca.sin(angle) / angle
     towards = tilt[0, :] * ca.sin(roll) - tilt[1, :] * ca.cos(roll)
-    return math.cos(offset) * ca.cos(angle) + math.sin(offset) * towards * share
+    return math.cos(offset) * ca.cos(angle) + math.sin(offset) * towards * sinc
 
 
 class _Program:
@@ -344,9 +344,9 @@ class _Program:
             before[6:8, :] + 0.5 * period * before[8:10, :] + 0.125 * period**2 * commands[1:3, :]
         )
         if offset > 0.0:
-            turned = before[11, :] + 0.5 * period * before[12, :]
-            turned += 0.125 * period**2 * commands[3, :]
-            for tilt, roll in ((middle, turned), (states[6:8, :], states[11, :])):
+            half_roll = before[11, :] + 0.5 * period * before[12, :]
+            half_roll += 0.125 * period**2 * commands[3, :]
+            for tilt, roll in ((middle, half_roll), (states[6:8, :], states[11, :])):
                 rows.append(_height_of_axis(tilt, roll, offset).T)
                 low.append(np.full(count, math.cos(descent.tilt)))
                 high.append(np.full(count, np.inf))
@@ -358,9 +358,9 @@ class _Program:
         halfway = 0.5 * (before[:3, :] + states[:3, :])
         halfway += 0.125 * period * (before[3:6, :] - states[3:6, :]) * (_UNITS[3] / _UNITS[0])
         # Between the periods only craft that roll came below the slope, by centimetres near the ground.
-        for place in (halfway, states[:3, :]) if offset > 0.0 else (states[:3, :],):
-            rim = place[2, :] / math.tan(descent.glide_slope) + descent.margin / _UNITS[0]
-            rows.append((rim**2 - ca.sum1(place[:2, :] ** 2)).T)
+        for positions in (halfway, states[:3, :]) if offset > 0.0 else (states[:3, :],):
+            rim = positions[2, :] / math.tan(descent.glide_slope) + descent.margin / _UNITS[0]
+            rows.append((rim**2 - ca.sum1(positions[:2, :] ** 2)).T)
             low.append(np.zeros(count))
             high.append(np.full(count, np.inf))
         rows.append(halfway[2, :].T * _UNITS[2])

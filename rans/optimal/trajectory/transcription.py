@@ -220,7 +220,7 @@ def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str)
 
 def _best(result: Sequence[Trajectory]) -> Trajectory:
     """The cheapest of those solved, with the iterations and the time of all."""
-    best = min(result, key=lambda one: (not one.solved, one.cost))
+    best = min(result, key=lambda attempt: (not attempt.solved, attempt.cost))
     return replace(
         best,
         iterations=sum(solution.iterations for solution in result),
@@ -319,16 +319,16 @@ class Transcription:
         if self._margins is not None:
             before = ca.horzcat(start, after[:, :-1])
             for check in range(1, self._checks + 1):
-                share = check / self._checks
+                fraction = check / self._checks
                 then = goals
                 if check == self._checks:
-                    there = after
+                    node = after
                 else:
-                    there = self._step.map(count)(before, applied, share * period)
+                    node = self._step.map(count)(before, applied, fraction * period)
                     if self._later is not None:
-                        instants = period * (ca.DM(range(count)).T + share)
+                        instants = period * (ca.DM(range(count)).T + fraction)
                         then = self._later.map(count)(ca.repmat(goal, 1, count), instants)
-                constraints.append(ca.vec(self._margins.map(count)(there, then)))
+                constraints.append(ca.vec(self._margins.map(count)(node, then)))
         corner = ca.MX.sym("corner")
         path = SymbolicTrajectory(
             self._craft, self._task, start, after, commands, period, goals, corner
@@ -382,11 +382,11 @@ class Transcription:
             parameters = [*leaves(start), *leaves(goal), corner]
             solution = self._solver(p=parameters, **problem)
             seconds = time.perf_counter() - begun
-            one = self._trajectory(solution, start, goal, seconds)
-            if one.solved:
+            trajectory = self._trajectory(solution, start, goal, seconds)
+            if trajectory.solved:
                 optimality = Optimality.of(self._solver, problem, parameters, solution, self._rows)
-                one = replace(one, optimality=optimality)
-            results.append(one)
+                trajectory = replace(trajectory, optimality=optimality)
+            results.append(trajectory)
             if not results[-1].solved:
                 break
             problem["x0"] = np.array(solution["x"]).ravel()
@@ -419,11 +419,13 @@ class Transcription:
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
         count = self._objective.intervals
         (_, forces, width) = self._rows
-        period = given = self._objective.control_period
+        period = period_guess = self._objective.control_period
         if period is None:
             period = transfer_time(self._craft, self._aims, start, goal) / count
         # without bounds the optimiser can wander to zero
-        shortest, longest = (0.1 * period, 10.0 * period) if given is None else (given, given)
+        shortest, longest = (
+            (0.1 * period, 10.0 * period) if period_guess is None else (period_guess, period_guess)
+        )
         states = self._guess(start, goal, count, period, number)
         command = self._commands(start, states, period)
 
@@ -456,19 +458,19 @@ class Transcription:
                 count, math.ceil(transfer_time(self._craft, self._aims, start, goal) / period)
             )
         aim = self._task.later(goal, moving * period) if self._later is not None else goal
-        there = guess(self._aims, start, aim, moving * period, moving, number)
+        path = guess(self._aims, start, aim, moving * period, moving, number)
         if moving == count:
-            return there
-        arrived = unflatten(start, there[:, -1])
+            return path
+        arrived = unflatten(start, path[:, -1])
         return np.hstack(
-            [there, guess((), arrived, arrived, (count - moving) * period, count - moving)]
+            [path, guess((), arrived, arrived, (count - moving) * period, count - moving)]
         )
 
     def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
         """(thrusters, T) about what a guessed motion takes."""
         if self._allocation is None:
-            share = np.full((self._rows[0], states.shape[1]), _COMMAND_GUESS)
-            return self._low + (self._high - self._low) * share
+            openings = np.full((self._rows[0], states.shape[1]), _COMMAND_GUESS)
+            return self._low + (self._high - self._low) * openings
         wrenches = needed_wrenches(
             self._craft, unflatten(start, np.column_stack([leaves(start), states])), period
         )

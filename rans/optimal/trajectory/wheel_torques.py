@@ -83,8 +83,11 @@ def _thrusters_turn(craft: Spacecraft, torque: np.ndarray) -> bool:
     columns = np.array(craft.wrench_map).T
     size = np.abs(columns).max(axis=1)
     size[size == 0.0] = 1.0
-    wanted = np.concatenate([np.zeros(craft.dimension), torque / np.linalg.norm(torque)]) / size
+    unit_torque = (
+        np.concatenate([np.zeros(craft.dimension), torque / np.linalg.norm(torque)]) / size
+    )
     scaled = columns / size[:, None]
     return all(
-        nnls(scaled, sign * wanted)[1] <= 1e-6 * np.linalg.norm(wanted) for sign in (1.0, -1.0)
+        nnls(scaled, sign * unit_torque)[1] <= 1e-6 * np.linalg.norm(unit_torque)
+        for sign in (1.0, -1.0)
     )

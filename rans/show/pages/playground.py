@@ -143,7 +143,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         ) from error
     names = [name for name in tables if name.endswith(".weight")]
     size = sum(tables[name].size for name in names)
-    bits = next(bits for most, bits in _BITS.items() if size <= most)
+    bits = next(bits for limit, bits in _BITS.items() if size <= limit)
     data = _data(traced, run, seed, episode) | {"bits": bits}
     if architecture.backbone == "allocated":
         data["allocation"] = _allocation_data(architecture)
@@ -235,12 +235,12 @@ class _Traced:
         errors, observation = self._observed()
         architecture = agent.network.architecture
         program = policy_program(architecture)
-        period, *ways, least_linear, least_angular = numbers = inputs("authority", 9)
+        period, *authority, least_linear, least_angular = numbers = inputs("authority", 9)
         columns = (
             of_observation(
                 architecture.layout,
                 observation,
-                Authority(period, ways[:4], ways[4:], least_linear, least_angular),
+                Authority(period, authority[:4], authority[4:], least_linear, least_angular),
             )
             if architecture.authority
             else architecture.preprocessed(observation)
@@ -357,8 +357,10 @@ def _may_draw(craft: Spacecraft, architecture: Architecture) -> bool:
 
 def _timings(own: Timing) -> tuple[Timing, ...]:
     """Timing of the page's craft, then those of drawn craft with the long and with the short control period."""
-    drawn = (replace(own, control_period=period) for period in (RANGES[0].high, RANGES[0].low))
-    return (own, *drawn)
+    timing_range = (
+        replace(own, control_period=period) for period in (RANGES[0].high, RANGES[0].low)
+    )
+    return (own, *timing_range)
 
 
 def _probe(craft: Spacecraft) -> Spacecraft:
@@ -367,15 +369,15 @@ def _probe(craft: Spacecraft) -> Spacecraft:
     The other three stay shut; without them it could not be pushed every way, which is worth a warning.
     """
     centre = (0.0, 0.0, 0.0)
-    ways = ((centre, (1.0, 0.0)), (centre, (0.0, 1.0)), ((1.0, 0.0, 0.0), (0.0, 1.0)))
+    points = ((centre, (1.0, 0.0)), (centre, (0.0, 1.0)), ((1.0, 0.0, 0.0), (0.0, 1.0)))
     return replace(
         craft,
         centre_of_mass=(0.0, 0.0, 0.0),
         thrust_sharing="none",
         thrusters=tuple(
-            Thruster(place, (sign * x, sign * y, 0.0), 1.0)
+            Thruster(point, (sign * x, sign * y, 0.0), 1.0)
             for sign in (1.0, -1.0)
-            for place, (x, y) in ways
+            for point, (x, y) in points
         ),
     )
 
@@ -396,10 +398,10 @@ def _pushes(setup: Setup) -> str:
 
 def _allocation_data(architecture: Architecture) -> dict[str, Any]:
     """What the page's allocation must know: tokens and authority of the craft, and its constants."""
-    period, *ways = architecture.authority or (0.0,) * 7
+    period, *authority = architecture.authority or (0.0,) * 7
     return {
         "tokens": architecture.tokens,
-        "authority": [period, *ways, min(ways[:4]), min(ways[4:])],
+        "authority": [period, *authority, min(authority[:4]), min(authority[4:])],
         "price": PRICE,
         "passes": PASSES,
         "subsets": MOST_SUBSETS,

@@ -118,9 +118,9 @@ def _first_screen(
     else:
         # The first section says the result of what else there is, and its table at the end of a training.
         first = sections[0]
-        said = next((f.text for s in sections for f in s.findings if f.passed is not False), "")
+        sentence = next((f.text for s in sections for f in s.findings if f.passed is not False), "")
         failed = next((f.text for s in sections for f in s.findings if f.passed is False), "")
-        hero = failed or said or f"{first.title}: {'; '.join(map(' '.join, first.summary))}."
+        hero = failed or sentence or f"{first.title}: {'; '.join(map(' '.join, first.summary))}."
         tiles += [Tile(what, value) for what, value in first.summary]
     # What a decision still lacks has its command.
     missing = []
@@ -147,10 +147,10 @@ def _pictured(run: Path, evaluations: Sequence[Path]) -> Iterator[Section]:
     pictures = list(screen.pictures)
     craft = inside(run, "spacecraft.toml")
     if not pictures and craft.is_file():
-        drawn = read_spacecraft(craft)
+        spacecraft = read_spacecraft(craft)
         with matplotlib.rc_context(STYLE):  # whose inks dark pages change
-            layout = draw_layout(drawn)
-        pictures.append(Picture.of(layout, f"Forces of the thrusters of {drawn.name}."))
+            layout = draw_layout(spacecraft)
+        pictures.append(Picture.of(layout, f"Forces of the thrusters of {spacecraft.name}."))
     if pictures:
         title = "Paths and spacecraft" if screen.pictures else "Spacecraft"
         yield Section(title, pictures=pictures, first=True)

@@ -196,7 +196,7 @@ def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascen
 def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
     """Exclude a level by branch and bound, best bound first, or find commands that reach it."""
     outcome = _Outcome()
-    seen = set()
+    evaluated = set()
     order = itertools.count()
     limit = relaxation.work + effort.work
     heap = [_node(relaxation, root, relaxation.reachable(), level, next(order))]
@@ -210,7 +210,7 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) 
         )
         if result.best.value > level:
             continue
-        outcome.commands = _commands(relaxation, result, level, effort, seen)
+        outcome.commands = _commands(relaxation, result, level, effort, evaluated)
         if outcome.commands is not None:
             return outcome
         parts = _parts(
@@ -232,15 +232,15 @@ def _node(
 
 
 def _commands(
-    relaxation: Relaxation, result: Ascent, level: float, effort: Effort, seen: set[bytes]
+    relaxation: Relaxation, result: Ascent, level: float, effort: Effort, evaluated: set[bytes]
 ) -> np.ndarray | None:
     """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
     for index in np.argsort(-result.weights)[:2]:
         path = result.cuts[index].path
         commands = flown(relaxation, path, level)
         turns = relaxation.lattice.patterns.torque[path].tobytes()
-        if commands is None and turns not in seen:
-            seen.add(turns)
+        if commands is None and turns not in evaluated:
+            evaluated.add(turns)
             commands = nozzles(relaxation, path, result.best, level, effort.nozzle_work)
         if commands is not None:
             return commands
