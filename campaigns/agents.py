@@ -22,7 +22,7 @@ from campaigns.time_optimal import time_optimal
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.follow import follow
+from rans.evaluation.fly.follow import fly_path
 from rans.evaluation.fly.paths import LookAhead, find_path
 from rans.evaluation.measure.metrics import samples
 from rans.files import environment, read_json, write_json
@@ -163,7 +163,9 @@ class Agents:
         if row.path:
             planner = LookAhead(find_path(row.path), _SPEED, _LOOK_AHEAD)
             craft, task, timing, _, _ = setup
-            following = follow(craft, task, controller, planner, timing, EVALUATION_SEED, _FLIGHTS)
+            following = fly_path(
+                craft, task, controller, planner, timing, EVALUATION_SEED, _FLIGHTS
+            )
             return {quantity.name: quantity.values for quantity in following.quantities()}
         craft, task, timing, _, _ = setup
         starts = scenarios(task, craft, EVALUATION_SEED, self.episodes)

@@ -28,7 +28,7 @@ from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.problem import Effort
+from rans.optimal.certificate.problem import SearchEffort
 from rans.scenario import Scenario
 from rans.terminal import Terminal, progress, verdict
 from validation.study.checks import Check, Skipped, Study
@@ -42,7 +42,7 @@ _AIMS = (
 )
 _FASTEST = 3.0
 """Spin up to which eight steps a period are exact enough in space, rad/s."""
-_HASTE = Effort(1e-9, levels=1)
+_HASTE = SearchEffort(1e-9, levels=1)
 """The certificate's search stops at once: what it has then must hold too."""
 _MOST_POINTS = 300_000
 """Of a lattice: its costs and their tables then take less than 100 MB and a search some seconds."""

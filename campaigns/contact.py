@@ -51,7 +51,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.randomization.parameters import StepInputs
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.nozzles import Nozzles
-from rans.reference.parts import designed, pose, spatial_inertia
+from rans.reference.parts import designed, spatial_inertia, thrust_pose
 from rans.scenario import Scenario
 
 _TARGET_MASS = 1e6
@@ -291,7 +291,7 @@ class DockingPlant:
             [
                 PropellerInfo(
                     craft_body.index(),
-                    pose(thruster),
+                    thrust_pose(thruster),
                     thrust_ratio=thruster.force,
                     moment_ratio=0.0,
                 )

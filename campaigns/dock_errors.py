@@ -16,7 +16,7 @@ import tyro
 from campaigns.command import ended
 from campaigns.markdown import Table
 from campaigns.missions import Row, row_of
-from rans.evaluation.compare.transfers import bounds
+from rans.evaluation.compare.transfers import transfer_bounds
 from rans.evaluation.measure.metrics import impulses
 from rans.files import environment, read_json, write_json
 from rans.flight import fly
@@ -93,7 +93,9 @@ class DockErrors:
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
             lower = np.full(self.episodes, np.nan)
-            lower[: self.bounded] = [answer.lower for answer in bounds(craft, task, few, deadline)]
+            lower[: self.bounded] = [
+                answer.lower for answer in transfer_bounds(craft, task, few, deadline)
+            ]
             for name, (conditions, valves) in _WORLDS.items():
                 flown = craft if valves is None else replace(craft, actuators=valves)
                 guidance = MissionGuidance(flown, task, task.timing, conditions)

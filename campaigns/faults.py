@@ -24,11 +24,11 @@ from rans.files import read_json
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import least_time
+from rans.optimal.certificate.certificate import certified_least_time
 from rans.optimal.certificate.hull import Health, settling_set
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.problem import Effort, Problem
+from rans.optimal.certificate.problem import Problem, SearchEffort
 from rans.policy.network import Network
 from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
@@ -39,7 +39,7 @@ from rans.terminal import Terminal, table
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows."""
 _SETTLING = Event("settling")
-_EFFORT = Effort(work=2.0, nozzle_work=0.3, levels=1)
+_EFFORT = SearchEffort(work=2.0, nozzle_work=0.3, levels=1)
 """Nearly all certificates are then exact."""
 
 
@@ -144,7 +144,9 @@ def _certified(_: None, setup: Setup, scenario: Scenario, health: Health) -> flo
     start, goal = cast("tuple[PlanarState, PlanarState]", (scenario.start, scenario.goal))
     lattice = Lattice(setup.craft, timing.control_period, dead, stuck)
     problem = Problem(start, goal, within)
-    return least_time(PlanarBounder(lattice), problem, timing.episode_steps, _EFFORT).lower
+    return certified_least_time(
+        PlanarBounder(lattice), problem, timing.episode_steps, _EFFORT
+    ).lower
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from rans.guard import safety_filter
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.circumnavigation import Circumnavigation
 from rans.optimal.control.visiting import Visiting
-from rans.optimal.convex.inspection import least_impulse
+from rans.optimal.convex.inspection import inspection_bound
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
 from rans.tasks.inspect import Inspect
 from rans.terminal import Terminal
@@ -137,7 +137,7 @@ def _row(who: str, flight: Flight, starts: Scenario) -> Row:
         if good:
             time = float(steps) * flight.timing.control_period
             bounds.append(
-                least_impulse(
+                inspection_bound(
                     flight.craft, flight.task, start.start, start.goal, time, flight.timing
                 )
             )

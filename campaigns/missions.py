@@ -21,7 +21,7 @@ import tyro
 from campaigns.command import ended
 from campaigns.markdown import Table
 from rans.errors import ConfigError, SolverFailed
-from rans.evaluation.compare.transfers import bounds
+from rans.evaluation.compare.transfers import transfer_bounds
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
 from rans.files import environment, read_json, write_json
@@ -191,7 +191,9 @@ class Missions:
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
             lower = np.full(self.episodes, np.nan)
-            lower[: self.bounded] = [answer.lower for answer in bounds(craft, task, few, deadline)]
+            lower[: self.bounded] = [
+                answer.lower for answer in transfer_bounds(craft, task, few, deadline)
+            ]
             with warnings.catch_warnings():
                 # That they do not know the limits is what the table shows.
                 warnings.filterwarnings("ignore", message=".* does not know the constraints .*")

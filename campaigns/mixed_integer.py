@@ -32,10 +32,10 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.certificate import bounder, least_fuel
-from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.certificate import bounder, certified_least_fuel
+from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.problem import Effort, Problem, Unreachable
+from rans.optimal.certificate.problem import Problem, SearchEffort, Unreachable
 from rans.terminal import Terminal
 from validation.study.checks import Check, Study
 
@@ -416,7 +416,9 @@ def compared(
     goals = GoalSet()
     pulse = max(thruster.force for thruster in craft.thrusters) * period
     try:
-        found = least_fuel(bounder(craft, period), Problem(start, goal, goals), steps, Effort(10.0))
+        found = certified_least_fuel(
+            bounder(craft, period), Problem(start, goal, goals), steps, SearchEffort(10.0)
+        )
         lower, upper = found.lower, found.upper
     except Unreachable:
         lower = upper = math.inf
@@ -428,7 +430,7 @@ def compared(
     if least_on > 1 and math.isfinite(answer.reached):
         longer = replace(question, least_on=least_on)
         held = least_fuel_by_mixed_integers(longer, budget + pulse).reached
-    end = start if answer.commands is None else replay(craft, start, answer.commands, period)
+    end = start if answer.commands is None else state_after(craft, start, answer.commands, period)
     contained = answer.commands is None or goals.contains(end, goal)
     return Row(start, lower, upper, answer, held, contained)
 

@@ -22,10 +22,15 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate.certificate import Certificate, bounder, least_fuel, least_time
+from rans.optimal.certificate.certificate import (
+    Certificate,
+    bounder,
+    certified_least_fuel,
+    certified_least_time,
+)
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import settling_set
-from rans.optimal.certificate.problem import Effort, Problem
+from rans.optimal.certificate.problem import Problem, SearchEffort
 from rans.processes import Workers, nothing
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
@@ -103,14 +108,14 @@ def certificate(
     scenario: Scenario,
 ) -> Certificate:
     """One start's answer; see `rans.optimal.certificate.certificate`."""
-    effort = Effort(seconds)
+    effort = SearchEffort(seconds)
     goals = GoalSet()
     wanted = {"position", "attitude", "velocity", "spin"}
     if quantity == "settling":
         goals = settling_set(craft, goals.position, goals.heading, period)
         wanted -= {"spin"}  # of its bound the proof is for the plane, whose search always has it
     problem = Problem(scenario.start, scenario.goal, goals, wanted)
-    solve = least_fuel if quantity == "fuel" else least_time
+    solve = certified_least_fuel if quantity == "fuel" else certified_least_time
     return solve(bounder(craft, period), problem, steps, effort)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from rans.deploy.robot.bus import BusName, open_bus
 from rans.deploy.robot.messages import FLOATS, unpack
-from rans.deploy.robot.node import fly_over, replay
+from rans.deploy.robot.node import fly_over, replay_bag
 from rans.deploy.robot.pilot import Plan, export_for_flight
 from rans.deploy.robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 from rans.files import environment, read_json, write_json
@@ -142,7 +142,7 @@ def long_flight(folder: Path, bus_name: BusName, seconds: float, bag: Path) -> L
         float(computed.max()),
         float(np.percentile(report.used, 99)),
         float(np.max(report.late)),
-        replay(bag).equal,
+        replay_bag(bag).equal,
         report.fault,
     )
 

@@ -281,9 +281,9 @@ def __dir__() -> list[str]:
 
 def _as_html(value: Any) -> str:
     """HTML of a value for a notebook; the renderer is imported at the first call."""
-    from rans.show.pages.notebook import html
+    from rans.show.pages.notebook import html_of
 
-    return html(value)
+    return html_of(value)
 
 
 display.html_renderer = _as_html

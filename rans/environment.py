@@ -13,7 +13,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
-from rans.effectors.commands import action_space, check, clipped
+from rans.effectors.commands import action_space, check_commands, clipped
 from rans.episode import Episode, Guard, Mover, Setup, World, step
 from rans.errors import ConfigError, brief, checked
 from rans.model.dynamics import State
@@ -142,7 +142,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         before = self._running()
         values = _numbers(action)
-        check(self.craft, values)
+        check_commands(self.craft, values)
         values = clipped(self.craft, values.astype(float))
         self._trail.append(before.state.p.columns())
         outcome = step(self._world, before, tuple(values.tolist()), self._draws, self._move)
@@ -249,7 +249,7 @@ def dense(value: Any) -> Any:
     return value.detach().resolve_conj().resolve_neg()
 
 
-def array(actions: Any) -> np.ndarray:
+def action_array(actions: Any) -> np.ndarray:
     """Array of actions that are not a tensor, in a dtype that torch supports too.
 
     Raises:
@@ -269,7 +269,7 @@ def _numbers(action: Any) -> np.ndarray:
     """NumPy array of actions of NumPy or torch."""
     values = dense(action)
     if values is action:
-        return array(action)
+        return action_array(action)
     return values.cpu().numpy() if values.is_complex() else values.cpu().double().numpy()
 
 

@@ -148,7 +148,7 @@ def fits(value: object, condition: Callable[[Any], bool]) -> bool:
         return False
 
 
-def named(what: str, value: object, kind: type) -> str:
+def text_of_name(what: str, value: object, kind: type) -> str:
     """Text of a name or a path.
 
     Raises:

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import rans
-from rans.deploy.robot.bag import BagWriter, Entry, entries
+from rans.deploy.robot.bag import BagMessage, BagWriter, bag_entries
 from rans.deploy.robot.messages import TEXT, make, pack
-from rans.deploy.robot.node import FLIGHT_TOPIC, replay
-from rans.deploy.robot.pilot import Pilot, Plan, export_for_flight
+from rans.deploy.robot.node import FLIGHT_TOPIC, replay_bag
+from rans.deploy.robot.pilot import MessagePilot, Plan, export_for_flight
 from rans.episode import Setup
 from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
@@ -110,21 +110,21 @@ def plan(folder: Path) -> Plan:
 def test_bags(mine: Path, count: int) -> None:
     pytest.importorskip("mcap")
     bag = Path("flight.mcap")
-    pilot = Pilot(plan(mine), GoToPose())
+    pilot = MessagePilot(plan(mine), GoToPose())
     writer = BagWriter(bag)
     about = json.dumps({"folder": str(mine), "task": {"name": "go-to-pose", "settings": {}}})
-    writer.write(Entry(1, FLIGHT_TOPIC, TEXT, pack(TEXT, make(TEXT, data=about))))
+    writer.write(BagMessage(1, FLIGHT_TOPIC, TEXT, pack(TEXT, make(TEXT, data=about))))
     for k in range(1, 6):
         now = k * 200_000_000
         for message in pilot.interface.state(AWAY, now):
             pilot.receive(message.topic, message.data, now)
-            writer.write(Entry(now, *message))
+            writer.write(BagMessage(now, *message))
         for message in pilot.messages(pilot.decide(now + 1), now + 1):
-            writer.write(Entry(now + 1, *message))
+            writer.write(BagMessage(now + 1, *message))
     writer.close()
-    assert replay(bag).decisions == 5
-    check([bag], lambda: [*entries(bag)], 12 * count)
-    check([bag], lambda: replay(bag), count // 2)
+    assert replay_bag(bag).decisions == 5
+    check([bag], lambda: [*bag_entries(bag)], 12 * count)
+    check([bag], lambda: replay_bag(bag), count // 2)
 
 
 @COUNTS
@@ -133,7 +133,7 @@ def test_exports(mine: Path, count: int) -> None:
     # NumPy leaves a damaged agent.npz open, which Python warns of.
     names = "contract.json", "golden.json", "spacecraft.toml", "agent.npz"
     check([mine / name for name in names], lambda: load_exported(mine), count)
-    check([mine / name for name in names], lambda: Pilot(plan(mine), GoToPose()), count // 2)
+    check([mine / name for name in names], lambda: MessagePilot(plan(mine), GoToPose()), count // 2)
 
 
 @COUNTS

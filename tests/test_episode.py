@@ -31,7 +31,7 @@ from rans.randomization.conditions import (
 )
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
-from rans.show.scene.scene import Motion
+from rans.show.scene.scene import SceneMotion
 from rans.tasks import (
     GoToPose,
     MultiTask,
@@ -112,7 +112,7 @@ def test_an_orbit_and_a_goal_on_it_are_the_same_in_drake(craft: Any) -> None:
         # Drake's own steps of 0.01 s: 1e-12 m in the plane; 7e-9 m at the 7.5 rad/s that chance leads to in
         # space, where half the step leaves 2e-10.
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 if craft.dimension == 2 else 1e-8)
-    motion = Motion.of(ours, 1)  # what is drawn moves too
+    motion = SceneMotion.of(ours, 1)  # what is drawn moves too
     assert motion.goal_at(9).translation()[:2].tolist() == [
         ours.goals.p.x[9, 1],
         ours.goals.p.y[9, 1],

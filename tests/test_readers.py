@@ -16,7 +16,7 @@ from numpy.lib import format as npy
 
 from rans.archives import read_arrays
 from rans.cli import main
-from rans.deploy.robot.bag import entries
+from rans.deploy.robot.bag import bag_entries
 from rans.errors import ConfigError
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import code_of
@@ -271,4 +271,4 @@ def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
                 read(place)
     pytest.importorskip("mcap")
     with pytest.raises(ConfigError, match="it is not a file"):
-        list(entries(pipe))
+        list(bag_entries(pipe))

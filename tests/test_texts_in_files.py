@@ -17,9 +17,9 @@ import pytest
 
 import rans
 from rans.cli import main
-from rans.deploy.robot.bag import BagWriter, Entry
+from rans.deploy.robot.bag import BagMessage, BagWriter
 from rans.deploy.robot.messages import TEXT, make, pack
-from rans.deploy.robot.node import replay
+from rans.deploy.robot.node import replay_bag
 from rans.episode import Setup
 from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
@@ -296,10 +296,10 @@ def test_plan_of_a_bag(here: Path, trained: Path) -> None:
         Path("flight.mcap").unlink(missing_ok=True)
         writer = BagWriter(Path("flight.mcap"))
         writer.write(
-            Entry(1, "rans/flight", TEXT, pack(TEXT, make(TEXT, data=json.dumps(changed))))
+            BagMessage(1, "rans/flight", TEXT, pack(TEXT, make(TEXT, data=json.dumps(changed))))
         )
         writer.close()
-        call(lambda: replay(Path("flight.mcap")))
+        call(lambda: replay_bag(Path("flight.mcap")))
         call(command("replay flight.mcap"))
         if where == ".task.name":  # trust of one's own agent is none of what a bag names
             call(command("replay flight.mcap --trust --agent mine"))

@@ -16,7 +16,7 @@ import pytest
 import rans
 from rans.cli import _parse, main
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import write_json
@@ -104,9 +104,9 @@ def test_a_module_that_is_loaded_is_not_thereby_trusted(run: Path) -> None:
     """Somebody else may have loaded it, as torch is by every training."""
     __import__("strangers")
     with pytest.raises(ConfigError, match=r"from Python, call rans\.trust_files\(\) first"):
-        load_agent(run)
+        load_policy(run)
     rans.trust_files()
-    assert type(load_agent(run).task).__name__ == "GoToPose"
+    assert type(load_policy(run).task).__name__ == "GoToPose"
 
 
 WRITTEN = Path("called")

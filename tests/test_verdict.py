@@ -127,4 +127,4 @@ def test_sums_go_on_until_a_flight_ends() -> None:
 def test_the_last_fifth_is_that_of_the_metrics(steps: int, last: int) -> None:
     from rans.evaluation.measure import metrics
 
-    assert last_fifth(steps) == last == len(metrics.last_fifth(np.zeros(steps + 1)))
+    assert last_fifth(steps) == last == len(metrics.last_fifth_of(np.zeros(steps + 1)))

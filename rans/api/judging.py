@@ -337,14 +337,14 @@ def assure(
     Raises:
         ConfigError: there is no such agent, or a number is out of its range.
     """
-    from rans.evaluation.assure.assurance import Assurance, chosen_device
+    from rans.evaluation.assure.assurance import Assurance, torch_device
     from rans.evaluation.assure.bounds import plan
     from rans.evaluation.assure.campaign import Campaign
-    from rans.evaluation.assure.rare import check_count
+    from rans.evaluation.assure.rare import check_rare_count
     from rans.evaluation.assure.search import check_unit
     from rans.evaluation.fly.contestants import contestant
     from rans.files import ready_folder, write_json
-    from rans.show.pages.assure_page import page
+    from rans.show.pages.assure_page import assurance_page
     from rans.show.progress import watched
 
     unit = None
@@ -352,7 +352,7 @@ def assure(
         unit = load_conditions(search)
         check_unit(search, unit)  # a wrong name is refused before anything flies
     if rare:
-        check_count("rare", whole("rare", rare))
+        check_rare_count("rare", whole("rare", rare))
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", _ASSURED if episodes is None else episodes)
     planned = plan(confidence, episodes, failure_below)
@@ -364,7 +364,7 @@ def assure(
         run = in_memory.run if in_memory else contestant(spec, trust=trust)
         assurance.given = run.under(conditions_if_named(conditions))
     _ = assurance.run
-    processor = chosen_device(device)
+    processor = torch_device(device)
     with watched() as stage:
         assurance.fly(processor, stage)
         stage("failed flights again", None)
@@ -378,7 +378,7 @@ def assure(
     if output is not None:
         folder = ready_folder(Path(output))
         write_json(folder / "assurance.json", assurance.to_json())
-        page(assurance).write(folder / "assurance.html")
+        assurance_page(assurance).write(folder / "assurance.html")
     return assurance
 
 
@@ -412,7 +412,7 @@ def follow(
         ConfigError: the agent is for another task, or there is no such path.
     """
     from rans.evaluation.fly.contestants import in_protocol
-    from rans.evaluation.fly.follow import follow as follow_path
+    from rans.evaluation.fly.follow import fly_path as follow_path
     from rans.evaluation.fly.paths import LookAhead, find_path
 
     planner = LookAhead(find_path(str(path)), speed, look_ahead)

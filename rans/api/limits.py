@@ -192,7 +192,7 @@ def certify(
     """
     from rans.api.trajectory import CertifiedBound
     from rans.evaluation.compare.bounds import Event, Kind, bound, question
-    from rans.optimal.certificate.problem import Effort
+    from rans.optimal.certificate.problem import SearchEffort
     from rans.scenario import each
 
     one_of("kind", kind, get_args(Kind))
@@ -202,7 +202,9 @@ def certify(
     (single,) = each(scenario)
     event = Event(kind, horizon)
     number = _OWN if isinstance(start, State) else start
-    result = bound(number, question(craft, judged, control_period, event, Effort(seconds), single))
+    result = bound(
+        number, question(craft, judged, control_period, event, SearchEffort(seconds), single)
+    )
     values = {key.name: getattr(result, key.name) for key in fields(result)}
     return CertifiedBound(
         **values, craft=craft, task=judged, scenario=scenario, control_period=control_period

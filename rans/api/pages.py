@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from rans.api.agent_data import AgentData
 from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
-from rans.errors import ConfigError, brief, named, one_of, whole
+from rans.errors import ConfigError, brief, one_of, text_of_name, whole
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ def export(
         ConfigError: this is no trained agent, or the folder is another agent's.
     """
     from rans.deploy.export import Form
-    from rans.deploy.export import export as write
+    from rans.deploy.export import write_export as write
     from rans.evaluation.fly.contestant_name import ContestantName
 
     one_of("form", form, get_args(Form))
@@ -256,6 +256,6 @@ def export(
             "an agent is exported whole, with its trade-off input and all its tasks as observations: "
             f"name it without #{part}."
         )
-    folder = Path(named("output", output, Path))
+    folder = Path(text_of_name("output", output, Path))
     write(name.folder, folder, form, whole("episodes", episodes))
     return folder

@@ -78,7 +78,7 @@ class Assure:
         from rans.api.names import conditions_if_named, load_conditions
         from rans.evaluation.assure.assurance import made
         from rans.evaluation.assure.bounds import plan
-        from rans.evaluation.assure.rare import check_count as check_rare
+        from rans.evaluation.assure.rare import check_rare_count as check_rare
         from rans.evaluation.assure.search import check_unit
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.randomization.conditions import Conditions
@@ -131,10 +131,10 @@ class Assure:
         Returns whether this is the first of torchrun's processes; the others only fly.
         """
         from rans.api.names import load_conditions
-        from rans.evaluation.assure.assurance import chosen_device
+        from rans.evaluation.assure.assurance import torch_device
         from rans.fast.distributed import join
 
-        device = chosen_device(self.device)
+        device = torch_device(self.device)
         campaign = assurance.campaign
         written = time.monotonic()
         processes = join(device, apart=True)
@@ -170,8 +170,8 @@ class Assure:
 
 def _show(assurance: Assurance, file: Path) -> None:
     from rans.evaluation.assure.replay import has_drake
-    from rans.show.pages.assure_counts import counts, verdict
-    from rans.show.pages.assure_page import findings, page
+    from rans.show.pages.assure_counts import counts, decision_sentence
+    from rans.show.pages.assure_page import assurance_page, findings
 
     result = assurance.to_json()
     write_json(file, result)
@@ -183,7 +183,7 @@ def _show(assurance: Assurance, file: Path) -> None:
         worst = f"{file.stem}-worst-case.html"
         view.show([assurance.searched.breaking.flight])
         view.save(file.with_name(worst))
-    page(assurance, worst).write(file.with_suffix(".html"))
+    assurance_page(assurance, worst).write(file.with_suffix(".html"))
     console = Terminal(room=100)
     campaign = assurance.campaign
     table = counts(result)
@@ -198,7 +198,7 @@ def _show(assurance: Assurance, file: Path) -> None:
         [(word, *row[1:]) for word, row in zip(words, table.rows, strict=True)],
         "A wider terminal says what each of them means, as the page does.",
     )
-    console.say(verdict(result))
+    console.say(decision_sentence(result))
     for finding in findings(assurance):
         console.say(f"{_MARKS[finding.passed]}{finding.text}.")
     if assurance.searched:

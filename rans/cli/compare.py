@@ -105,13 +105,14 @@ class Compare:
     def run(self) -> int:
         """Print the table of scores."""
         from rans.api.names import conditions_if_named
-        from rans.evaluation.compare.entrants import contest_of, enlisted, turned
+        from rans.evaluation.compare.entrants import contest_of, enlisted, trade_off_positions
         from rans.evaluation.compare.run import Comparison
         from rans.evaluation.fly.contestant_name import ContestantName
 
         self._check()
         named = [
-            turned(spec, self.positions) if self.front else [spec] for spec in self.contestants
+            trade_off_positions(spec, self.positions) if self.front else [spec]
+            for spec in self.contestants
         ]
         contest = contest_of(
             named[0][0],
@@ -272,7 +273,7 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     if board and (front := comparison.front):
         console.show(
             f"Front of time and impulse, bounds of {counted(len(front.starts()), 'start')}",
-            *front_tables.table(front),
+            *front_tables.front_table(front),
         )
         for sentence in front_tables.sentences(front):
             console.say(sentence)

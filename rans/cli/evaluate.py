@@ -264,12 +264,12 @@ class Evaluate:
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
-            from rans.show.pages.race import replay
+            from rans.show.pages.race import median_and_slowest
             from rans.show.pages.screen import Screen
 
             with doing("drawing the flights", in_log=False):
                 save_flight_figures(flight, folder, suffix)
-                screen = Screen(race=replay(flight, run.controller.name))
+                screen = Screen(race=median_and_slowest(flight, run.controller.name))
                 write_json(inside(folder, f"screen-evaluation{suffix}.json"), screen.to_json())
         return file
 

@@ -50,7 +50,7 @@ class Export:
 
     def run(self) -> int:
         """Write the export and print its files."""
-        from rans.deploy.export import export
+        from rans.deploy.export import write_export
         from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.contestants import with_spacecraft
@@ -86,7 +86,7 @@ class Export:
             check_count("--margins", margins)
         output = self.output or Path("runs/exports") / folder.name
         with doing(f"flying {folder.name} for its contract and its card, and writing {output}"):
-            card = export(folder, output, self.format, self.episodes, margins=margins)
+            card = write_export(folder, output, self.format, self.episodes, margins=margins)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
         stated = read_json(output / "contract.json")["conditions"]["margins"]

@@ -135,16 +135,16 @@ class Init:
     def _drafted(self, answers: dict[str, Any]) -> Draft:
         """Draft from the options and these answers."""
         from rans.api.drafting import init_spacecraft
-        from rans.model.spacecraft_draft import numbers
+        from rans.model.spacecraft_draft import numbers_of_text
 
         options: dict[str, Any] = {
             "base": self.base,
             "dimension": self.dimension,
             "mass": self.mass,
-            "inertia": self.inertia and numbers(self.inertia, "inertia", (1, 3)),
-            "size": self.size and numbers(self.size, "size", (2, 3)),
+            "inertia": self.inertia and numbers_of_text(self.inertia, "inertia", (1, 3)),
+            "size": self.size and numbers_of_text(self.size, "size", (2, 3)),
             "centre_of_mass": self.centre_of_mass
-            and numbers(self.centre_of_mass, "centre_of_mass", (2, 3)),
+            and numbers_of_text(self.centre_of_mass, "centre_of_mass", (2, 3)),
             "thrusters": self.thruster,
             "wheels": self.wheel,
             "actuators": self.actuators,
@@ -162,7 +162,7 @@ class Init:
         from rans.api.drafting import begun
         from rans.model.actuators import KINDS
         from rans.model.foreign import Foreign
-        from rans.model.spacecraft_draft import numbers, thruster_of, wheel_of
+        from rans.model.spacecraft_draft import numbers_of_text, thruster_of, wheel_of
 
         base = begun(self.base)
         foreign = base if isinstance(base, Foreign) else None
@@ -170,7 +170,7 @@ class Init:
         answers: dict[str, Any] = {}
 
         def one(text: str) -> float:
-            return numbers(text, "this", (1,))[0]
+            return numbers_of_text(text, "this", (1,))[0]
 
         if self.name is None:
             answers["name"] = ask("Name", str, self.file.stem)
@@ -187,7 +187,7 @@ class Init:
             zeros = ", ".join(["0"] * dimension)
             answers["centre_of_mass"] = ask(
                 "Centre of mass in the frame in which you measure thrusters, m",
-                lambda text: numbers(text, "the centre of mass", (dimension,)),
+                lambda text: numbers_of_text(text, "the centre of mass", (dimension,)),
                 zeros,
             )
         if start is None and self.actuators is None:
@@ -314,7 +314,7 @@ def _ask_each(noun: str, read: Callable[[str], Answer], least: int) -> tuple[Ans
 def _ask_nozzles(foreign: Foreign, dimension: int) -> tuple[str, ...]:
     """Thrusters of a file of other software, with the positions and forces that it does not say."""
     from rans.model.foreign import Nozzle
-    from rans.model.spacecraft_draft import numbers
+    from rans.model.spacecraft_draft import numbers_of_text
 
     nozzles = []
     last: str | None = None
@@ -324,12 +324,14 @@ def _ask_nozzles(foreign: Foreign, dimension: int) -> tuple[str, ...]:
         if position is None:
             x, y, *z = ask(
                 f"Position of {nozzle.name}, m",
-                lambda text: numbers(text, "the position", (dimension,)),
+                lambda text: numbers_of_text(text, "the position", (dimension,)),
             )
             position = (x, y, z[0] if z else 0.0)
         if force is None:
             (force,) = ask(
-                f"Force of {nozzle.name}, N", lambda text: numbers(text, "the force", (1,)), last
+                f"Force of {nozzle.name}, N",
+                lambda text: numbers_of_text(text, "the force", (1,)),
+                last,
             )
             last = f"{force:g}"
         nozzles.append(Nozzle(nozzle.name, position, nozzle.direction, force))
@@ -338,12 +340,12 @@ def _ask_nozzles(foreign: Foreign, dimension: int) -> tuple[str, ...]:
 
 def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
     """Ask for moments of inertia or the sides of a box; empty if those of the base are kept."""
-    from rans.model.spacecraft_draft import numbers
+    from rans.model.spacecraft_draft import numbers_of_text
 
     counts = (1,) if dimension == 2 else (1, 3)
 
     def read(text: str) -> tuple[float, ...] | None:
-        return None if text == "box" else numbers(text, "the inertia", counts)
+        return None if text == "box" else numbers_of_text(text, "the inertia", counts)
 
     if start is not None:
         unchanged = "as it is"
@@ -358,7 +360,9 @@ def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
     if inertia is not None:
         return {"inertia": inertia}
     sides = "x, y" if dimension == 2 else "x, y, z"
-    return {"size": ask(f"Sides {sides}, m", lambda t: numbers(t, "the sides", (dimension,)))}
+    return {
+        "size": ask(f"Sides {sides}, m", lambda t: numbers_of_text(t, "the sides", (dimension,)))
+    }
 
 
 def _dimension(text: str) -> int:

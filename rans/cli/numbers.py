@@ -60,7 +60,7 @@ _MULTIPLES = {"k": 10**3, "M": 10**6, "G": 10**9, "B": 10**9}
 """Letters behind a whole number, as in 200k or 1.5M."""
 
 
-def whole(word: str) -> int:
+def whole_number(word: str) -> int:
     """A whole number as people write it: 1000000, 1_000_000, 1e6 or 1M.
 
     Raises:
@@ -79,7 +79,7 @@ def whole(word: str) -> int:
 def _read(kind: type, word: str) -> Any:
     if kind is int:
         with contextlib.suppress(ValueError, decimal.InvalidOperation):
-            return whole(word)
+            return whole_number(word)
     try:
         return kind(word)
     except ValueError:

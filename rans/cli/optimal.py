@@ -119,9 +119,9 @@ class Optimal:
     def run(self) -> int:
         """Print a table of the starts."""
         from rans.evaluation.compare.bounds import no_certificate
-        from rans.evaluation.compare.optima import optima, table, write
-        from rans.evaluation.compare.refinement import Mesh, refined_objectives, to_json
-        from rans.evaluation.compare.refinement import table as refinement_table
+        from rans.evaluation.compare.optima import optima, optima_table, write
+        from rans.evaluation.compare.refinement import Mesh, refined_objectives, refinement_json
+        from rans.evaluation.compare.refinement import refinement_table as refinement_table
         from rans.optimal.trajectory.allocation import check_attitude
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
@@ -170,7 +170,7 @@ class Optimal:
             ),
         )
         Terminal().print(
-            table(
+            optima_table(
                 f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
                 objective,
                 answers,
@@ -193,7 +193,7 @@ class Optimal:
 
             def show_meshes() -> None:
                 Terminal().print(refinement_table(objective.measure, meshes))
-                about["meshes"] = to_json(meshes)
+                about["meshes"] = refinement_json(meshes)
                 write(folder, about, answers, craft, starts)
 
             with writing_at_end(show_meshes):
@@ -223,7 +223,7 @@ class Optimal:
 
     def _mission(self, craft: Spacecraft, task: OrbitalMission) -> int:
         """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
-        from rans.evaluation.compare.transfers import contestants_of, judged
+        from rans.evaluation.compare.transfers import contestants_of, judged_transfers
 
         self._refuse_all_but("spacecraft", "horizon", "episodes", "seed", "contestants", "agents")
         deadline = task.deadline[1] if self.horizon is None else self.horizon
@@ -231,7 +231,7 @@ class Optimal:
         makers = contestants_of(craft, task, (*self.contestants, *self.agents))
         table = self._with_progress(
             "bounds",
-            lambda step: judged(
+            lambda step: judged_transfers(
                 craft, task, makers, deadline, self.seed, self.episodes, progress=step
             ),
         )
@@ -376,12 +376,12 @@ class Optimal:
         An interrupt leaves those that are finished.
         """
         from rans.evaluation.compare import bounds
-        from rans.optimal.certificate.problem import Effort
+        from rans.optimal.certificate.problem import SearchEffort
         from rans.scenario import each
         from rans.tasks.goal_set import aims
 
         period = self.control_period
-        effort = Effort(self.certify_seconds)
+        effort = SearchEffort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
         # Bounds are for the goal set, so only trajectories that end in it are comparable.
         same = objective.ending == "set" and not self._is_limited
@@ -401,14 +401,16 @@ class Optimal:
                 with progress() as bars:
                     step = stages(bars)("bounds", len(questions))
                     answers_by_number.update(
-                        bounds.bounds(questions, range(len(questions)), self.workers, step)
+                        bounds.bounds_in_parallel(
+                            questions, range(len(questions)), self.workers, step
+                        )
                     )
             finally:
                 sorted_answers = [answers_by_number[number] for number in sorted(answers_by_number)]
                 every.extend(sorted_answers)
                 if sorted_answers:
                     costs = [upper[number] for number in sorted(answers_by_number)]
-                    Terminal().print(bounds.table(title, measure, sorted_answers, costs))
+                    Terminal().print(bounds.bounds_table(title, measure, sorted_answers, costs))
 
     def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         with progress() as bars:

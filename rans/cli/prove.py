@@ -78,7 +78,7 @@ class Prove:
 
     def _trap(self, agent: str) -> int:
         """Prove a trapping set."""
-        from rans.evaluation.fly.agent import load_agent
+        from rans.evaluation.fly.agent import load_policy
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.proof import trap as traps
 
@@ -94,7 +94,7 @@ class Prove:
         if not 1 <= self.resolution <= 8:
             raise ConfigError(f"--resolution must be from 1 to 8, got {self.resolution}.")
         folder = ContestantName.parse(agent).folder
-        run = load_agent(folder)
+        run = load_policy(folder)
         files = _files(folder)
         config = parse_json(files["config.json"], folder / "config.json")
         if config.get("task") != "track-velocity":
@@ -164,7 +164,7 @@ class Prove:
         )
 
     def _prove(self) -> int:
-        from rans.evaluation.assure.assurance import chosen_device
+        from rans.evaluation.assure.assurance import torch_device
         from rans.proof.certificate import write_certificate
         from rans.proof.network import read_network
         from rans.proof.problem import read_problem
@@ -187,7 +187,7 @@ class Prove:
             proof = prove(
                 problem,
                 layers,
-                chosen_device(self.device),
+                torch_device(self.device),
                 self.smallest,
                 [self.cells if problem.states <= 4 else 1] * problem.states,
                 lambda done, left: bars.update(task, completed=done, total=done + left),

@@ -23,10 +23,10 @@ class Replay:
 
     def run(self) -> int:
         """Print the number of equal commands; the exit code is 0 if all are equal."""
-        from rans.deploy.robot.node import replay
+        from rans.deploy.robot.node import replay_bag
         from rans.terminal import Terminal
 
-        result = replay(self.bag, self.agent)
+        result = replay_bag(self.bag, self.agent)
         Terminal().say(f"{result.equal} of {result.decisions} commands come out the same.")
         if result.first_difference is not None:
             Terminal().say(f"The first that does not is command {result.first_difference}.")

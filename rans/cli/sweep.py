@@ -70,17 +70,19 @@ class Sweep:
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
-        from rans.fast.learn.loggers import check
+        from rans.fast.learn.loggers import check_loggers
 
         compile_in_this_process()
-        check(self.log)
+        check_loggers(self.log)
         sweep = self._trainings()
         folder = sweep.path
         first = sweep.processes.is_first
         plain = NowAndThen()
         with StopGently() as stop:
             sweep.train(
-                lambda batch: plain.say(f"sweep: {describe(sweep, batch)}") if first else None,
+                lambda batch: (
+                    plain.say(f"sweep: {describe_batch(sweep, batch)}") if first else None
+                ),
                 lambda: stop.requested,
             )
         if not first:
@@ -212,7 +214,7 @@ def _table(sweep: Trainings) -> Table:
     return table
 
 
-def describe(sweep: Trainings, batch: Sequence[Member]) -> str:
+def describe_batch(sweep: Trainings, batch: Sequence[Member]) -> str:
     """Steps, solved members and speed of the batch in training."""
     last: dict[str, Any] = max((member.rows[-1] for member in batch), key=lambda row: row["steps"])
     solved = sum(member.solved for member in sweep.members)

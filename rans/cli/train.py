@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.cli.numbers import whole
+from rans.cli.numbers import whole_number
 from rans.cli.options import Former
 from rans.errors import ConfigError, RansError, brief, is_installed, meant_file
 from rans.files import command_line, inside, write_text
@@ -155,7 +155,7 @@ class Train:
             key, _, text = change.partition("=")
             if key == "total_timesteps":
                 try:
-                    return whole(text)
+                    return whole_number(text)
                 except (ValueError, ArithmeticError):
                     raise ConfigError(
                         f"--set: total_timesteps must be a whole number, such as 1e6, got {brief(text)}."
@@ -266,10 +266,10 @@ class Train:
             return self._train(curve)
 
     def _train(self, curve: Callable[[Rows], str] | None) -> int:
-        from rans.fast.learn.loggers import LoggerName, check, loggers
+        from rans.fast.learn.loggers import LoggerName, check_loggers, loggers
 
         elsewhere: list[LoggerName] = [name for name in self.log if name != "terms"]
-        check(elsewhere)
+        check_loggers(elsewhere)
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
         begun = trainer.steps
@@ -392,7 +392,7 @@ def _train_on(path: Path, steps: int) -> str:
 
 def _nominal_hole(trainer: Trainer) -> str:
     """Warning if the agent, trained under conditions, fails with everything as designed; else an empty text."""
-    from rans.evaluation.fly.agent import load_agent
+    from rans.evaluation.fly.agent import load_policy
     from rans.evaluation.fly.episodes import fly_episodes
     from rans.evaluation.measure.metrics import solved
     from rans.evaluation.stress.outcome import WANTED
@@ -403,7 +403,7 @@ def _nominal_hole(trainer: Trainer) -> str:
     if config.conditions.or_none is None:
         return ""
     # Of 256 flights one lost flight of a hundred is seen: it takes a second.
-    run = load_agent(trainer.run.path).under(Conditions()).guarded(config.guard)
+    run = load_policy(trainer.run.path).under(Conditions()).guarded(config.guard)
     flight = fly_episodes(run.controller, run.judged, SELECTION_SEED, 256, workers=1).flight
     solved_rate = float(solved(flight).mean())
     trained = trainer.members[0].rows[-1]["success"]
@@ -458,7 +458,7 @@ def _change(table: dict[str, Any], change: str) -> None:
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):
-        value = whole(text) if _COUNT.fullmatch(text) else text
+        value = whole_number(text) if _COUNT.fullmatch(text) else text
     try:
         change_entry(table, key, value)
     except ConfigError as error:

@@ -68,7 +68,7 @@ class Tune:
         """Print default and tuned settings with their costs."""
         from rans.api.names import load_conditions, load_spacecraft
         from rans.episode import Setup
-        from rans.evaluation.compare.tuning import ranges, tune
+        from rans.evaluation.compare.tuning import ranges, tuned_settings
         from rans.evaluation.fly.controllers import CONTROLLERS
         from rans.evaluation.fly.tuned import OWN, defaults, file_name, task_name, tuned
         from rans.randomization.conditions_file import conditions_label
@@ -110,7 +110,7 @@ class Tune:
         )  # reject a damaged file before the search
         with progress() as bars:
             step = stages(bars)(f"tuning {name}", self.candidates)
-            result = tune(
+            result = tuned_settings(
                 name,
                 setup,
                 self.candidates,

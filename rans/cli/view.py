@@ -150,11 +150,11 @@ class View:
         from rich.live import Live
         from rich.text import Text
 
-        from rans.show.scene.play import Playground
+        from rans.show.scene.play import LivePlayground
         from rans.window import open_browser
 
         with contextlib.suppress(KeyboardInterrupt), Live(Text(""), transient=True) as line:
-            playground = Playground(
+            playground = LivePlayground(
                 runs, self.seed, self.episode, lambda text: line.update(Text(text))
             )
             line.console.print(f"Fly along at {playground.url} until Ctrl-C.", highlight=False)

@@ -38,7 +38,7 @@ class TransitionLosses(NamedTuple):
     clipped, else 0: `rans.fast.learn.ppo.Losses` but for the sum."""
 
 
-def choice(logit: Field, command: Field) -> Choice:
+def opening_term(logit: Field, command: Field) -> Choice:
     """A thruster's part in an action, from its log-odds of opening and its command, 0 or 1."""
     # log(1 + e^x) = max(x, 0) + log(1 + e^-|x|), whose derivative is the probability.
     small = exp(-absolute(logit))

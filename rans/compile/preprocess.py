@@ -31,7 +31,7 @@ from rans.policy.traced import policy_program
 
 if TYPE_CHECKING:
     from rans.compile.cpu.actor_critic import CpuActorCritic
-    from rans.compile.cpu.program import CompiledProgram, Memory
+    from rans.compile.cpu.program import CompiledProgram, ProgramMemory
 
 _THREADS = 128
 """Threads of a CUDA block: four warps, few enough that small batches still fill several multiprocessors."""
@@ -189,7 +189,7 @@ class CpuPreprocessor(ColumnExecutor):
         return None
 
     @cached_property
-    def _memory(self) -> dict[tuple[int, int], Memory]:
+    def _memory(self) -> dict[tuple[int, int], ProgramMemory]:
         """Scratch memory by the index of a program and the number of rows."""
         return {}
 

@@ -36,7 +36,7 @@ def left_out(flights: int) -> int:
     return round(OUTLIERS * flights)
 
 
-def meanings(task: Task, state: State, goal: State) -> list[str]:
+def column_meanings(task: Task, state: State, goal: State) -> list[str]:
     """What each column of the observation is of a spacecraft's state and its goal; "" where that is not known.
 
     It is not read from names but tried: a column has a meaning if it equals it on all of the states. Columns
@@ -143,7 +143,7 @@ def refused_ranges(valid: Sequence[tuple[float, float]]) -> list[tuple[float, fl
     return result
 
 
-def quantities(state: State) -> dict[str, Any]:
+def state_quantities(state: State) -> dict[str, Any]:
     """One state of numbers as JSON: SI units, vectors in W but for the angular velocity in space, which is in B.
 
     The attitude is a heading in the plane, and in space a unit quaternion (w, x, y, z). Of a shape among the

@@ -10,7 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from rans.deploy.columns import left_out, meanings, quantities, refused_ranges, valid_ranges
+from rans.deploy.columns import (
+    column_meanings,
+    left_out,
+    refused_ranges,
+    state_quantities,
+    valid_ranges,
+)
 from rans.display import default
 from rans.effectors.commands import of_outputs
 from rans.episode import Setup
@@ -57,7 +63,7 @@ _FRAMES = {
 }
 
 
-class Flights(NamedTuple):
+class RecordedFlights(NamedTuple):
     """What an agent met on N flights of T control periods."""
 
     observations: np.ndarray
@@ -68,7 +74,7 @@ class Flights(NamedTuple):
     """Goals of the states: `State` of arrays (T, N)."""
 
 
-class Recorder:
+class ActionRecorder:
     """A controller that keeps whatever an agent is given."""
 
     def __init__(self, controller: Agent) -> None:
@@ -89,17 +95,19 @@ class Recorder:
         return self._controller.act(state, goal, observation)
 
     @property
-    def flights(self) -> Flights:
+    def flights(self) -> RecordedFlights:
         """The last flights."""
         observations, states, goals = zip(*self._met, strict=True)
 
         def stacked(several: Any) -> Any:
             return map_leaves(lambda *x: np.stack(x), *several)
 
-        return Flights(np.stack(observations), stacked(states), stacked(goals))
+        return RecordedFlights(np.stack(observations), stacked(states), stacked(goals))
 
 
-def flown(network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS) -> Flights:
+def flights_of_training(
+    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+) -> RecordedFlights:
     """Flights of a network from the starts of training, under the setup's conditions, without those that failed.
 
     An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
@@ -108,14 +116,14 @@ def flown(network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = 
     flights, failed = recorded(network, setup, seed, count)
     if failed.all():
         return flights
-    return Flights(*map_leaves(lambda x: x[:, ~failed], tuple(flights)))
+    return RecordedFlights(*map_leaves(lambda x: x[:, ~failed], tuple(flights)))
 
 
 def recorded(
     network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
-) -> tuple[Flights, np.ndarray]:
+) -> tuple[RecordedFlights, np.ndarray]:
     """N flights of a network from the starts of training, and whether each failed, (N,)."""
-    recorder = Recorder(Agent(network, "agent", setup.craft))
+    recorder = ActionRecorder(Agent(network, "agent", setup.craft))
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
     flown = fly_episodes(recorder, setup._replace(timing=short), seed, count)
@@ -342,7 +350,7 @@ def _example_states(task: Task, craft: Spacecraft, count: int) -> tuple[Any, Any
 def _meanings(task: Task, craft: Spacecraft) -> list[str]:
     """Meaning of each column; of a multi-task the meanings that its tasks share (see `_flagged`)."""
     state, goal = _example_states(task, craft, WIRED)
-    return meanings(task, state, goal)
+    return column_meanings(task, state, goal)
 
 
 def _flagged(called: str, task: Task, craft: Spacecraft) -> list[dict[str, Any]]:
@@ -352,7 +360,9 @@ def _flagged(called: str, task: Task, craft: Spacecraft) -> list[dict[str, Any]]
     for name, part in parts.items():
         state, goal = _example_states(part, craft, WIRED)
         flag = float(np.atleast_1d(part.flag_of(goal))[0])
-        rows = zip(example(part, craft.dimension).table(), meanings(part, state, goal), strict=True)
+        rows = zip(
+            example(part, craft.dimension).table(), column_meanings(part, state, goal), strict=True
+        )
         columns = [
             {"column": at, **row._asdict(), "meaning": meaning}
             for at, (row, meaning) in enumerate(rows)
@@ -394,7 +404,7 @@ def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
 @torch.no_grad()
 def golden(
     network: Network,
-    seen: np.ndarray | Flights,
+    seen: np.ndarray | RecordedFlights,
     craft: Spacecraft | None = None,
     task: Task | None = None,
 ) -> dict[str, Any]:
@@ -405,7 +415,7 @@ def golden(
     also ``wiring``, of states and goals that differ in everything, with the observation of each.
     """
     flights = None
-    if isinstance(seen, Flights):
+    if isinstance(seen, RecordedFlights):
         flights = seen
         seen = seen.observations
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
@@ -431,8 +441,8 @@ def golden(
     if flights is not None:
         positions = [(step, int(k)) for k in clearest for step in range(len(seen))]
         result |= {
-            "state": [quantities(_at(flights.states, position)) for position in positions],
-            "goal": [quantities(_at(flights.goals, position)) for position in positions],
+            "state": [state_quantities(_at(flights.states, position)) for position in positions],
+            "goal": [state_quantities(_at(flights.goals, position)) for position in positions],
         }
     if craft is not None and task is not None:
         result["wiring"] = wiring(task, craft)
@@ -451,8 +461,8 @@ def wiring(task: Task, craft: Spacecraft) -> dict[str, Any]:
     wired = [k for k in range(WIRED) if np.isfinite(rows[k]).all()]
     return {
         "tolerance": OBSERVATION_TOLERANCE,
-        "state": [quantities(_at(state, k)) for k in wired],
-        "goal": [quantities(_at(goal, k)) for k in wired],
+        "state": [state_quantities(_at(state, k)) for k in wired],
+        "goal": [state_quantities(_at(goal, k)) for k in wired],
         "observation": [_short(rows[k]) for k in wired],
     }
 

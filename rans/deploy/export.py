@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rans.deploy.c_file import C_FILES, stack_of, write_c
-from rans.deploy.contract import FLIGHTS, PAIRED, Flights, contract, flown, golden, is_one_task
+from rans.deploy.contract import (
+    FLIGHTS,
+    PAIRED,
+    RecordedFlights,
+    contract,
+    flights_of_training,
+    golden,
+    is_one_task,
+)
 from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
@@ -17,7 +25,7 @@ from rans.deploy.program import agent_program
 from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
 from rans.errors import ConfigError, require
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
@@ -52,7 +60,7 @@ _FILES: dict[Form, tuple[str, ...]] = {
 """Files of the agent, by its form."""
 
 
-def export(
+def write_export(
     run: Path,
     folder: Path,
     form: Form = "rans",
@@ -82,7 +90,7 @@ def export(
     """
     if folder.resolve() == run.resolve():
         raise ConfigError(f"{folder} is the run itself: export it into another folder.")
-    loaded = load_agent(run)  # says what is wrong with it, if anything
+    loaded = load_policy(run)  # says what is wrong with it, if anything
     source = RunFolder(run)
     target = RunFolder(folder)
     name = folder.resolve().name
@@ -98,8 +106,8 @@ def export(
     network = saved.network
     text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
-    flights = flown(network, setup, count=FLIGHTS)
-    paired_flights = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    flights = flights_of_training(network, setup, count=FLIGHTS)
+    paired_flights = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
     chosen = golden(network, paired_flights, craft, config.settings)
     pairs = json.dumps(chosen) + "\n"
     _check_alone(folder, form, pairs)
@@ -178,7 +186,7 @@ def write_agent(
     craft: Spacecraft | None = None,
     pairs: dict[str, Any] | None = None,
 ) -> None:
-    """The agent alone, in a form of `export`; the settings are those that SB3 would train it on with.
+    """The agent alone, in a form of `write_export`; the settings are those that SB3 would train it on with.
 
     Of golden pairs the form "c" makes a program that checks it. Only programs give commands in the craft's
     ranges: the other forms hold a policy, whose outputs are 0 to 1.

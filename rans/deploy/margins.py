@@ -11,7 +11,7 @@ import numpy as np
 
 from rans.episode import Setup
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.stress.effects import effects
+from rans.evaluation.stress.effects import applicable_effects
 from rans.evaluation.stress.outcome import WANTED
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
@@ -27,7 +27,7 @@ Measure = Callable[[Sequence[Conditions]], list[float]]
 """Share of the flights that hold their goal, under each of several conditions."""
 
 
-class Quantity(NamedTuple):
+class SheetQuantity(NamedTuple):
     """A setting of conditions that a data sheet of a robot answers."""
 
     name: str
@@ -37,15 +37,15 @@ class Quantity(NamedTuple):
     nominal: float
     path: tuple[str, ...]
     """Names of the setting and of what holds it, from the outside."""
-    effects: tuple[str, ...]
+    applicable_effects: tuple[str, ...]
     """Effects of `rans stress` whose sizes are flown."""
 
 
 QUANTITIES = (
-    Quantity("latency", "s", 1.0, 0.0, ("thrusters", "latency"), ("latency",)),
-    Quantity("mass", "times", 1.0, 1.0, ("body", "mass"), ("less mass", "more mass")),
+    SheetQuantity("latency", "s", 1.0, 0.0, ("thrusters", "latency"), ("latency",)),
+    SheetQuantity("mass", "times", 1.0, 1.0, ("body", "mass"), ("less mass", "more mass")),
     *(
-        Quantity(
+        SheetQuantity(
             f"noise of {name}", unit, factor, 0.0, ("sensors", name, "noise"), (f"noise of {name}",)
         )
         for name, unit, factor in (
@@ -59,7 +59,7 @@ QUANTITIES = (
 
 
 def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[str, Any]:
-    """Interval of each `Quantity` in which an agent holds its goal, everything else as in its training.
+    """Interval of each `SheetQuantity` in which an agent holds its goal, everything else as in its training.
 
     All conditions fly in one batch, each with about as many flights as asked for: every episode samples its own.
 
@@ -99,7 +99,7 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
 def margins_around(
     conditions: Conditions, craft: Spacecraft, timing: Timing, measure: Measure
 ) -> dict[str, Any]:
-    """Interval of each `Quantity` around training conditions in which enough flights hold their goal.
+    """Interval of each `SheetQuantity` around training conditions in which enough flights hold their goal.
 
     Args:
         conditions: of the training. Under them everything is flown but the quantity whose values are tried.
@@ -113,7 +113,9 @@ def margins_around(
         "of_training", "held", the share by value, and "holds": least and largest value of the interval around
         the middle of the training's range in which every value flown holds, None if the middle does not.
     """
-    sizes = {disturbance.name: disturbance.sizes for disturbance in effects(craft, timing)}
+    sizes = {
+        disturbance.name: disturbance.sizes for disturbance in applicable_effects(craft, timing)
+    }
     grids = dict[str, list[float]]()
     ranges = dict[str, tuple[float, float]]()
     for margin in QUANTITIES:

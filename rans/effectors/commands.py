@@ -24,13 +24,13 @@ def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
 
     if not craft.is_continuous:
         return spaces.MultiDiscrete([2] * craft.command_count)
-    low, high = bounds(craft)
+    low, high = command_bounds(craft)
     if len({*low.tolist()}) == len({*high.tolist()}) == 1:
         return spaces.Box(float(low[0]), float(high[0]), low.shape, np.float32)
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+def command_bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bound of each command, float32."""
     low, high = np.array(
         [(command_range.low, command_range.high) for command_range in craft.commands],
@@ -40,7 +40,7 @@ def bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
 
 def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bound that `check` accepts for each command, with a tolerance where it is not on/off.
+    """Lower and upper bound that `check_commands` accepts for each command; it has a tolerance where not on/off.
 
     What is accepted beyond a bound has to be `clipped`.
     """
@@ -54,7 +54,7 @@ def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
 
 def clipped(craft: Spacecraft, values: np.ndarray) -> np.ndarray:
-    """Commands (..., n) that `check` accepts, within their bounds."""
+    """Commands (..., n) that `check_commands` accepts, within their bounds."""
     if not craft.is_continuous:
         return values
     low, high = np.array(
@@ -106,7 +106,7 @@ def allowed(craft: Spacecraft) -> str:
     return ", then ".join(parts)
 
 
-def check(craft: Spacecraft, values: Any, *batch: int) -> None:
+def check_commands(craft: Spacecraft, values: Any, *batch: int) -> None:
     """Reject commands that a craft cannot follow.
 
     Args:

@@ -13,14 +13,14 @@ from rans.effectors.wheels import ReactionWheels
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, at_once
+from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, undelayed
 from rans.model.fields import Field, at_least, map_leaves
 from rans.model.spacecraft import CommandRange, Spacecraft, Store
 from rans.model.timing import Timing
 
 
 @dataclass(frozen=True)
-class Thrusters(Effector):
+class ThrusterEffector(Effector):
     """Thrusters of a craft (on/off, pulsed or throttled), whose commands define the parts of a control period."""
 
     craft: Spacecraft
@@ -37,7 +37,7 @@ class Thrusters(Effector):
 
     def pieces(self, body: Body, command: Sequence[Field], period: float) -> Iterator[Piece]:
         """Pieces of a control period (s) in which thrusters follow their commands without delay."""
-        return at_once(self.craft, body, command, period)
+        return undelayed(self.craft, body, command, period)
 
     def begin(self, begun: Begun) -> None:
         """No further action: thrusters act through `pieces`."""
@@ -76,8 +76,8 @@ def states_at_checks(
     substeps = timing.substeps or chosen(craft, timing).substeps or 1
     period = timing.control_period
     if pieces is None:
-        pieces = Thrusters(craft).pieces(body, command, period)
-    actions = begin(craft, command, state.stores, body, period)
+        pieces = ThrusterEffector(craft).pieces(body, command, period)
+    actions = begin_actions(craft, command, state.stores, body, period)
 
     states = []
     for number, part in enumerate(cut(pieces, period, timing.checks), 1):
@@ -123,7 +123,7 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
 
     Their commands, concatenated, are `rans.model.spacecraft.Spacecraft.commands`, and their states its ``stores``.
     """
-    results: list[Effector] = [Thrusters(craft)]
+    results: list[Effector] = [ThrusterEffector(craft)]
     if craft.propellant is not None:
         flow = sum(thruster.force for thruster in craft.thrusters) / craft.propellant.exhaust_speed
         fastest = flow / (craft.mass * craft.lightest)
@@ -137,7 +137,7 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
     return (*results, *further)
 
 
-def begin(
+def begin_actions(
     craft: Spacecraft,
     command: Sequence[Field],
     stores: Sequence[Field],

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.effectors.commands import check, is_identity, is_possible, of_outputs
+from rans.effectors.commands import check_commands, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
 from rans.errors import ConfigError, brief, checked, counted
 from rans.fast.distributed import ALONE, Processes
@@ -25,8 +25,8 @@ from rans.fast.stepping.step import (
     Step,
     copy_into,
     divisible,
-    holding,
     restore,
+    restoring,
     snapshot,
     stepped,
 )
@@ -322,7 +322,7 @@ class Engine:
 
     def holding(self, held: Tensor) -> AbstractContextManager[None]:
         """Context in which the episodes where ``held`` (N,) bool is true do not change."""
-        return holding(self.episode.memory(), held)
+        return restoring(self.episode.memory(), held)
 
     def save_state(self) -> dict[str, Any]:
         """Complete state, from which `load_state` continues bit for bit; all processes must call it."""
@@ -378,7 +378,7 @@ def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None
     """
     if not is_usual:
         if not is_possible(craft, actions):
-            check(craft, actions, len(actions))
+            check_commands(craft, actions, len(actions))
         return
     least = actions.min()
     largest = actions.max()

@@ -30,7 +30,7 @@ class PrivilegedObservation:
     def __init__(self, world: World, body: Body, everywhere: Tensor) -> None:
         self._body = body
         self._craft = world.craft
-        self._quantities = quantities(world)
+        self._quantities = privileged_quantities(world)
         self._everywhere = everywhere
         # On the device: a CUDA graph cannot read from the CPU.
         self._mean, self._scale = (
@@ -60,7 +60,7 @@ class PrivilegedObservation:
         return (columns - self._mean) * self._scale
 
 
-class Quantity(NamedTuple):
+class PrivilegedQuantity(NamedTuple):
     """Randomized parameter, observed with zero mean and unit variance."""
 
     leaf: int
@@ -71,13 +71,13 @@ class Quantity(NamedTuple):
     """Standard deviation over many episodes."""
 
 
-def quantities(world: World) -> list[Quantity]:
+def privileged_quantities(world: World) -> list[PrivilegedQuantity]:
     """All randomized parameters of the episodes except the episode number; empty if nothing is randomized."""
     if world.conditions is None:
         return []
     varied = leaves(examples(world.conditions, world.craft, world.timing.episode_steps))
     return [
-        Quantity(leaf, float(x.mean()), float(x.std()))
+        PrivilegedQuantity(leaf, float(x.mean()), float(x.std()))
         for leaf, x in enumerate(varied)
         if isinstance(x, np.ndarray) and leaf and x.std() > 0.0
     ]

@@ -19,7 +19,7 @@ SLACK = 0.002
 """Least margin by default, in the unit of each margin, as a tolerance for rounding and model errors."""
 
 
-class Arrival(NamedTuple):
+class PredictedState(NamedTuple):
     """Predicted state, goal and margins of a control period."""
 
     state: Any
@@ -96,7 +96,7 @@ class Ahead:
         v = (after.p - before.p).scale(1.5 / apart) - (before.v + after.v).scale(0.25)
         return self.margins(replace(after, p=p, v=v), self.world.task.later(goal, 0.5 * apart))
 
-    def fly(self, state: Any, goal: Any, command: tuple[Field, ...]) -> Arrival:
+    def fly(self, state: Any, goal: Any, command: tuple[Field, ...]) -> PredictedState:
         """Predict a control period in which a command is held.
 
         A margin with ends a and b and m halfway falls by at most half of a - 2 m + b below the line between them,
@@ -120,4 +120,4 @@ class Ahead:
             )
             state = reached
             before = now
-        return Arrival(states[-1], goal, tuple(margins))
+        return PredictedState(states[-1], goal, tuple(margins))

@@ -15,8 +15,8 @@ from rans.guard.rows import (
     copied,
     count,
     like,
-    numbers,
     repeated,
+    row_indices,
     stacked,
     taken,
     truths,
@@ -159,7 +159,7 @@ class _Search:
         """Whether one of these manoeuvres leads to a state from which the craft may coast."""
         size = count(state)
         escaped = truths(state, size)
-        left = numbers(state, size)
+        left = row_indices(state, size)
         # The first manoeuvre succeeds from most states; for the rest all others are predicted at once.
         for some in (library[:1], library[1:]):
             if some and len(left):
@@ -172,11 +172,11 @@ class _Search:
         """Whether each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N)."""
         size = count(state)
         manoeuvre = repeated(state, library, size)
-        again = stacked([numbers(state, size)] * len(library))
+        again = stacked([row_indices(state, size)] * len(library))
         state = taken(state, again)
         goal = taken(goal, again)
         escaped = truths(state, len(again))
-        rows = numbers(state, len(again))
+        rows = row_indices(state, len(again))
         for _ in range(self.periods):
             arrival = self._manoeuvred(manoeuvre, state, goal)
             escaped[rows[arrival.free]] = True
@@ -220,7 +220,7 @@ class _Search:
         size = count(state)
         first = self.command(self.ways[0], state, goal)
         admitted = [copied(x) for x in first]
-        open_ = numbers(state, size)
+        open_ = row_indices(state, size)
 
         # Commands near the desired one, all at once; the first that passes.
         near = self._near(command, first)

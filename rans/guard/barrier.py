@@ -17,12 +17,12 @@ from rans.guard.manoeuvres import in_body, slope_of_least
 from rans.guard.quadratic import nearest
 from rans.guard.rows import (
     batched,
-    columns,
     copied,
     count,
     is_array,
     like,
     stacked,
+    stacked_columns,
     taken,
     truths,
     where_true,
@@ -164,9 +164,11 @@ class _Search:
         """Nearest commands that pass."""
         ranges = self.world.craft.commands
         size = count((state, command))
-        requested = columns(list(command))
-        low = columns([like(command, 1, command_range.low) for command_range in ranges])[0]
-        high = columns([like(command, 1, command_range.high) for command_range in ranges])[0]
+        requested = stacked_columns(list(command))
+        low = stacked_columns([like(command, 1, command_range.low) for command_range in ranges])[0]
+        high = stacked_columns([like(command, 1, command_range.high) for command_range in ranges])[
+            0
+        ]
         aim = self.guard.slack * _BEYOND
         replacement = tuple(
             where(
@@ -179,9 +181,9 @@ class _Search:
         open_ = where_true(truths(state, size) | True)
         for _ in range(_ROUNDS):
             states, goals, around = taken((state, goal, replacement), open_)
-            margins = columns(self.margins(states, goals, around))
+            margins = stacked_columns(self.margins(states, goals, around))
             slopes = self._slopes(states, goals, around, margins)
-            linear = aim - margins + (slopes * columns(list(around))[:, None, :]).sum(-1)
+            linear = aim - margins + (slopes * stacked_columns(list(around))[:, None, :]).sum(-1)
             solved = nearest(requested[open_], slopes, linear, low, high)
             tried = self._without_opposites(tuple(solved[:, k] for k in range(len(ranges))))
             for x, new in zip(replacement, tried, strict=True):
@@ -245,14 +247,14 @@ class _Search:
             part = slice(k * size, (k + 1) * size)
             shifted[k][part] = shifted[k][part] + inwards
             steps.append(inwards)
-        shifted_margins = columns(
+        shifted_margins = stacked_columns(
             self.margins(taken(state, again), taken(goal, again), tuple(shifted))
         )
         changes = [
             (shifted_margins[k * size : (k + 1) * size] - margins) / steps[k][:, None]
             for k in range(number)
         ]
-        return columns(changes)
+        return stacked_columns(changes)
 
 
 def slowest_change(world: World) -> float:

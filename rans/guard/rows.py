@@ -54,7 +54,7 @@ def truths(tree: Any, size: int) -> Any:
     return first.new_zeros((size,), dtype=sys.modules["torch"].bool)
 
 
-def numbers(tree: Any, size: int) -> Any:
+def row_indices(tree: Any, size: int) -> Any:
     """Numbers 0, 1, ... (size,) in the library of a tree's fields."""
     first = next(x for x in leaves(tree) if is_array(x))
     if isinstance(first, np.ndarray):
@@ -105,7 +105,7 @@ def repeated(tree: Any, values: Sequence[Any], size: int) -> Any:
     return unflatten(values[0], columns)
 
 
-def columns(fields: list[Any]) -> Any:
+def stacked_columns(fields: list[Any]) -> Any:
     """Fields (N,) stacked as columns (N, n), or (N, m) as (N, m, n)."""
     if isinstance(fields[0], np.ndarray):
         return np.stack(fields, axis=-1)

@@ -121,7 +121,7 @@ def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any]
 
 
 def _check_rigid(inertia: tuple[Any, ...]) -> None:
-    """Reject impossible moments of inertia, as `rans.model.spacecraft.check` does, with a tolerance for float32."""
+    """Reject impossible moments of inertia as a spacecraft does, with a tolerance for float32."""
     entries = np.stack(np.broadcast_arrays(*map(numbers, inertia)), axis=-1)
     tensors = entries[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))]
     low, middle, high = np.moveaxis(np.linalg.eigvalsh(tensors), -1, 0)

@@ -185,7 +185,7 @@ Piece = tuple[Field, Wrench, Wrench | None, float]
 between (end None: constant); and an upper bound on its duration, s."""
 
 
-def at_once(
+def undelayed(
     craft: Spacecraft, body: Body, command: Sequence[Field], period: float
 ) -> Iterator[Piece]:
     """Pieces of a control period (s) in which thrusters follow their command without delay."""

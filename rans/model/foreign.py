@@ -91,8 +91,8 @@ class Foreign:
             for nozzle_pose in self.nozzles:
                 if abs(nozzle_pose.direction[2]) > 1e-6:
                     raise ConfigError(
-                        f"{nozzle_pose.name} of {self.source} pushes along z, out of the plane: set dimension to 3, "
-                        "or give the thrusters of the plane with --thruster."
+                        f"{nozzle_pose.name} of {self.source} pushes along z, out of the plane: set dimension to 3 "
+                        "or give thrusters of the plane with --thruster."
                     )
         if any(nozzle.force is None or nozzle.position is None for nozzle in self.nozzles):
             missing = "force" if all(nozzle.position for nozzle in self.nozzles) else "position"

@@ -146,7 +146,7 @@ class Spacecraft(NotebookRepr):
     """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
 
     def __post_init__(self) -> None:
-        check(self)
+        check_spacecraft(self)
         # Computed here because the compiler of torch cannot trace cached properties.
         _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop, self.supplies
         _ = self.command_count, self.thruster_commands, self.wheel_commands, self.has_only_thrusters
@@ -363,7 +363,7 @@ MOST_THRUSTERS = 1000
 """Largest number of thrusters, ten times that of any spacecraft; more would take minutes to check."""
 
 
-def check(craft: Spacecraft) -> None:
+def check_spacecraft(craft: Spacecraft) -> None:
     """Reject spacecraft that are not physical, and warn about those that cannot be controlled.
 
     Raises:
@@ -435,7 +435,7 @@ def _effectors(craft: Spacecraft) -> str:
 
 
 def _in_plane(position: Pair, direction: Pair, force: float) -> Thruster:
-    """Thruster from vectors of two numbers; `check` rejects a direction of zero length."""
+    """Thruster from vectors of two numbers; `check_spacecraft` rejects a direction of zero length."""
     (x, y) = position
     (a, b) = direction
     length = math.hypot(a, b) or 1.0

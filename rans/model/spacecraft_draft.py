@@ -15,7 +15,7 @@ _MOST = 1e6
 """Largest accepted number; larger ones are in a wrong unit."""
 
 
-def numbers(text: str, what: str, counts: Sequence[int]) -> tuple[float, ...]:
+def numbers_of_text(text: str, what: str, counts: Sequence[int]) -> tuple[float, ...]:
     """Numbers of a text, separated by commas or spaces.
 
     Args:
@@ -52,9 +52,11 @@ def thruster_of(text: str, dimension: int) -> Thruster:
             "a thruster is its position (m), the direction of its force and its force (N), between "
             f'semicolons, such as "0.2, 0.1; 1, 0; 1.5", got {brief(text)}.'
         )
-    position = _triple(numbers(parts[0], "the position of a thruster", (dimension,)))
-    direction = _unit(_triple(numbers(parts[1], "the direction of a thruster", (dimension,))), text)
-    (force,) = numbers(parts[2], "the force of a thruster", (1,))
+    position = _triple(numbers_of_text(parts[0], "the position of a thruster", (dimension,)))
+    direction = _unit(
+        _triple(numbers_of_text(parts[1], "the direction of a thruster", (dimension,))), text
+    )
+    (force,) = numbers_of_text(parts[2], "the force of a thruster", (1,))
     return Thruster(position, direction, force)
 
 
@@ -70,9 +72,9 @@ def wheel_of(text: str) -> Wheel:
             "a wheel is its axis, largest torque (N m), largest momentum (N m s) and moment of inertia "
             f'(kg m^2), between semicolons, such as "0, 0, 1; 0.1; 0.7; 0.001", got {brief(text)}.'
         )
-    x, y, z = numbers(parts[0], "the axis of a wheel", (3,))
+    x, y, z = numbers_of_text(parts[0], "the axis of a wheel", (3,))
     values = [
-        numbers(part, f"the {name} of a wheel", (1,))[0]
+        numbers_of_text(part, f"the {name} of a wheel", (1,))[0]
         for part, name in zip(parts[1:], ("torque", "momentum", "inertia"), strict=True)
     ]
     return Wheel(_unit((x, y, z), text), *values)

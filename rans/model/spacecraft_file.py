@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, brief, named
+from rans.errors import ConfigError, brief, text_of_name
 from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.pace import misfits
@@ -31,19 +31,19 @@ _OPTIONAL = {"solid", "wheel", "effector"} | {f.name for f in dataclasses.fields
 }
 
 
-class Described(NamedTuple):
+class DescribedSpacecraft(NamedTuple):
     """A spacecraft and its TOML text."""
 
     text: str
     craft: Spacecraft
 
 
-def _described(found: Any) -> Described:
+def _described(found: Any) -> DescribedSpacecraft:
     """Spacecraft with its text, from a TOML text, a `Spacecraft`, or a function that returns one."""
     if not isinstance(found, str):
         found = _made(found)
         found = to_toml(found)
-    return Described(found, _build(read_toml(found)))
+    return DescribedSpacecraft(found, _build(read_toml(found)))
 
 
 def _made(found: Any) -> Spacecraft:
@@ -125,7 +125,7 @@ def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
     """
     if isinstance(name_or_file, Spacecraft):
         return name_or_file
-    registered = named("spacecraft", name_or_file, Spacecraft)
+    registered = text_of_name("spacecraft", name_or_file, Spacecraft)
     return (
         read_spacecraft(Path(registered))
         if registered.endswith(".toml")

@@ -8,31 +8,31 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.display import default
-from rans.errors import ConfigError, brief, named
+from rans.errors import ConfigError, brief, text_of_name
 from rans.files import distinct, read_text
 from rans.randomization.conditions import Conditions
 from rans.registry import Registry, resolve
 from rans.structure import LARGEST_TOML, merged, read_toml, structure
 
 
-class Described(NamedTuple):
+class DescribedConditions(NamedTuple):
     """Conditions and their TOML text."""
 
     text: str
     conditions: Conditions
 
 
-def _described(entry: Any) -> Described:
+def _described(entry: Any) -> DescribedConditions:
     """Conditions with their text, from a TOML text or from `Conditions`."""
     if isinstance(entry, str):
         table = _inherited(read_toml(entry))
-        return Described(entry, structure(table, Conditions, "conditions"))
+        return DescribedConditions(entry, structure(table, Conditions, "conditions"))
     if not isinstance(entry, Conditions):
         raise ConfigError(
             "conditions must be rans.Conditions or a TOML file of the package, got "
             f"{type(entry).__name__}."
         )
-    return Described(conditions_text(entry), entry)
+    return DescribedConditions(conditions_text(entry), entry)
 
 
 def _inherited(table: dict[str, Any]) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     """
     if isinstance(name_or_file, Conditions):
         return name_or_file
-    source = named("conditions", name_or_file, Conditions)
+    source = text_of_name("conditions", name_or_file, Conditions)
     if not source.endswith(".toml"):
         return CONDITIONS[source].conditions
     text = read_text(Path(source), LARGEST_TOML)

@@ -34,7 +34,7 @@ class LayoutRanges:
     """Probability that a layout has lost one thruster, which then is not a part of it."""
 
 
-def draw_layout(random: np.random.Generator, ranges: LayoutRanges | None = None) -> np.ndarray:
+def sample_layout(random: np.random.Generator, ranges: LayoutRanges | None = None) -> np.ndarray:
     """Draw a layout that can push and turn every way: columns (n, 3) of F_x, F_y and torque.
 
     Mass and inertia are 1, the mean force is 1, and the root mean square of the lever arms is 1.
@@ -51,7 +51,7 @@ def draw_layout(random: np.random.Generator, ranges: LayoutRanges | None = None)
 def layouts(count: int, seed: int, ranges: LayoutRanges | None = None) -> Iterator[np.ndarray]:
     """Draw so many layouts, each from its own seed, so that the k-th one is the same in every longer draw."""
     for number in range(count):
-        yield draw_layout(np.random.default_rng((seed, number)), ranges)
+        yield sample_layout(np.random.default_rng((seed, number)), ranges)
 
 
 def authority_margin(columns: np.ndarray) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from rans.errors import ConfigError, brief
 from rans.model.body import Body
-from rans.model.dynamics import Piece, Wrench, at_once
+from rans.model.dynamics import Piece, Wrench, undelayed
 from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
@@ -126,7 +126,7 @@ class StepInputs:
     def _with(self, body: Body, craft: Spacecraft, period: float) -> Iterator[Piece]:
         """Pieces of the period for thrusters whose health does not change within it."""
         if self.lag is None:
-            return at_once(craft, body, self.commands[0], period)
+            return undelayed(craft, body, self.commands[0], period)
         return pieces(craft, body, self.commands, self.lag, period)
 
 

@@ -100,7 +100,7 @@ def spatial_inertia(craft: Spacecraft, body: Body, index: int, left: float = 1.0
         ) from error
 
 
-def pose(thruster: Thruster) -> RigidTransform:
+def thrust_pose(thruster: Thruster) -> RigidTransform:
     """Pose in G of a frame whose z axis is the thrust's direction."""
     R_GP = RotationMatrix.MakeFromOneVector(np.array(thruster.direction), axis_index=2)
     return RigidTransform(R_GP, np.array(thruster.position))
@@ -122,7 +122,7 @@ def gravity(drift: Drift) -> np.ndarray:
     return np.zeros(3)
 
 
-class Orbit(LeafSystem):
+class OrbitForces(LeafSystem):
     """Adds the pseudo-forces of a Hill frame, at every spacecraft's present place and velocity.
 
     They are m (3 n^2 x + 2 n v_y, -2 n v_x, -n^2 z), for x radial, y along the track, z across.

@@ -45,7 +45,14 @@ from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.spacecraft import Spacecraft
 from rans.reference.further import drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
-from rans.reference.parts import Orbit, designed, gravity, pose, spatial_inertia, wheel_inertia
+from rans.reference.parts import (
+    OrbitForces,
+    designed,
+    gravity,
+    spatial_inertia,
+    thrust_pose,
+    wheel_inertia,
+)
 
 _WEIGHINGS = 16
 """Times that a craft is weighed anew in a control period in which it uses propellant."""
@@ -299,7 +306,9 @@ class Plant:
             for body in self._bodies
             for info in (
                 *(
-                    PropellerInfo(body.index(), pose(t), thrust_ratio=t.force, moment_ratio=0.0)
+                    PropellerInfo(
+                        body.index(), thrust_pose(t), thrust_ratio=t.force, moment_ratio=0.0
+                    )
                     for t in self.craft.thrusters
                 ),
                 *(
@@ -331,7 +340,7 @@ class Plant:
             builder.ExportInput(forces, "disturbance")
             return
         along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
-        orbit = Orbit(
+        orbit = OrbitForces(
             self._drift.mean_motion,
             self._position[:, along],
             self._velocity[:, along],

@@ -33,7 +33,7 @@ def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
     return exp(error * (-1.0 / scale))
 
 
-def within(*shares: Field, sharpness: int) -> Field:
+def smooth_within(*shares: Field, sharpness: int) -> Field:
     """Smooth step: near 1 where every number is below 1, 0.5 where one of them is 1, near 0 where one is above 1.
 
     The sharpness is the number of times that the numbers are squared.
@@ -145,7 +145,7 @@ class RestReward(Settings):
     departed_weight: float = 0.0
     """Reward lost in a control period that begins at rest within the tolerances and does not end so: an agent that
     has arrived should stay, and correct itself with pulses that leave it at rest."""
-    within: float = 1.0
+    smooth_within: float = 1.0
     """Fraction of the tolerances that counts as arrived; below 1 leaves a margin."""
     spin: float = math.radians(5.0)
     """Angular speed below which a craft counts as at rest, rad/s. Under disturbances it must exceed the change of
@@ -172,7 +172,7 @@ class RestReward(Settings):
             errors: errors divided by the task's tolerances.
         """
         state = transition.state
-        inside = partial(within, sharpness=self.sharpness)
+        inside = partial(smooth_within, sharpness=self.sharpness)
         terms: dict[str, Field] = {}  # not `dict[str, Field]()`, which torch's compiler cannot read
         if is_used(self.weight):
             worth = sum(closest) * self.fine_weight + self.weight
@@ -206,7 +206,7 @@ class RestReward(Settings):
 
     def _at_rest(self, state: State, errors: tuple[Field, ...]) -> Field:
         """Smooth indicator of rest within the tolerances: 1 inside, 0 outside."""
-        return within(
+        return smooth_within(
             *(error / self.within for error in errors),
             state.v.norm() / self.speed,
             speed(state.spin()) / self.spin,

@@ -15,7 +15,7 @@ from rans.tasks.observation_terms import (
     RelativeRotation,
     VectorInW,
 )
-from rans.tasks.rewards import Transition, is_used, nearness, speed, within
+from rans.tasks.rewards import Transition, is_used, nearness, smooth_within, speed
 
 _SQUARINGS = 3
 """Sharpness of the edge of the reward within the tolerances: at 1.1 times a tolerance 0.32 of it is left."""
@@ -35,7 +35,7 @@ class Tracking(SingleTask):
         if not is_used(self.within_weight):
             return {}
         ratios = (errors[name] / bound for name, bound in self.tolerances().items())
-        return {"within": within(*ratios, sharpness=_SQUARINGS) * self.within_weight}
+        return {"within": smooth_within(*ratios, sharpness=_SQUARINGS) * self.within_weight}
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft spins too fast."""

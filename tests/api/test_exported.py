@@ -10,7 +10,7 @@ import pytest
 
 import rans
 from rans.cli import main
-from rans.deploy.export import export
+from rans.deploy.export import write_export
 from rans.errors import ConfigError
 from rans.pretrained import pretrained_folder
 
@@ -19,7 +19,7 @@ from rans.pretrained import pretrained_folder
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Without margins, which take thousands of flights."""
     written = tmp_path_factory.mktemp("exported") / "mine"
-    export(pretrained_folder("go-to-pose-2d"), written, "onnx", episodes=2, margins=0)
+    write_export(pretrained_folder("go-to-pose-2d"), written, "onnx", episodes=2, margins=0)
     return written
 
 

@@ -12,7 +12,7 @@ from campaigns import robustness
 from campaigns.batch import Found, flown, loaded
 from campaigns.robustness import Robustness, _said, rows
 from rans.evaluation.fly.agent import Agent
-from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
+from rans.evaluation.measure.metrics import last_fifth_of, settling_times, solved
 from rans.fast.agent_files.agent import AGENT as AGENT_FILE
 from rans.fast.agent_files.agent import read_policy
 from rans.flight import fly
@@ -34,7 +34,7 @@ def test_flights_are_those_of_evaluations() -> None:
     assert solved(flight).all()
     # Commands near a tie differ in rounding, and a flight by a period or two then.
     np.testing.assert_allclose(found.settled, settling_times(flight), atol=0.5)
-    assert found.duty.mean() == pytest.approx(last_fifth(flight.commands).mean(), abs=0.01)
+    assert found.duty.mean() == pytest.approx(last_fifth_of(flight.commands).mean(), abs=0.01)
 
 
 def test_troubles_count() -> None:

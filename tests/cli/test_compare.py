@@ -213,7 +213,7 @@ def test_front_of_an_agent_with_a_trade_off(
 ) -> None:
     """Both ends of the trade-off are contestants, the positions between fly for the front only."""
     monkeypatch.setattr(
-        "rans.evaluation.compare.certified.bounds",
+        "rans.evaluation.compare.certified.bounds_in_parallel",
         lambda asked, starts, *_: (
             (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)
         ),

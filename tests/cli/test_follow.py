@@ -11,7 +11,7 @@ import pytest
 
 from rans.cli.follow import Follow
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.tasks import GoToPose, TrackVelocity
 from tests.support.training import CONFIG, tiny_trainer
 
@@ -56,7 +56,7 @@ def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
         tmp_path / "poser", replace(CONFIG, settings=GoToPose(), total_timesteps=128)
     )
     trainer.save()
-    assert isinstance(load_agent(trainer.run.path).task, GoToPose)
+    assert isinstance(load_policy(trainer.run.path).task, GoToPose)
     with pytest.raises(
         ConfigError, match=r"only an agent trained for track-velocity .* but poser was"
     ):

@@ -9,7 +9,7 @@ import pytest
 
 from rans.cli import COMMANDS, main
 from rans.cli.mistakes import COMMAND_NAMES, check_options
-from rans.cli.numbers import whole
+from rans.cli.numbers import whole_number
 from rans.cli.train import Train, _has_solved, _train_on
 from rans.errors import ConfigError, meant, meant_file
 from rans.fast.learn.member import SOLVED_IN_A_ROW
@@ -102,13 +102,13 @@ def test_options_that_there_are_pass(words: list[str]) -> None:
     ],
 )
 def test_counts_as_people_write_them(word: str, value: int) -> None:
-    assert whole(word) == value
+    assert whole_number(word) == value
 
 
 @pytest.mark.parametrize("word", ["1.5", "many", "", "M", "1e400", "nan", "inf", "1m", "0.0001k"])
 def test_what_is_no_count(word: str) -> None:
     with pytest.raises((ValueError, ArithmeticError)):
-        whole(word)
+        whole_number(word)
 
 
 def test_names_of_other_forms_are_near() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from rans.cli import main
 from rans.evaluation.compare.bounds import Bound
-from rans.optimal.certificate.problem import Effort
+from rans.optimal.certificate.problem import SearchEffort
 
 
 def run(*arguments: str) -> int:
@@ -163,7 +163,8 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
     """Each answer counts its guesses; the questions are looked at, not answered."""
     asked: list[Any] = []
     monkeypatch.setattr(
-        "rans.evaluation.compare.bounds.bounds", lambda *given: asked.append(given) or ()
+        "rans.evaluation.compare.bounds.bounds_in_parallel",
+        lambda *given: asked.append(given) or (),
     )
     options = [
         "--episodes=1",
@@ -178,7 +179,7 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
     written = json.loads((tmp_path / "optimal.json").read_text())
     assert (written["starts"][0]["attempts"], written["seed"]) == (2, 4)
     [([question], starts, workers, _)] = asked
-    assert (question.effort, question.horizon, question.period) == (Effort(3.5), 8.0, 0.5)
+    assert (question.effort, question.horizon, question.period) == (SearchEffort(3.5), 8.0, 0.5)
     assert (list(starts), workers) == ([0], 1)
 
 
@@ -207,7 +208,7 @@ def test_an_interrupt_keeps_the_meshes_and_bounds_that_are_finished(
     written = json.loads((tmp_path / "a" / "optimal.json").read_text())
     assert [mesh["intervals"] for mesh in written["meshes"]] == [12, 24]
     assert [row["sentence"] for row in written["starts"]] == ["solved", "solved"]
-    monkeypatch.setattr("rans.evaluation.compare.bounds.bounds", first_alone)
+    monkeypatch.setattr("rans.evaluation.compare.bounds.bounds_in_parallel", first_alone)
     assert run(*common, "--certify", "--output", str(tmp_path / "b")) == 130
     written = json.loads((tmp_path / "b" / "optimal.json").read_text())
     assert [bound["hull"] for bound in written["bounds"]] == [1.5]

@@ -16,7 +16,7 @@ from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details
 from rans.cli.sweep import _table
-from rans.cli.sweep import describe as describe_sweep
+from rans.cli.sweep import describe_batch as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
@@ -103,7 +103,7 @@ def test_an_agent_that_fails_as_designed_is_named(
     monkeypatch.setattr(metrics, "solved", lambda flight: flight.verdict.held * 0.0 + quick)
     trained = Conditions(thrusters=ThrusterConditions(latency=0.03))
     run = rans.load_agent("go-to-pose-2d").run._replace(timing=Timing(episode_steps=5))
-    monkeypatch.setattr("rans.evaluation.fly.agent.load_agent", lambda _: run)
+    monkeypatch.setattr("rans.evaluation.fly.agent.load_policy", lambda _: run)
     trainer: Any = SimpleNamespace(
         run=SimpleNamespace(path=Path("runs/mine")),
         config=SimpleNamespace(conditions=trained, guard=False),

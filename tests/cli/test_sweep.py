@@ -10,7 +10,7 @@ import pytest
 
 from rans.cli import main
 from rans.cli.sweep import Sweep
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.randomization.conditions_file import load_conditions
 from tests.support.training import as_sb3
@@ -83,7 +83,7 @@ def check_best(folder: Path, told: dict[str, Any]) -> None:
     assert (config.seed, config.ppo.gamma) == (chosen["seed"], chosen["ppo.gamma"])
     assert run.metrics()[-1]["steps"] == 256
     assert as_sb3(run.path).num_timesteps == 256
-    assert load_agent(run.path).craft.name == "floating-platform"
+    assert load_policy(run.path).craft.name == "floating-platform"
 
 
 def test_values_of_every_kind() -> None:

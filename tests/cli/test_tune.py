@@ -84,7 +84,7 @@ def test_what_is_damaged_is_told_before_anything_is_flown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rans.evaluation.compare.tuning.tune", None)
+    monkeypatch.setattr("rans.evaluation.compare.tuning.tuned_settings", None)
     OWN.mkdir(parents=True)
     (OWN / "lqr.json").write_text("{")
     assert main(["tune", "lqr"]) == 2

@@ -19,9 +19,9 @@ from rans.cli.export import Export
 from rans.deploy.contract import (
     FLIGHTS,
     PAIRED,
-    Flights,
+    RecordedFlights,
     contract,
-    flown,
+    flights_of_training,
     golden,
     recorded,
     wiring,
@@ -30,7 +30,7 @@ from rans.deploy.margins import SEED, margin_lines, margins_around, measure_marg
 from rans.deploy.robot.twin import Craft, TwinPlan
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
@@ -63,12 +63,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         network = read_policy(run.agent_file).network
         setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
         count = FLIGHTS if name == "go-to-pose-2d" else 64
-        flights = flown(network, setup, count=count)
+        flights = flights_of_training(network, setup, count=count)
         memory = network.architecture.memory
         about = contract(name, config, craft, "", memory, flights.observations)
         written(root / name, network, "numpy")
         (root / name / "contract.json").write_text(json.dumps(plain(about)))
-        few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+        few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
         pairs = golden(network, few, craft, config.settings)
         (root / name / "golden.json").write_text(json.dumps(pairs))
         return root / name
@@ -128,7 +128,7 @@ def test_the_documented_loop_does_not_warn_on_flights_that_arrive(
     """Ten flights of starts that the ranges are not from; each is flown by what the page says."""
     name = "go-to-pose-2d"
     names = documented(folder(name), lambda: True)
-    run = load_agent(pretrained_folder(name))
+    run = load_policy(pretrained_folder(name))
     setup = Setup(run.craft, run.task.for_evaluation(), run.timing)
     agent = names["Agent"]()
     warnings = []
@@ -328,12 +328,14 @@ def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
 def test_valid_ranges_leave_out_flights_that_failed() -> None:
     """A task in space that fails above 2 rad/s: of 32 flights some are faster, and none of them is kept."""
     folder = pretrained_folder("go-to-pose-3d")
-    run = load_agent(folder)
+    run = load_policy(folder)
     network = read_policy(folder / "agent.safetensors").network
     setup = Setup(run.craft, GoToPose(fail_spin=2.0), run.timing)
     every, _ = recorded(network, setup, count=32)
     spin = np.linalg.norm(every.observations[..., 9:12], axis=-1).max(axis=0)
-    kept = np.linalg.norm(flown(network, setup, count=32).observations[..., 9:12], axis=-1)
+    kept = np.linalg.norm(
+        flights_of_training(network, setup, count=32).observations[..., 9:12], axis=-1
+    )
     assert spin.max() > 2.0
     assert kept.max() <= 2.0
     assert 0 < kept.shape[1] == (spin <= 2.0).sum() < 32
@@ -406,7 +408,7 @@ def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None
 
 def test_margins_of_an_agent() -> None:
     """Against flights in single conditions, of other numbers."""
-    run = load_agent(pretrained_folder("go-to-pose-2d"))
+    run = load_policy(pretrained_folder("go-to-pose-2d"))
     margins = measure_margins(run.controller, run.judged, 8)
     assert margins["nominal"] == margins["training"] == 1.0
     for quantity, size, world in (
@@ -436,7 +438,7 @@ def test_margins_are_around_the_training_and_leave_a_hole_out() -> None:
         every.extend(several)
         return [share(one) for one in several]
 
-    run = load_agent(pretrained_folder("go-to-pose-2d"))
+    run = load_policy(pretrained_folder("go-to-pose-2d"))
     margins = margins_around(trained, run.craft, run.timing, measure)
     assert margins["latency"]["of_training"] == [0.03, 0.05]
     assert margins["latency"]["holds"] == [0.025, 0.1]
@@ -453,7 +455,7 @@ def test_margins_are_around_the_training_and_leave_a_hole_out() -> None:
 
 def test_a_value_is_flown_in_every_part_of_a_mixture() -> None:
     """The flights that are counted for a value are those of episodes that drew it."""
-    run = load_agent(pretrained_folder("go-to-pose-2d"))
+    run = load_policy(pretrained_folder("go-to-pose-2d"))
     calm = Conditions(weight=3.0)
     mixed = replace(calm, others=(Conditions(body=BodyConditions(mass=20.0)),))
     margins = measure_margins(run.controller, run.judged._replace(conditions=mixed), 24)

@@ -13,9 +13,9 @@ import stable_baselines3
 
 import rans.pretrained
 from rans.cli import main
-from rans.deploy.export import export
+from rans.deploy.export import write_export
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.engine import Engine
@@ -51,8 +51,8 @@ def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_is_the_same_agent_in_less(run: Path, shipped: Path) -> None:
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
-    before = load_agent(run)
-    after = load_agent(shipped)
+    before = load_policy(run)
+    after = load_policy(shipped)
     expected = before.controller.act(None, None, observations)
     np.testing.assert_array_equal(after.controller.act(None, None, observations), expected)
     model = stable_baselines3.PPO.load(shipped / "policy.zip", device="cpu")
@@ -103,7 +103,7 @@ def test_it_comes_with_rans_by_name(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
-    export(shipped, tmp_path / "pretrained" / "small-pose-2d", "rans", margins=0)
+    write_export(shipped, tmp_path / "pretrained" / "small-pose-2d", "rans", margins=0)
     monkeypatch.setattr(rans.pretrained, "FOLDER", tmp_path / "pretrained")
     monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
@@ -119,7 +119,7 @@ def test_it_comes_with_rans_by_name(
 
 def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None:
     before = json.loads((shipped / "card.json").read_text("utf-8"))
-    assert export(shipped, tmp_path / "again", "numpy", episodes=1, margins=0) == before | {
+    assert write_export(shipped, tmp_path / "again", "numpy", episodes=1, margins=0) == before | {
         "name": "again"
     }
 
@@ -153,7 +153,7 @@ def test_what_comes_with_the_package_leaves_for_sb3(tmp_path: Path) -> None:
     )
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
     expected = contestant("pretrained:go-to-pose-2d").controller.act(None, None, observations)
-    again = load_agent(folder).controller.act(None, None, observations)
+    again = load_policy(folder).controller.act(None, None, observations)
     np.testing.assert_array_equal(again, expected)
     model = stable_baselines3.PPO.load(folder / "policy.zip", device="cpu")
     np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], expected)
@@ -171,9 +171,9 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
         == 0
     )
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
-    expected = load_agent(run).controller.act(None, None, observations)
+    expected = load_policy(run).controller.act(None, None, observations)
     np.testing.assert_array_equal(
-        load_agent(folder).controller.act(None, None, observations), expected
+        load_policy(folder).controller.act(None, None, observations), expected
     )
     assert {file.name for file in folder.iterdir()} == {
         "agent.safetensors",
@@ -185,7 +185,7 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
     }
     sizes = [(folder / "agent.safetensors").stat().st_size, (shipped / "policy.zip").stat().st_size]
     assert sizes[0] < 0.5 * sizes[1]
-    engine = Engine(load_agent(run).craft, load_agent(run).task, 4)
+    engine = Engine(load_policy(run).craft, load_policy(run).task, 4)
     with pytest.raises(ConfigError, match="without its critic"):
         rans.PPO.load(folder / "agent.safetensors", engine)
 
@@ -203,16 +203,16 @@ def test_an_agent_leaves_whole(
 
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is the run itself"):
-        export(run, run, margins=0)
+        write_export(run, run, margins=0)
     odd = Path(shutil.copytree(shipped, tmp_path / "odd"))
     (odd / "card.json").unlink()
     with pytest.raises(ConfigError, match=r"has no metrics\.jsonl and no card"):
-        export(odd, tmp_path / "again", margins=0)
+        write_export(odd, tmp_path / "again", margins=0)
     assert not (tmp_path / "again").exists()
     bare = Path(shutil.copytree(run, tmp_path / "bare"))
     (bare / "agent.safetensors").unlink()
     with pytest.raises(ConfigError, match=r"has no agent\.safetensors: its training has not"):
-        export(bare, tmp_path / "again", margins=0)
+        write_export(bare, tmp_path / "again", margins=0)
 
 
 def test_a_copy_of_the_sources_that_is_not_installed(
@@ -222,7 +222,7 @@ def test_a_copy_of_the_sources_that_is_not_installed(
         raise PackageNotFoundError(package)
 
     monkeypatch.setattr("rans.files.version", unknown)
-    export(run, tmp_path / "first", episodes=2, margins=0)
+    write_export(run, tmp_path / "first", episodes=2, margins=0)
     assert json.loads((tmp_path / "first" / "contract.json").read_text())["rans"] == "not installed"
     assert rans.__version__ == "not installed"
 
@@ -232,18 +232,18 @@ def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Pa
     folder = tmp_path / "agents"
     other = tmp_path / "other"
     tiny_trainer(other, replace(CONFIG, seed=5)).train(lambda _: None)
-    export(run, folder, "numpy", episodes=4, margins=0)
-    export(run, folder, "onnx", episodes=4, margins=0)
+    write_export(run, folder, "numpy", episodes=4, margins=0)
+    write_export(run, folder, "onnx", episodes=4, margins=0)
     before = {file: file.read_bytes() for file in (*folder.iterdir(), *other.glob("*.*"))}
     with pytest.raises(
         ConfigError, match=r"agents holds another agent's agent\.py and agent\.npz, to which"
     ):
-        export(other, folder, "onnx", episodes=4, margins=0)
+        write_export(other, folder, "onnx", episodes=4, margins=0)
     with pytest.raises(ConfigError, match="other is the run folder of a training"):
-        export(run, other, episodes=4, margins=0)
+        write_export(run, other, episodes=4, margins=0)
     assert before == {file: file.read_bytes() for file in before}
     (folder / "agent.onnx").unlink()
-    export(other, folder, "numpy", episodes=4, margins=0)
+    write_export(other, folder, "numpy", episodes=4, margins=0)
     assert (folder / "agent.npz").read_bytes() != before[folder / "agent.npz"]
 
 

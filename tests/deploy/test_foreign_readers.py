@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from rans.deploy.robot.bag import BagWriter, Entry, entries, index_bag
+from rans.deploy.robot.bag import BagMessage, BagWriter, bag_entries, index_bag
 from rans.deploy.robot.bus import Distribution, ZenohBus, open_bus
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.messages import FLOATS, POSE, TEXT, array, make, pack, unpack
@@ -27,14 +27,14 @@ ROBOTS: tuple[RobotName, ...] = ("ros", "odometry", "px4", "roboran", "pingu")
 MOTION = AWAY._replace(spin=np.array([0.0, 0.0, 0.25]))
 
 
-def written(folder: Path) -> tuple[Path, list[Entry]]:
+def written(folder: Path) -> tuple[Path, list[BagMessage]]:
     """A bag with every message that a robot or the node sends, and an empty text."""
-    rows = [Entry(10**9, "rans/end", TEXT, pack(TEXT, make(TEXT, data="")))]
+    rows = [BagMessage(10**9, "rans/end", TEXT, pack(TEXT, make(TEXT, data="")))]
     for at, robot in enumerate(ROBOTS):
         ends = interface(robot, 8, 8)
         moment = 2 * 10**9 + at
         both = [*ends.state(MOTION, moment), *ends.command([1.0] + [0.0] * 7, moment)]
-        rows += [Entry(moment, f"{robot}/{one.topic}", one.kind, one.data) for one in both]
+        rows += [BagMessage(moment, f"{robot}/{one.topic}", one.kind, one.data) for one in both]
     file = folder / "flight.mcap"
     bag = BagWriter(file)
     for row in rows:
@@ -90,7 +90,7 @@ def test_an_indexed_bag_is_sought_in_and_has_the_same_messages(tmp_path: Path) -
 
     file, rows = written(tmp_path)
     index_bag(file)
-    assert list(entries(file)) == rows
+    assert list(bag_entries(file)) == rows
     with file.open("rb") as stream:
         reader = SeekingReader(stream)
         summary = reader.get_summary()

@@ -22,15 +22,15 @@ pytest.importorskip("mcap")
 
 from rans.cli import main
 from rans.cli.fly import Fly, opened_bus
-from rans.deploy.robot.bag import entries
+from rans.deploy.robot.bag import bag_entries
 from rans.deploy.robot.bus import Receive, UDPBus, open_bus
 from rans.deploy.robot.frames import Motion, quaternion_of, rotated, swapped
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.messages import FLOATS, PX4_MOTORS, TEXT, array, make, pack, types, unpack
-from rans.deploy.robot.node import END_TOPIC, fly_over, replay
+from rans.deploy.robot.node import END_TOPIC, fly_over, replay_bag
 from rans.deploy.robot.pilot import (
     CRAFT_TOPIC,
-    Pilot,
+    MessagePilot,
     Plan,
     craft_hash,
     export_for_flight,
@@ -240,7 +240,7 @@ def test_velocities_follow_a_push() -> None:
 # Deciding
 
 
-def steps(pilot: Pilot, motion: Motion, count: int = 3, begin: int = 0) -> list[Any]:
+def steps(pilot: MessagePilot, motion: Motion, count: int = 3, begin: int = 0) -> list[Any]:
     """Decisions with a fresh state before each."""
     found = []
     for k in range(begin, begin + count):
@@ -253,13 +253,13 @@ def steps(pilot: Pilot, motion: Motion, count: int = 3, begin: int = 0) -> list[
 
 def test_it_gives_the_agents_commands(agent: Path) -> None:
     """The same as the agent here gives to the observation of this state, written by hand."""
-    from rans.evaluation.fly.agent import load_agent
+    from rans.evaluation.fly.agent import load_policy
 
-    pilot = Pilot(plan_for(agent, goal=(0.5, -0.5, 30.0)), GoToPose())
+    pilot = MessagePilot(plan_for(agent, goal=(0.5, -0.5, 30.0)), GoToPose())
     (decision, *_) = steps(pilot, AWAY)
     turn = np.radians(30.0) - 0.5
     row = [np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(turn), np.sin(turn)]
-    controller = load_agent(pretrained_folder("go-to-pose-2d")).controller
+    controller = load_policy(pretrained_folder("go-to-pose-2d")).controller
     controller.reset(1)
     expected = controller.act(None, None, np.array([row], np.float32))[0]
     np.testing.assert_array_equal(decision.command, expected)
@@ -268,14 +268,14 @@ def test_it_gives_the_agents_commands(agent: Path) -> None:
 
 
 def test_what_is_wrong_shuts_the_valves(agent: Path) -> None:
-    def fresh() -> Pilot:
-        pilot = Pilot(plan_for(agent), GoToPose())
+    def fresh() -> MessagePilot:
+        pilot = MessagePilot(plan_for(agent), GoToPose())
         assert steps(pilot, AWAY)[-1].command.any()
         return pilot
 
     second = 10**9
 
-    pilot = Pilot(plan_for(agent), GoToPose())
+    pilot = MessagePilot(plan_for(agent), GoToPose())
     assert not pilot.decide(second).command.any()
     late = pilot.decide(12 * second)
     assert (late.over, late.command.any()) == (True, False)
@@ -320,7 +320,7 @@ def test_what_is_wrong_shuts_the_valves(agent: Path) -> None:
     ],
 )
 def test_another_robot_is_refused(agent: Path, craft: str, period: float, sentence: str) -> None:
-    pilot = Pilot(plan_for(agent), GoToPose())
+    pilot = MessagePilot(plan_for(agent), GoToPose())
     assert steps(pilot, AWAY)[-1].command.any()
     about = {
         "sha256": craft_hash(load_spacecraft(craft)),
@@ -334,7 +334,7 @@ def test_another_robot_is_refused(agent: Path, craft: str, period: float, senten
 
 
 def test_bytes_that_are_no_message(agent: Path) -> None:
-    pilot = Pilot(plan_for(agent), GoToPose())
+    pilot = MessagePilot(plan_for(agent), GoToPose())
     steps(pilot, AWAY)
     for topic in pilot.inputs:
         pilot.receive(topic, b"\x00\x01\x00\x00nonsense", 0)
@@ -441,7 +441,7 @@ class Forward:
 @pytest.mark.parametrize("guard", [False, True])
 def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) -> None:
     """Distances by hand, of the twin's motion."""
-    pilot = Pilot(avoiding(avoider, guard=guard), Avoid())
+    pilot = MessagePilot(avoiding(avoider, guard=guard), Avoid())
     pilot.agent = Forward(pilot.craft)
     twin = Craft(TwinPlan(pilot.craft, 0.2, start=(3.0, 0.1, 0.0), rate=25.0))
     nearest = np.inf
@@ -480,7 +480,7 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
         robot.join()
     assert report.guarded
     assert "safety filter" in report.text()
-    again = replay(bag)
+    again = replay_bag(bag)
     assert again.decisions == report.decisions
     assert again.equal == again.decisions
 
@@ -494,7 +494,7 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
 )
 def test_zones_that_are_missing(changes: dict[str, Any], sentence: str, avoider: Path) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        Pilot(avoiding(avoider, **changes), Avoid())
+        MessagePilot(avoiding(avoider, **changes), Avoid())
 
 
 @pytest.mark.parametrize(
@@ -580,9 +580,9 @@ def test_the_bus_is_that_of_the_robots_environment(monkeypatch: pytest.MonkeyPat
 
 def test_what_no_filter_keeps_is_refused(agent: Path) -> None:
     with pytest.raises(ConfigError, match="has none"):
-        Pilot(plan_for(agent, guard=True), GoToPose())
+        MessagePilot(plan_for(agent, guard=True), GoToPose())
     with pytest.raises(ConfigError, match="no keep-out zones"):
-        Pilot(plan_for(agent, zones=ZONES), GoToPose())
+        MessagePilot(plan_for(agent, zones=ZONES), GoToPose())
 
 
 # Flights, bags and buses
@@ -617,24 +617,24 @@ def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> 
     report, _, _ = flown(Wire(), agent, bag, 3.0, robot=robot)
     assert report.fault == ""
     assert report.decisions >= 5
-    kept = list(entries(bag))
+    kept = list(bag_entries(bag))
     topics = {entry.topic for entry in kept}
     assert {"rans/flight", "pose", "commands", END_TOPIC} <= topics
-    again = replay(bag)
+    again = replay_bag(bag)
     assert again.decisions == report.decisions
     assert (again.equal, again.first_difference) == (again.decisions, None)
 
     # A bag whose process was killed.
     short = tmp_path / "killed.mcap"
     short.write_bytes(bag.read_bytes()[: int(bag.stat().st_size * 0.6)])
-    again = replay(short)
+    again = replay_bag(short)
     assert 0 < again.decisions < report.decisions
     assert again.equal == again.decisions
     # It may have been killed anywhere in a message.
     whole = short.read_bytes()
     for cut in range(1, 200):
         short.write_bytes(whole[:-cut])
-        assert [*entries(short)] == kept[: len([*entries(short)])]
+        assert [*bag_entries(short)] == kept[: len([*bag_entries(short)])]
 
 
 def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -> None:
@@ -642,12 +642,12 @@ def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -
     flown(Wire(), agent, bag, 2.0)
     shut = pack(FLOATS, array(FLOATS, np.zeros(8), np.float32))
     data = bag.read_bytes()
-    moved = [e for e in entries(bag) if e.topic == "commands" and e.data != shut]
+    moved = [e for e in bag_entries(bag) if e.topic == "commands" and e.data != shut]
     assert moved
     changed = bytearray(moved[0].data)
     changed[-1] ^= 0x40
     bag.write_bytes(data.replace(moved[0].data, bytes(changed), 1))
-    assert replay(bag).first_difference is not None
+    assert replay_bag(bag).first_difference is not None
 
 
 def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
@@ -662,7 +662,7 @@ def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
         names = {schema.name for schema in summary.schemas.values()}
         assert {"geometry_msgs/msg/PoseStamped", FLOATS} <= names
         count = sum(1 for _ in reader.iter_messages())
-    assert count == len(list(entries(bag)))
+    assert count == len(list(bag_entries(bag)))
 
 
 def _buses(name: str) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ import pytest
 
 import rans
 from rans.cli import main
-from rans.deploy.robot.pilot import Pilot, Plan
+from rans.deploy.robot.pilot import MessagePilot, Plan
 from rans.deploy.robot.twin import Craft, TwinPlan
 from rans.errors import ConfigError
 from rans.evaluation.fly.exported import code_of
@@ -24,7 +24,7 @@ pytest.importorskip("rosbags")
 def test_a_flight_stays_in_its_box_and_ends(name: str, tmp_path: Path) -> None:
     folder = rans.excite(name, tmp_path / "most", box=2.0, seconds=12.0)
     plan = Plan(str(folder), {"name": "go-to-pose", "settings": {}})
-    pilot = Pilot(plan, GoToPose())
+    pilot = MessagePilot(plan, GoToPose())
     craft = pilot.craft
     zeros = (0.0,) * (3 if craft.dimension == 2 else 6)
     twin = Craft(

@@ -24,11 +24,11 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from rans.deploy.robot.bag import entries
+from rans.deploy.robot.bag import bag_entries
 from rans.deploy.robot.bus import Receive, UDPBus
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.messages import FLOATS, text_message, unpack
-from rans.deploy.robot.node import Report, fly_over, replay
+from rans.deploy.robot.node import Report, fly_over, replay_bag
 from rans.deploy.robot.pilot import AGENT_TOPIC, Plan
 from rans.errors import ConfigError
 from tests.support.robots import AWAY
@@ -240,8 +240,8 @@ def test_a_bag_has_a_largest_size(
     report = flight(bus, quick, bag, 20, said.append)
     assert report.fault == ""
     assert [text for text in said if "the largest size" in text] != []
-    assert sum(len(entry.data) for entry in entries(bag)) <= 2500
-    again = replay(bag)
+    assert sum(len(entry.data) for entry in bag_entries(bag)) <= 2500
+    again = replay_bag(bag)
     assert 0 < again.equal == again.decisions < report.decisions
 
 
@@ -547,7 +547,7 @@ def test_a_flood_is_bounded(quick: Path, tmp_path: Path) -> None:
     report = flight(bus, quick, bag, 6, said.append)
     assert any("pose: more than 2,000 messages a second" in text for text in said)
     assert any("rans/craft: a message has 60," in text for text in said)
-    kept = [entry for entry in entries(bag) if entry.topic == "pose"]
+    kept = [entry for entry in bag_entries(bag) if entry.topic == "pose"]
     # 2,000 a second of 0.01 s are 20 a control period.
     assert len(kept) <= 20 * (report.decisions + 1)
     assert not bus.commands[-1].any()

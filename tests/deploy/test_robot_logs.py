@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rans.deploy.robot.bag import BagWriter, Entry
+from rans.deploy.robot.bag import BagMessage, BagWriter
 from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.logs import read_bag
@@ -34,7 +34,7 @@ def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
         command = (np.arange(8) == k).astype(float)
         now = (k + 1) * 200_000_000
         for message in (*ends.state(motion, now), *ends.command(command.tolist(), now)):
-            bag.write(Entry(now, message.topic, message.kind, message.data))
+            bag.write(BagMessage(now, message.topic, message.kind, message.data))
         rows.append((0.2 * k, 0.1 * k, -0.2 * k, angle, command))
     bag.close()
     log = read_bag(tmp_path / "flight.mcap", PLATFORM, robot)
@@ -53,7 +53,7 @@ def test_a_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
     ends = interface("odometry", 8, 8)
     bag = BagWriter(tmp_path / "flight.mcap")
     for message in ends.command([0.0] * 8, 0):
-        bag.write(Entry(0, message.topic, message.kind, message.data))
+        bag.write(BagMessage(0, message.topic, message.kind, message.data))
     bag.close()
     with pytest.raises(ConfigError, match="0 readings and 1 commands"):
         read_bag(tmp_path / "flight.mcap", PLATFORM, "ros")

@@ -23,14 +23,21 @@ from rans.deploy.robot.messages import (
     POSE,
     PX4_MOTORS,
     array,
-    header,
     make,
+    message_header,
     pack,
     pose,
     text_message,
     unpack,
 )
-from rans.deploy.robot.pilot import CRAFT_TOPIC, GOAL_TOPIC, Decision, Pilot, Plan, craft_hash
+from rans.deploy.robot.pilot import (
+    CRAFT_TOPIC,
+    GOAL_TOPIC,
+    Decision,
+    MessagePilot,
+    Plan,
+    craft_hash,
+)
 from rans.deploy.robot.twin import TwinPlan, run_twin
 from rans.deploy.robot.validator import Reading, Validator
 from rans.tasks import GoToPose
@@ -56,11 +63,11 @@ class Open:
         return self.command
 
 
-def pilot(agent: Path, robot: RobotName = "ros", **changes: Any) -> Pilot:
+def pilot(agent: Path, robot: RobotName = "ros", **changes: Any) -> MessagePilot:
     plan = Plan(str(agent), {"name": "go-to-pose", "settings": {}}, robot=robot, **changes)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rans.deploy.robot.pilot.exported_agent", lambda _: Open())
-        return Pilot(plan, GoToPose())
+        return MessagePilot(plan, GoToPose())
 
 
 Message = tuple[str, bytes]
@@ -68,12 +75,12 @@ Sender = Callable[[int, int], list[Message]]
 """Messages of a control period, by its number and the time."""
 
 
-def states(pilot: Pilot, motion: Motion, stamp: int) -> list[Message]:
+def states(pilot: MessagePilot, motion: Motion, stamp: int) -> list[Message]:
     """What the robot sends of a motion that was measured at a time, ns."""
     return [(one.topic, one.data) for one in pilot.interface.state(motion, stamp)]
 
 
-def fly(pilot: Pilot, sender: Sender, periods: int = 20) -> list[Decision]:
+def fly(pilot: MessagePilot, sender: Sender, periods: int = 20) -> list[Decision]:
     """Decisions: the messages of a period come at its beginning, 0.19 s before its decision."""
     found = []
     for k in range(periods):
@@ -152,7 +159,7 @@ def test_stamps_that_do_not_change_are_named(robot: RobotName, agent: Path) -> N
     assert decisions[-1].over
 
 
-def streamed(one: Pilot, stamp: Callable[[int], int | None], count: int) -> list[float]:
+def streamed(one: MessagePilot, stamp: Callable[[int], int | None], count: int) -> list[float]:
     """Velocity along x after each of the states of a body at 0.5 m/s, 50 a second; None: none comes."""
     found = []
     for k in range(count):
@@ -408,7 +415,7 @@ def test_a_goal_that_is_none_is_refused(name: str, agent: Path) -> None:
 
     def goal(now: int, motion: Motion) -> Message:
         message = make(
-            POSE, header=header(now, "world"), pose=pose(motion.position, motion.attitude)
+            POSE, header=message_header(now, "world"), pose=pose(motion.position, motion.attitude)
         )
         return GOAL_TOPIC, pack(POSE, message)
 

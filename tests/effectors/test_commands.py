@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rans.effectors.commands import action_space, check, is_identity, of_outputs
+from rans.effectors.commands import action_space, check_commands, is_identity, of_outputs
 from rans.errors import ConfigError
 from rans.model.actuators import Propellant, Pulsed, Throttle
 from rans.model.dynamics import thrust
@@ -53,7 +53,7 @@ def test_spaces_follow_from_the_ranges() -> None:
 )
 def test_what_effectors_cannot_do_is_refused(craft: Any, values: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        check(craft, values)
+        check_commands(craft, values)
 
 
 def test_engines_that_may_be_shut_give_nothing_or_their_least_level() -> None:

@@ -14,7 +14,7 @@ from rans.errors import ConfigError
 from rans.model.actuators import Propellant
 from rans.model.body import Body
 from rans.model.drift import UniformGravity
-from rans.model.dynamics import PlanarState, at_once
+from rans.model.dynamics import PlanarState, undelayed
 from rans.model.fields import Heading, Vec2, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -134,7 +134,7 @@ def test_leaking_thrusters_use_propellant_and_dead_ones_none() -> None:
 
 def test_craft_without_propellant_count_no_exhaust() -> None:
     craft = platform()
-    ((_, first, _, _),) = at_once(craft, Body.of(craft), (1.0,) * 8, 0.2)
+    ((_, first, _, _),) = undelayed(craft, Body.of(craft), (1.0,) * 8, 0.2)
     assert first.exhaust is None
 
 

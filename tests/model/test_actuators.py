@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rans.effectors.commands import action_space, check
+from rans.effectors.commands import action_space, check_commands
 from rans.errors import ConfigError
 from rans.model.actuators import ON_OFF, OnOff, Pulsed, Throttle
 from rans.model.spacecraft import Spacecraft
@@ -128,16 +128,18 @@ def test_a_command_below_half_the_least_level_shuts_an_engine(least: float) -> N
 )
 def test_what_cannot_be_followed_is_refused(actuators: Any, values: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        check(craft_with(actuators, 2), values)
+        check_commands(craft_with(actuators, 2), values)
 
 
 def test_what_can_be_followed_is_not() -> None:
-    check(craft_with(OnOff(), 2), np.array([True, False]))
-    check(craft_with(Throttle(), 2), np.array([[0.0, 0.5], [1.0, 0.3]], dtype=np.float32), 2)
+    check_commands(craft_with(OnOff(), 2), np.array([True, False]))
+    check_commands(
+        craft_with(Throttle(), 2), np.array([[0.0, 0.5], [1.0, 0.3]], dtype=np.float32), 2
+    )
     with pytest.raises(
         ConfigError, match=r"must be 100 times 2 numbers, .* got numbers from 0\.0 to 2\.0"
     ):
-        check(craft_with(OnOff(), 2), np.linspace(0, 2, 200).reshape(100, 2), 100)
+        check_commands(craft_with(OnOff(), 2), np.linspace(0, 2, 200).reshape(100, 2), 100)
 
 
 def test_files_say_which() -> None:

@@ -12,11 +12,11 @@ from scipy.optimize import lsq_linear
 from rans.model.authority import authorities
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.allocation import PRICE, balanced, shares, subsets
-from rans.randomization.layouts import LayoutRanges, draw_layout
+from rans.randomization.layouts import LayoutRanges, sample_layout
 
 
 def drawn(seed: int, most: int = 8) -> np.ndarray:
-    columns = draw_layout(np.random.default_rng(seed), LayoutRanges(most=most))
+    columns = sample_layout(np.random.default_rng(seed), LayoutRanges(most=most))
     ways = balanced(columns)
     return columns / [min(ways[:4]), min(ways[:4]), min(ways[4:])]
 

@@ -233,9 +233,9 @@ def test_what_is_false_ends_with_a_flight(loop: Loop) -> None:
 
 def test_the_shipped_agents_loop_is_its_controller() -> None:
     """Commands of the loop are those of the agent for observations that the task makes."""
-    from rans.evaluation.fly.agent import load_agent
+    from rans.evaluation.fly.agent import load_policy
 
-    run = load_agent(PRETRAINED)
+    run = load_policy(PRETRAINED)
     loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
     random = np.random.default_rng(3)
     count = 400
@@ -300,7 +300,7 @@ def test_a_report_has_the_proof(
 
 def test_a_contract_has_the_proof(table: dict[str, Any], tmp_path: Path) -> None:
     """The contract names a certificate only if it is of the weights that are exported."""
-    from rans.deploy.export import export
+    from rans.deploy.export import write_export
 
     run = tmp_path / "run"
     shutil.copytree(pretrained_folder("track-velocity-2d"), run)
@@ -310,7 +310,7 @@ def test_a_contract_has_the_proof(table: dict[str, Any], tmp_path: Path) -> None
             json.dumps(table | {"agent": table["agent"] | {"agent.safetensors": weights}})
         )
         folder = tmp_path / weights[:8]
-        export(run, folder, "numpy", margins=0)
+        write_export(run, folder, "numpy", margins=0)
         about = json.loads((folder / "contract.json").read_text())
         if weights == own:
             digest = hashlib.sha256((run / "proof.json").read_bytes()).hexdigest()
@@ -364,7 +364,7 @@ def test_a_search_ends_when_a_start_is_lost(loop: Loop) -> None:
 def test_the_shipped_agent_stays_slow(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The page's command with errors, at a coarser grid; a part of its certificate, and flights from its cells."""
     pytest.importorskip("flint")
-    from rans.evaluation.fly.agent import load_agent
+    from rans.evaluation.fly.agent import load_policy
     from rans.proof.check_trap import FILES, check_trap
 
     file = tmp_path / "trap.json"
@@ -376,6 +376,6 @@ def test_the_shipped_agent_stays_slow(tmp_path: Path, capsys: pytest.CaptureFixt
     table = json.loads(content)
     some = np.random.default_rng(0).choice(len(table["cells"]), 50, replace=False).tolist()
     check_trap(content, {name: (PRETRAINED / name).read_bytes() for name in FILES}, some)
-    run = load_agent(PRETRAINED)
+    run = load_policy(PRETRAINED)
     loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
     assert leaving(loop, read_trap(file), 50_000, 1, 0) == 0

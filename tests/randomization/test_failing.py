@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rans.episode import Setup, World
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, SpatialState, at_once
+from rans.model.dynamics import PlanarState, SpatialState, undelayed
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.model.timing import Timing
 from rans.randomization.parameters import Failing, StepInputs
@@ -126,7 +126,7 @@ def test_pieces_fill_the_period_and_none_is_longer_than_it_says(
     craft = replace(CRAFTS[2], actuators=Pulsed(counts))
     body = Body.of(craft)
     when = np.array([instant])
-    sound, failed = (at_once(craft, body, duties, PERIOD) for _ in range(2))
+    sound, failed = (undelayed(craft, body, duties, PERIOD) for _ in range(2))
     pieces = list(failing(sound, failed, when))
     durations = np.array([np.broadcast_to(piece[0], 1)[0] for piece in pieces])
     assert durations.sum() == pytest.approx(PERIOD, abs=1e-15)

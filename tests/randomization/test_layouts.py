@@ -11,8 +11,8 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.layouts import (
     authority_margin,
     canonical,
-    draw_layout,
     layouts,
+    sample_layout,
 )
 
 PLANAR = (
@@ -61,7 +61,7 @@ def test_a_layout_that_cannot_turn_one_way_has_no_margin() -> None:
 
 def test_layouts_are_equal_up_to_order_turn_mirror_and_units() -> None:
     random = np.random.default_rng(0)
-    columns = draw_layout(random)
+    columns = sample_layout(random)
     angle = 0.7
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     image = np.column_stack([columns[:, :2] @ turn * 3.0, columns[:, 2] * 5.0])

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
-from rans.evaluation.stress.effects import effects
+from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.stress.effects import applicable_effects
 from rans.fast.engine import Engine
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.model.timing import Timing
@@ -61,7 +61,7 @@ def test_a_flight_warns(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="distance in mm"):
         Engine(PLATFORM, GoToPose(), 2, conditions=tmp_path / "mine.toml")
     with pytest.warns(UserWarning, match="distance in mm"):
-        load_agent(pretrained_folder("go-to-pose-2d")).under(
+        load_policy(pretrained_folder("go-to-pose-2d")).under(
             load_conditions(tmp_path / "mine.toml")
         )
 
@@ -70,7 +70,11 @@ def test_what_rans_ships_is_meant() -> None:
     """Every condition with every craft, and every size of `rans stress`."""
     for name in SPACECRAFT:
         craft = load_spacecraft(name)
-        every = [level.conditions for one in effects(craft, Timing()) for level in one.levels()]
+        every = [
+            level.conditions
+            for one in applicable_effects(craft, Timing())
+            for level in one.levels()
+        ]
         assert not [text for one in every for text in implausible(one, craft)], name
     for name in CONDITIONS:
         assert not implausible(CONDITIONS[name].conditions, PLATFORM), name

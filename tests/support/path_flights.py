@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.fly.follow import Following, follow
+from rans.evaluation.fly.follow import Following, fly_path
 from rans.evaluation.fly.paths import LookAhead, Path
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
@@ -42,7 +42,7 @@ class Tracker:
 
 
 def flown(planner: LookAhead, craft: Spacecraft = PLATFORM, count: int = 4) -> Following:
-    return follow(craft, TrackVelocity(), Tracker(craft), planner, Timing(), seed=5, count=count)
+    return fly_path(craft, TrackVelocity(), Tracker(craft), planner, Timing(), seed=5, count=count)
 
 
 def by_hand() -> Following:

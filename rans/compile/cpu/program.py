@@ -134,12 +134,12 @@ class CompiledProgram:
             functions[part] += [self._machine.compiled(f"stretch_{number}")] if simple else group
         return functions
 
-    def memory(self, count: int) -> Memory:
+    def memory(self, count: int) -> ProgramMemory:
         """Buffers for runs over N values of each input."""
-        return Memory(self, count)
+        return ProgramMemory(self, count)
 
 
-class Memory:
+class ProgramMemory:
     """Buffers in which a program runs for N values; two threads must not share them."""
 
     def __init__(self, program: CompiledProgram, count: int) -> None:

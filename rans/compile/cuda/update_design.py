@@ -264,8 +264,8 @@ def _slope(activation: str) -> str:
 
 def _losses() -> Iterator[str]:
     """CUDA C++ of the functions of `rans.compile.loss_gradient`."""
-    inputs = _inputs(loss_gradient.choice)
-    results = loss_gradient.choice(*inputs)._asdict()
+    inputs = _inputs(loss_gradient.opening_term)
+    results = loss_gradient.opening_term(*inputs)._asdict()
     yield _function("choice", inputs, results)
     inputs = _inputs(loss_gradient.transition_losses)
     d_log_prob, d_value, statistics = loss_gradient.transition_losses(*inputs)

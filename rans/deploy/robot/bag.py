@@ -25,7 +25,7 @@ _PATIENCE = 5.0
 """s that the end of a flight waits for the disk, once the valves are shut."""
 
 
-class Entry(NamedTuple):
+class BagMessage(NamedTuple):
     """One message of a bag."""
 
     time: int
@@ -68,7 +68,7 @@ class BagWriter:
             schema = self._writer.register_schema(kind, "ros2msg", text)
             self._channels[topic] = self._writer.register_channel("/" + topic, "cdr", schema)
 
-    def write(self, entry: Entry) -> None:
+    def write(self, entry: BagMessage) -> None:
         """Add a message."""
         self.declare(entry.topic, entry.kind)
         self._count += 1
@@ -111,7 +111,7 @@ class Recorder:
         self._file = file
         self._bag = BagWriter(file)
         self._topics = dict(topics)
-        self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[BagMessage | None] = queue.SimpleQueue()
         self._taken = 0
         """Bytes that came, which only the flight's thread counts."""
         self._written = 0
@@ -119,7 +119,7 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, daemon=True, name="bag")
         self._thread.start()
 
-    def write(self, entry: Entry) -> None:
+    def write(self, entry: BagMessage) -> None:
         """Add a message; it returns at once and never fails."""
         if self.trouble:
             return
@@ -209,7 +209,7 @@ _LARGEST_RECORD = 2**27
 """Largest number of bytes of a record of a bag, and of a chunk when it is unpacked; flights have some hundred."""
 
 
-def entries(file: Path) -> Iterator[Entry]:
+def bag_entries(file: Path) -> Iterator[BagMessage]:
     """Messages of a bag in the order in which they were written.
 
     A bag whose process was killed ends with its last whole message.
@@ -239,7 +239,7 @@ def entries(file: Path) -> Iterator[Entry]:
                         channel = channels[record.channel_id]
                         kind = schemas[channel.schema_id].name
                         topic = channel.topic.removeprefix("/")
-                        yield Entry(record.log_time, topic, kind, record.data)
+                        yield BagMessage(record.log_time, topic, kind, record.data)
         except Exception as error:  # a damaged bag may raise anything
             # A process that was killed may have been in the middle of a record, or of a number.
             if channels and isinstance(error, EndOfFile | struct.error):

@@ -19,15 +19,15 @@ from rans.deploy.robot.messages import (
     PX4_ODOMETRY,
     TWIST,
     array,
-    header,
     make,
     measured_at,
+    message_header,
     pack,
     pose,
     unpack,
     vector,
 )
-from rans.deploy.robot.validator import Reading, command, frame_of_twist, numbers, unit
+from rans.deploy.robot.validator import Reading, command, finite_vector, frame_of_twist, unit
 from rans.deploy.robot.velocity import conjugate
 from rans.errors import ConfigError, brief
 
@@ -84,7 +84,7 @@ class Interface(ABC):
         return command(values, low, np.ones(self.commands))
 
 
-def point(message: object) -> tuple[float, float, float]:
+def point_numbers(message: object) -> tuple[float, float, float]:
     """Three numbers of a geometry_msgs point or vector."""
     return message.x, message.y, message.z  # type: ignore[attr-defined]
 
@@ -122,14 +122,14 @@ class Poses(Floats):
         message = unpack(POSE, data)
         return Reading(
             measured_at(message),
-            position=numbers("position", point(message.pose.position)),
+            position=finite_vector("position", point_numbers(message.pose.position)),
             attitude=unit(wxyz(message.pose.orientation)),
             frame=message.header.frame_id,
         )
 
     def state(self, motion: Motion, now: int) -> list[Message]:
         """See `Interface`."""
-        head = header(now, "world")
+        head = message_header(now, "world")
         message = make(POSE, header=head, pose=pose(motion.position, motion.attitude))
         return [Message("pose", POSE, pack(POSE, message))]
 
@@ -147,8 +147,8 @@ class PosesAndTwists(Poses):
         message = unpack(TWIST, data)
         return Reading(
             measured_at(message),
-            velocity=numbers("velocity", point(message.twist.linear)),
-            spin=numbers("angular velocity", point(message.twist.angular)),
+            velocity=finite_vector("velocity", point_numbers(message.twist.linear)),
+            spin=finite_vector("angular velocity", point_numbers(message.twist.angular)),
             frame=message.header.frame_id,
         )
 
@@ -157,7 +157,7 @@ class PosesAndTwists(Poses):
         twist = make(
             "geometry_msgs/msg/Twist", linear=vector(motion.velocity), angular=vector(motion.spin)
         )
-        message = make(TWIST, header=header(now, "world"), twist=twist)
+        message = make(TWIST, header=message_header(now, "world"), twist=twist)
         # The twist first, so that a pose completes a state.
         return [Message("twist", TWIST, pack(TWIST, message)), *super().state(motion, now)]
 
@@ -172,13 +172,13 @@ class Odometry(Floats):
         message = unpack(ODOMETRY, data)
         frame = message.header.frame_id
         attitude = unit(wxyz(message.pose.pose.orientation))
-        velocity = numbers("velocity", point(message.twist.twist.linear))
-        spin = numbers("angular velocity", point(message.twist.twist.angular))
+        velocity = finite_vector("velocity", point_numbers(message.twist.twist.linear))
+        spin = finite_vector("angular velocity", point_numbers(message.twist.twist.angular))
         if frame_of_twist(frame, message.child_frame_id) == "body":
             velocity = rotated(attitude, velocity)
         else:
             spin = rotated(conjugate(attitude), spin)
-        position = numbers("position", point(message.pose.pose.position))
+        position = finite_vector("position", point_numbers(message.pose.pose.position))
         return Reading(measured_at(message), position, attitude, velocity, spin, frame)
 
     def state(self, motion: Motion, now: int) -> list[Message]:
@@ -188,7 +188,7 @@ class Odometry(Floats):
         twist = make("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(motion.spin))
         message = make(
             ODOMETRY,
-            header=header(now, "world"),
+            header=message_header(now, "world"),
             child_frame_id="body",
             pose=make(
                 "geometry_msgs/msg/PoseWithCovariance",
@@ -224,10 +224,10 @@ class PX4(Interface):
             )
         motion = swapped(
             Motion(
-                numbers("position", message.position),
+                finite_vector("position", message.position),
                 unit(message.q),
-                numbers("velocity", message.velocity),
-                numbers("angular velocity", message.angular_velocity),
+                finite_vector("velocity", message.velocity),
+                finite_vector("angular velocity", message.angular_velocity),
             )
         )
         return Reading(int(message.timestamp_sample) * 1000, *motion)

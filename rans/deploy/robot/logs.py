@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.deploy.robot.bag import entries
+from rans.deploy.robot.bag import bag_entries
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.messages import TEXT, unpack
 from rans.deploy.robot.node import FLIGHT_TOPIC
@@ -34,7 +34,7 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
     commands: dict[int, np.ndarray] = {}
     ends = interface(kind, craft.command_count, craft.thruster_count)
     refused = ""
-    for entry in entries(file):
+    for entry in bag_entries(file):
         if entry.topic == FLIGHT_TOPIC and robot is None:
             plan = parse_json(unpack(TEXT, entry.data).data, f"{file}, {FLIGHT_TOPIC}")
             ends = interface(plan.get("robot", kind), craft.command_count, craft.thruster_count)

@@ -108,7 +108,7 @@ def stamp(nanoseconds: int) -> Any:
     return known(nanoseconds // 10**9 % 2**31, nanoseconds % 10**9)
 
 
-def header(nanoseconds: int, frame: str) -> Any:
+def message_header(nanoseconds: int, frame: str) -> Any:
     """Header of a message that was measured then."""
     return types().types["std_msgs/msg/Header"](stamp(nanoseconds), frame)
 

@@ -18,12 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.deploy.robot.bag import Entry, Recorder, entries
+from rans.deploy.robot.bag import BagMessage, Recorder, bag_entries
 from rans.deploy.robot.bus import Bus
 from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import Message
 from rans.deploy.robot.messages import TEXT, text_message, unpack
-from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, Pilot, Plan, craft_hash
+from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash
 from rans.deploy.robot.validator import LARGEST_MESSAGE, announced
 from rans.errors import ConfigError, brief, positive
 from rans.evaluation.fly.exported import read_contract
@@ -115,12 +115,12 @@ def fly_over(
         stopped: whether somebody wants the flight to end.
 
     Raises:
-        ConfigError: the length is not above 0, another node commands the robot, or see `Pilot` and `Recorder`.
+        ConfigError: the length is not above 0, another node commands the robot, or see `MessagePilot`, `Recorder`.
     """
     if seconds is not None:
         positive("--seconds", seconds)
-    pilot = Pilot(plan, planned_task(plan))
-    _warm_up(Pilot(plan, planned_task(plan)))
+    pilot = MessagePilot(plan, planned_task(plan))
+    _warm_up(MessagePilot(plan, planned_task(plan)))
     period = round(pilot.period * 1e9)
     report = Report(guarded=0 if plan.guard else None)
     inbox = Inbox(pilot)
@@ -139,7 +139,7 @@ def fly_over(
 
     def record(moment: int, topic: str, kind: str, data: bytes) -> None:
         if recorder is not None:
-            recorder.write(Entry(moment, topic, kind, data))
+            recorder.write(BagMessage(moment, topic, kind, data))
 
     def unique(moment: int) -> int:
         # What came and what was decided at different times differ in the bag too.
@@ -283,7 +283,7 @@ class Speaker:
                 self._say(text)
 
 
-class Arrival(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message that came over the bus."""
 
     came: int
@@ -302,9 +302,9 @@ class Inbox:
         pilot: whose topics to listen to.
     """
 
-    def __init__(self, pilot: Pilot) -> None:
+    def __init__(self, pilot: MessagePilot) -> None:
         self._kinds = pilot.inputs
-        self._queue: queue.SimpleQueue[Arrival] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[ReceivedMessage] = queue.SimpleQueue()
         rates = {
             topic: _MOST_STATES if topic in pilot.interface.inputs else _MOST_OTHERS
             for topic in self._kinds
@@ -331,9 +331,9 @@ class Inbox:
             )
         else:
             self._room[topic] -= 1
-            self._queue.put(Arrival(time.monotonic_ns(), topic, data))
+            self._queue.put(ReceivedMessage(time.monotonic_ns(), topic, data))
 
-    def next(self, patience: float) -> Arrival | None:
+    def next(self, patience: float) -> ReceivedMessage | None:
         """The next message, for which it waits so many s; None: none came."""
         try:
             return self._queue.get(timeout=patience)
@@ -365,7 +365,7 @@ class Announcements:
         pilot: who.
     """
 
-    def __init__(self, bus: Bus, pilot: Pilot) -> None:
+    def __init__(self, bus: Bus, pilot: MessagePilot) -> None:
         self._bus = bus
         self._period = pilot.period
         self._topics = sorted(pilot.interface.outputs)
@@ -420,7 +420,7 @@ class Announcements:
         return found
 
 
-def _warm_up(pilot: Pilot) -> None:
+def _warm_up(pilot: MessagePilot) -> None:
     """Decide a few times on states that never were: what is computed first takes a hundred times as long."""
     still = np.zeros(3)
     attitude = np.array([1.0, 0.0, 0.0, 0.0])
@@ -442,7 +442,7 @@ def planned_task(plan: Plan) -> Task:
 
 
 @dataclass(frozen=True)
-class Replay:
+class BagReplay:
     """What came out of a bag again."""
 
     decisions: int
@@ -453,7 +453,7 @@ class Replay:
     """Number of the first command that differs; None: all are equal."""
 
 
-def replay(bag: Path, folder: Path | None = None) -> Replay:
+def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     """Give the messages of a bag to its agent again, at their times, and compare every command.
 
     Args:
@@ -464,7 +464,7 @@ def replay(bag: Path, folder: Path | None = None) -> Replay:
         ConfigError: the file is no bag of a flight, its agent is not there, or agent.py is not trusted
             (`rans.registry.trust_files`).
     """
-    stream = entries(bag)
+    stream = bag_entries(bag)
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:
         raise ConfigError(f"{bag} is no bag of rans fly: it does not begin with {FLIGHT_TOPIC}.")
@@ -474,7 +474,7 @@ def replay(bag: Path, folder: Path | None = None) -> Replay:
             "yours; from Python, call rans.trust_files() first."
         )
     plan = _plan_of(bag, first, folder)
-    pilot = Pilot(plan, planned_task(plan))
+    pilot = MessagePilot(plan, planned_task(plan))
     outputs = pilot.interface.outputs
     decisions = 0
     equal = 0
@@ -515,10 +515,10 @@ def replay(bag: Path, folder: Path | None = None) -> Replay:
         # The process was ended while it wrote: its last command may not be whole.
         if len(recorded) == len(outputs):
             compare()
-    return Replay(decisions, equal, difference)
+    return BagReplay(decisions, equal, difference)
 
 
-def _plan_of(bag: Path, first: Entry, folder: Path | None) -> Plan:
+def _plan_of(bag: Path, first: BagMessage, folder: Path | None) -> Plan:
     """Plan in the first message of a bag, with another folder of the agent if one is given.
 
     Raises:

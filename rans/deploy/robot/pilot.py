@@ -15,17 +15,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.deploy.contract import PAIRED, Flights, contract, flown, golden
+from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_training, golden
 from rans.deploy.export import write_agent
 from rans.deploy.robot.frames import Motion, heading_of, quaternion_of
-from rans.deploy.robot.interfaces import Interface, Message, RobotName, interface, point, wxyz
+from rans.deploy.robot.interfaces import (
+    Interface,
+    Message,
+    RobotName,
+    interface,
+    point_numbers,
+    wxyz,
+)
 from rans.deploy.robot.messages import POSE, TEXT, text_message, unpack
-from rans.deploy.robot.validator import Validator, command, description, numbers, unit
+from rans.deploy.robot.validator import Validator, command, description, finite_vector, unit
 from rans.deploy.robot.velocity import VelocityFilter
-from rans.effectors.commands import bounds
+from rans.effectors.commands import command_bounds
 from rans.episode import Setup, World
 from rans.errors import ConfigError, is_finite, positive
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.exported import code_of, failing_as_config_error, read_contract
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
@@ -77,15 +84,15 @@ def export_for_flight(run: Path, folder: Path) -> None:
     Raises:
         ConfigError: the run holds no agent, or the disk refuses.
     """
-    load_agent(run)
+    load_policy(run)
     source = RunFolder(run)
     config = source.config()
     craft = source.spacecraft()
     saved = read_policy(source.agent_file)
     text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
-    flights = flown(saved.network, setup, count=_RANGE_FLIGHTS)
-    few = Flights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    flights = flights_of_training(saved.network, setup, count=_RANGE_FLIGHTS)
+    few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
     memory = saved.network.architecture.memory
     about = contract(run.name, config, craft, text, memory, flights.observations)
     title = f"{run.name}: flies {craft.name} by RANS's task {config.task}."
@@ -160,7 +167,7 @@ def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None
         period: the agent's control period, s.
 
     Raises:
-        ConfigError: it does not, as `Pilot` says.
+        ConfigError: it does not, as `MessagePilot` says.
     """
     interface(plan.robot, craft.command_count, craft.thruster_count)
     task = _with_trade_off(task, plan.trade_off)
@@ -186,7 +193,7 @@ class _Part:
     """When the last message came that gave no reading, and why, since the last reading."""
 
 
-class Pilot:
+class MessagePilot:
     """Turns messages into states, and states into commands.
 
     Raises:
@@ -217,7 +224,7 @@ class Pilot:
         self._filter: VelocityFilter | None = None
         if not self.interface.has_velocity:
             self._filter = VelocityFilter(_agility(self.craft), plan.pose_noise)
-        self._limits = bounds(self.craft)
+        self._limits = command_bounds(self.craft)
         self._hash = craft_hash(self.craft)
         self._validator = Validator(self.craft.dimension == 2, self.oldest)
         self._reading: dict[str, np.ndarray] = {}
@@ -273,7 +280,7 @@ class Pilot:
 
     def _take_goal(self, data: bytes, now: int) -> None:
         message = unpack(POSE, data)
-        position = numbers("position", point(message.pose.position))
+        position = finite_vector("position", point_numbers(message.pose.position))
         attitude = unit(wxyz(message.pose.orientation))
         self._validator.goal(GOAL_TOPIC, message.header.frame_id, position, attitude)
         self._goal = _moved_goal(self._goal, position, attitude)

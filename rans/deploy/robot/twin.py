@@ -18,7 +18,7 @@ from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.messages import FLOATS, TEXT, array, pack, text_message
 from rans.deploy.robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
-from rans.effectors.commands import bounds
+from rans.effectors.commands import command_bounds
 from rans.episode import Setup, World, step
 from rans.errors import ConfigError, is_finite, positive, whole
 from rans.evaluation.fly.episodes import EngineName
@@ -135,7 +135,7 @@ class Craft:
 
     def hold(self, command: np.ndarray) -> None:
         """Hold a command from now on: what the craft cannot do of it, it does not."""
-        low, high = bounds(self.plan.craft)
+        low, high = command_bounds(self.plan.craft)
         values = np.clip(command, low, high)
         on_off = [channel.kind == "on-off" for channel in self.plan.craft.commands]
         self._command = np.where(on_off, np.round(values), values)
@@ -150,7 +150,7 @@ class Craft:
             count = self.plan.craft.thruster_count
             pulse = np.clip(left / self.period, 0.0, 1.0)
             given = np.where(np.arange(len(given)) < count, pulse, given)
-            low, _ = bounds(self.plan.craft)
+            low, _ = command_bounds(self.plan.craft)
             given = np.maximum(given, low)
         self._elapsed += self.period
         outcome = step(self._world, self._now, tuple(given.tolist()), self._draws, self._move)

@@ -52,7 +52,7 @@ class Reading(NamedTuple):
     """Name of the world's frame; "": the message names none."""
 
 
-class Verdict(NamedTuple):
+class MessageVerdict(NamedTuple):
     """What is said of a message that is not refused."""
 
     moment: int | None
@@ -63,7 +63,7 @@ class Verdict(NamedTuple):
 # One message by itself
 
 
-def numbers(what: str, values: Any) -> np.ndarray:
+def finite_vector(what: str, values: Any) -> np.ndarray:
     """Three numbers of a position (m), velocity (m/s) or angular velocity (rad/s), checked (`ValueError`)."""
     result = np.array(values, dtype=float)
     limit = LIMITS[what]
@@ -185,7 +185,7 @@ class Validator:
         """Name of the world's frame, and the topic that named it first."""
         self._clocks: dict[str, _Clock] = {}
 
-    def state(self, topic: str, reading: Reading, now: int) -> Verdict:
+    def state(self, topic: str, reading: Reading, now: int) -> MessageVerdict:
         """Judge (`ValueError`) a reading of the robot's motion that came at a time, ns."""
         self._pose(reading.position, reading.attitude)
         self._frame(reading.frame)
@@ -271,14 +271,14 @@ class _Clock:
         self._step: list[tuple[int, int]] = []
         """Time stamps and arrivals of messages in a row that agree that the clock was set."""
 
-    def judge(self, stamp: int, now: int) -> Verdict:
+    def judge(self, stamp: int, now: int) -> MessageVerdict:
         """When a message with a time stamp, ns, that came at a time, ns, was measured by our clock."""
         if stamp <= 0:
             raise ValueError(f"the time stamp is {stamp}: header.stamp is not set by its sender")
         if self._newest is None:
             return self._begin(stamp, now)
         if stamp == self._newest:
-            return Verdict(None)
+            return MessageVerdict(None)
         difference = now - stamp
         least = self._difference + round(_DRIFT * (now - self._came))
         back = (self._newest - stamp) * 1e-9
@@ -306,14 +306,14 @@ class _Clock:
         self._newest = stamp
         self._came = now
         self._difference = min(difference, least)
-        return Verdict(stamp + self._difference)
+        return MessageVerdict(stamp + self._difference)
 
-    def _begin(self, stamp: int, now: int) -> Verdict:
+    def _begin(self, stamp: int, now: int) -> MessageVerdict:
         self._newest = stamp
         self._came = now
         self._difference = now - stamp
         self._step.clear()
-        return Verdict(now)
+        return MessageVerdict(now)
 
     def _was_set(self, stamp: int, now: int) -> bool:
         """Whether the last messages agree on another clock: they go on as time does."""

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 from rans.errors import ConfigError
-from rans.evaluation.assure.bounds import Bound, Plan
+from rans.evaluation.assure.bounds import CampaignPlan, ProbabilityBound
 from rans.evaluation.assure.campaign import Campaign
 from rans.evaluation.assure.chances import Chances
 from rans.evaluation.assure.evidence import hashes
@@ -247,7 +247,7 @@ class Assurance:
         }
 
 
-def _bound(bound: Bound) -> dict[str, float]:
+def _bound(bound: ProbabilityBound) -> dict[str, float]:
     return {
         "failures": bound.events,
         "flights": bound.flights,
@@ -261,7 +261,7 @@ def made(
     spec: str,
     conditions: str | None,
     world: Conditions | None,
-    plan: Plan,
+    plan: CampaignPlan,
     seed: int,
     command: str,
     trust: bool = False,
@@ -277,7 +277,7 @@ def made(
     return new
 
 
-def chosen_device(device: str) -> str:
+def torch_device(device: str) -> str:
     """Torch device for "auto", "cpu" or "cuda"; "auto" is a GPU if there is one."""
     if device != "auto":
         return device

@@ -39,7 +39,7 @@ def lower(events: int, flights: int, level: float) -> float:
     return 0.0 if events <= 0 else float(beta.ppf(level, events, flights - events + 1))
 
 
-class Bound(NamedTuple):
+class ProbabilityBound(NamedTuple):
     """Number of events of one kind, with a confidence interval of its probability."""
 
     events: int
@@ -78,7 +78,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Plan:
+class CampaignPlan:
     """Looks of a campaign, whose bounds of one kind are all right with the confidence of the plan.
 
     A campaign that could end at any look would have bounds that are too good. So each look has a part of the
@@ -124,7 +124,7 @@ class Plan:
         )
 
 
-def plan(confidence: float, episodes: int | None, below: float | None = None) -> Plan:
+def plan(confidence: float, episodes: int | None, below: float | None = None) -> CampaignPlan:
     """Plan for a number of flights, or for a wanted bound of the probability of failure.
 
     Args:
@@ -148,7 +148,7 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
     if below is None:
         if episodes is None:
             raise ConfigError("give a number of episodes, or a wanted bound (--below).")
-        return Plan((Look(episodes, error, error),), confidence)
+        return CampaignPlan((Look(episodes, error, error),), confidence)
     # Numbers of flights that show the bound without a failure: at the last stage, and at the first late one.
     least, first = (
         flights_needed(below, error * (1.0 - _EARLY) * fraction) for fraction in (1.0, 0.5)
@@ -167,7 +167,7 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
     high = [error * _EARLY / len(early) for _ in early]
     high += [(error - sum(high)) * fraction for fraction in fractions]
     low = error / len(high)
-    return Plan(
+    return CampaignPlan(
         tuple(Look(n, level, low) for n, level in zip(early + late, high, strict=True)),
         confidence,
         below,

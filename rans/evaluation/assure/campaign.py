@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
+from rans.evaluation.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
 from rans.evaluation.assure.fleet import ControllerFleet
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
@@ -32,7 +32,7 @@ LISTED = 10_000
 class Campaign:
     """Flights of a plan so far: scenarios 0 to ``flights - 1`` of a seed."""
 
-    plan: Plan
+    plan: CampaignPlan
     seed: int
     flights: int = 0
     events: dict[Failure, int] = field(default_factory=lambda: dict.fromkeys(Failure, 0))
@@ -63,7 +63,7 @@ class Campaign:
         """Whether the campaign has ended."""
         return self.flights >= self.plan.flights or self.decision != "open"
 
-    def bound(self, kind: Failure | None = None) -> Bound:
+    def bound(self, kind: Failure | None = None) -> ProbabilityBound:
         """Bounds on the probability of one kind of failure, or of any; each end has the confidence of the plan.
 
         An interrupted campaign has the levels of the next look. They are right if the interrupt was not made
@@ -71,7 +71,7 @@ class Campaign:
         """
         stage = self.plan.look(self.flights)
         events = self.failures if kind is None else self.events[kind]
-        return Bound(
+        return ProbabilityBound(
             events,
             self.flights,
             lower(events, self.flights, stage.low_level),

@@ -169,7 +169,7 @@ class _Flights(NamedTuple):
         )
 
 
-def check_count(name: str, count: int) -> None:
+def check_rare_count(name: str, count: int) -> None:
     """Raise a `ConfigError` that names a number of flights which is too small for `rare`."""
     if count < FEWEST:
         raise ConfigError(
@@ -192,13 +192,13 @@ def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
     Raises:
         ConfigError: ``count`` is below `FEWEST`.
     """
-    check_count("count", count)
+    check_rare_count("count", count)
     random = generator(seed)
     best = int(_BEST * count / GROUPS)
     length = round(1.0 / _BEST)
     shape = (GROUPS, best * length)
     z = random.standard_normal((dimensions, *shape))
-    flights = _scored(score, z, numbers(random, math.prod(shape)).reshape(shape))
+    flights = _scored(score, z, episode_numbers(random, math.prod(shape)).reshape(shape))
     counted = int((flights.score >= 1.0).sum())
     flown = nominal = math.prod(shape)
     groups = np.ones(GROUPS)
@@ -261,7 +261,7 @@ def _continued(
     for turn in range(1, length):
         # This keeps the normal distribution, as z and the new numbers are independent and normal.
         z = math.sqrt(1.0 - step**2) * now.z + step * random.standard_normal(now.z.shape)
-        fresh = numbers(random, now.number.size).reshape(now.number.shape)
+        fresh = episode_numbers(random, now.number.size).reshape(now.number.shape)
         number = np.where(random.random(fresh.shape) < _SAME_NOISE, now.number, fresh)
         new = _scored(score, z, number)
         accepted = new.score >= level
@@ -282,6 +282,6 @@ def _scored(score: Score, z: np.ndarray, number: np.ndarray) -> _Flights:
     return _Flights(z, number, np.asarray(scores).reshape(number.shape))
 
 
-def numbers(random: np.random.Generator, count: int) -> np.ndarray:
+def episode_numbers(random: np.random.Generator, count: int) -> np.ndarray:
     """Numbers of episodes that no campaign flies, (N,) int32."""
     return random.integers(2**31, size=count, dtype=np.int32)

@@ -106,7 +106,7 @@ def replays(
     if not kinds or not worst + sample:
         return Replays([], None)
     flight = fly_draws(controller, setup, drawing(seed, [number for number, _ in kinds]))
-    again = failures(flight)
+    again = failure_kinds(flight)
     (excess, largest) = worst_errors(flight)
     # Of each kind the worst flights and the first ones, a sample that does not depend on their size.
     chosen: list[int] = []
@@ -118,7 +118,7 @@ def replays(
     verdicts: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
     if has_drake():
         own = drawing(seed, [kinds[k][0] for k in chosen])
-        verdicts["drake"] = failures(fly_draws(controller, setup, own, "drake"))
+        verdicts["drake"] = failure_kinds(fly_draws(controller, setup, own, "drake"))
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[
         -last_fifth(len(flight.commands)) :
     ]
@@ -157,7 +157,7 @@ def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
     )
 
 
-def failures(flight: Flight) -> list[Failure | None]:
+def failure_kinds(flight: Flight) -> list[Failure | None]:
     """Kind of failure of each of N flights; None: it was solved."""
     return [Failure(kind) if kind else None for kind in flight.verdict.failure().tolist()]
 

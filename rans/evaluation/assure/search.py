@@ -14,8 +14,8 @@ from scipy.special import ndtr
 from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
-from rans.evaluation.assure.rare import numbers
-from rans.evaluation.assure.replay import Judge, ending, failures, has_drake, picked
+from rans.evaluation.assure.rare import episode_numbers
+from rans.evaluation.assure.replay import Judge, ending, failure_kinds, has_drake, picked
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.flight import Controller, Flight
@@ -204,7 +204,7 @@ def smallest(
     for _ in range(_ROUNDS):
         z = mean + spread * random.standard_normal((dimensions + 1, _COUNT))
         size = largest * ndtr(z[-1])
-        number = numbers(random, _COUNT)
+        number = episode_numbers(random, _COUNT)
         scores = score(z[:-1], number, size)
         price = np.where(scores >= 1.0, size, largest * (2.0 - np.minimum(scores, 1.0)))
         order = np.argsort(price, kind="stable")
@@ -228,15 +228,15 @@ def _confirmed(
     if not result:
         return None
     flight = fly_draws(controller, chances.setup, _draws(chances, result))
-    still = [k for k, kind in enumerate(failures(flight)) if kind is not None]
+    still = [k for k, kind in enumerate(failure_kinds(flight)) if kind is not None]
     if not still:
         return None
     again: dict[Judge, list[Failure | None]] = {
-        "numpy": [failures(flight)[k] for k in still[:_DRAKE]]
+        "numpy": [failure_kinds(flight)[k] for k in still[:_DRAKE]]
     }
     if has_drake():
         own = _draws(chances, [result[k] for k in still[:_DRAKE]])
-        again["drake"] = failures(fly_draws(controller, chances.setup, own, "drake"))
+        again["drake"] = failure_kinds(fly_draws(controller, chances.setup, own, "drake"))
     at = next(
         (k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0
     )

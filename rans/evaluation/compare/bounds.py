@@ -20,9 +20,14 @@ from rans.model.drift import FREE
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Certificate, bounder, least_fuel, least_time
+from rans.optimal.certificate.certificate import (
+    Certificate,
+    bounder,
+    certified_least_fuel,
+    certified_least_time,
+)
 from rans.optimal.certificate.goal_set import GoalSet, check_period, pulse, rounded_up
-from rans.optimal.certificate.problem import Effort, Problem, TooManyPoints, Unreachable
+from rans.optimal.certificate.problem import Problem, SearchEffort, TooManyPoints, Unreachable
 from rans.processes import Workers, nothing
 from rans.progress import Progress, unseen
 from rans.scenario import Scenario
@@ -78,7 +83,7 @@ class Question(NamedTuple):
     horizon: float | None
     """Time at which a controller is in the goal set, s, with the least impulse (N s); None: the least time, s,
     is bounded."""
-    effort: Effort
+    effort: SearchEffort
     scenario: Scenario
     """Scenario whose fields are floats."""
     kind: Kind = "arrival"
@@ -164,7 +169,12 @@ def staying_set(craft: Spacecraft, task: Task, period: float) -> GoalSet:
 
 
 def question(
-    craft: Spacecraft, task: Task, period: float, event: Event, effort: Effort, scenario: Scenario
+    craft: Spacecraft,
+    task: Task,
+    period: float,
+    event: Event,
+    effort: SearchEffort,
+    scenario: Scenario,
 ) -> Question:
     """Question about an event from one start.
 
@@ -204,7 +214,7 @@ def no_certificate(craft: Spacecraft, quantities: Collection[str], period: float
     return ""
 
 
-def bounds(
+def bounds_in_parallel(
     questions: Sequence[Question],
     starts: Sequence[int],
     workers: int | None = None,
@@ -260,7 +270,7 @@ class Amounts:
         return bound.values
 
 
-def whole_periods(horizon: float, period: float) -> int:
+def count_of_periods(horizon: float, period: float) -> int:
     """Number of control periods of a horizon.
 
     Raises:
@@ -294,7 +304,7 @@ def bound(start: int, question: Question) -> Bound:
         unit = period
         least = hull.least_time(craft, quantities, begin, end, goals)
     else:
-        steps = whole_periods(horizon, period)
+        steps = count_of_periods(horizon, period)
         unit = pulse(craft, period) or 0.0
         least = hull.least_fuel(craft, quantities, begin, end, horizon, goals)
     loose = Bound(start, horizon, least, unit=unit, kind=kind)
@@ -327,10 +337,14 @@ def _certificate(question: Question, steps: int) -> Certificate | None:
     problem = Problem(scenario.start, scenario.goal, goals, quantities)
     if not proves.can_stop(problem):
         return None
-    return (least_time if horizon is None else least_fuel)(proves, problem, steps, effort)
+    return (certified_least_time if horizon is None else certified_least_fuel)(
+        proves, problem, steps, effort
+    )
 
 
-def table(sentence: str, measure: str, answers: Sequence[Bound], result: Sequence[float]) -> Table:
+def bounds_table(
+    sentence: str, measure: str, answers: Sequence[Bound], result: Sequence[float]
+) -> Table:
     """Table of the bound of every start and the cost of its relaxed trajectory, NaN if there is none.
 
     The sentence says for which controllers the bounds hold; the measure is the bounded quantity with its unit.

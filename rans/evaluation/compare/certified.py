@@ -10,22 +10,22 @@ from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.bounds import Bound, Event, Question, bounds, question
+from rans.evaluation.compare.bounds import Bound, Event, Question, bounds_in_parallel, question
 from rans.evaluation.compare.contest import Contest
 from rans.files import number, one_at_a_time, read_json, write_json
 from rans.model.spacecraft_file import to_toml
-from rans.optimal.certificate.problem import Effort
+from rans.optimal.certificate.problem import SearchEffort
 from rans.progress import Progress, unseen
 from rans.scenario import each
 
-_EFFORT = Effort(work=20.0, nozzle_work=2.0, levels=4)
+_EFFORT = SearchEffort(work=20.0, nozzle_work=2.0, levels=4)
 """Effort of each question; most take two processor seconds. With less gaps are wider, and bounds hold all the
 same."""
 _VERSION = 4
 """Version of the proofs: bounds of other versions are searched again."""
 
 
-def certify(
+def certified_bounds(
     contest: Contest,
     count: int,
     events: Sequence[Event],
@@ -41,7 +41,7 @@ def certify(
 def certify_each(
     contest: Contest,
     pairs: Iterable[tuple[int, Event]],
-    effort: Effort,
+    effort: SearchEffort,
     cache: Path | None = None,
     workers: int | None = None,
     progress: Progress = unseen,
@@ -53,7 +53,7 @@ def certify_each(
         pairs: numbers of starts, and the event to bound.
         effort: effort of each search.
         cache: JSON file that keeps the bounds; other processes may add theirs meanwhile.
-        workers: see `bounds`.
+        workers: see `bounds_in_parallel`.
         progress: reports bounds.
 
     Raises:
@@ -76,7 +76,7 @@ def certify_each(
             pending.append((key, start, item))
     # The others are computed by all workers, and stored one by one.
     keys, starts, questions = zip(*pending, strict=True) if pending else ((), (), ())
-    for k, answer in bounds(questions, starts, workers, progress):
+    for k, answer in bounds_in_parallel(questions, starts, workers, progress):
         if cache:
             _add(cache, keys[k], answer)
         yield answer

@@ -13,7 +13,7 @@ import numpy as np
 
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError, counted
-from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
+from rans.evaluation.compare.bounds import Amounts, Event, count_of_periods
 from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
 from rans.evaluation.measure.metrics import (
     arrival_times,
@@ -245,7 +245,7 @@ class Entry:
         there at the horizon is above its impulse. A flight that begins moving cannot wait; it must be in the
         goal set at the horizon itself.
         """
-        k = whole_periods(horizon, self._period)
+        k = count_of_periods(horizon, self._period)
         arrived = np.where(self._begins_at_rest, self.at_goal[: k + 1].any(axis=0), self.at_goal[k])
         return np.where(arrived, self.spent[k], np.inf)
 

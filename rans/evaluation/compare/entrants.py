@@ -188,7 +188,7 @@ def _guest(guest: Guest, contest: Contest) -> Contestant:
     return Contestant(guest_controller.name, guest_controller, _MODEL, _UNKNOWN)
 
 
-def turned(spec: str, count: int) -> list[str]:
+def trade_off_positions(spec: str, count: int) -> list[str]:
     """Names of an agent with ``count`` positions of its open trade-off; of others the name itself."""
     try:
         is_open = (

@@ -17,10 +17,10 @@ from rans.evaluation.compare.certified import certify_each
 from rans.evaluation.compare.contest import Contest, Entry
 from rans.evaluation.measure.pareto import epsilon_indicator, hypervolume
 from rans.evaluation.measure.statistics import Bootstrap
-from rans.optimal.certificate.problem import Effort
+from rans.optimal.certificate.problem import SearchEffort
 from rans.progress import Progress, unseen
 
-_EFFORT = Effort(work=5.0, nozzle_work=0.5, levels=1)
+_EFFORT = SearchEffort(work=5.0, nozzle_work=0.5, levels=1)
 """Effort for bounds only: controls are searched at the first level of fuel only that cannot be excluded."""
 _MOST_STARTS = 64
 """Largest number of starts, whose search takes half an hour on two processors."""

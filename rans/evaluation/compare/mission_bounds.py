@@ -14,7 +14,7 @@ from rans.evaluation.compare.contest import Contest, Entry
 from rans.evaluation.measure.metrics import impulses, propellant_used
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
-from rans.optimal.convex.inspection import least_impulse
+from rans.optimal.convex.inspection import inspection_bound
 from rans.optimal.convex.landing import Descent, Lander, Landing, best_landing, landing
 from rans.optimal.convex.rendezvous import Meeting, rendezvous
 from rans.progress import Progress, unseen
@@ -203,7 +203,9 @@ def _lower(contest: Contest, k: int, by: float | None = None) -> float:
         start: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
         within = contest.duration if by is None else by
         task: Any = contest.task
-        return least_impulse(contest.craft, task, start.start, start.goal, within, contest.timing)
+        return inspection_bound(
+            contest.craft, task, start.start, start.goal, within, contest.timing
+        )
     return _least(contest, k, _deadline(contest, k) if by is None else by)
 
 

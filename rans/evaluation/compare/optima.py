@@ -207,7 +207,7 @@ def episode(
     )
 
 
-def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table:
+def optima_table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table:
     """Table with a row for each start, and a sentence for those without a trajectory."""
     # Notes: starts without a trajectory, by reason.
     lost: dict[str, list[str]] = {}

@@ -93,7 +93,7 @@ def remaining_errors(meshes: Sequence[Mesh]) -> np.ndarray:
     return errors
 
 
-def table(measure: str, meshes: Sequence[Mesh]) -> Table:
+def refinement_table(measure: str, meshes: Sequence[Mesh]) -> Table:
     """Table with a row for each mesh: size, mean cost, estimated error and defect."""
     solved = np.all([np.isfinite(mesh.costs) for mesh in meshes], axis=0)
     errors = remaining_errors(meshes)
@@ -116,7 +116,7 @@ def table(measure: str, meshes: Sequence[Mesh]) -> Table:
     return result
 
 
-def to_json(meshes: Sequence[Mesh]) -> list[dict[str, Any]]:
+def refinement_json(meshes: Sequence[Mesh]) -> list[dict[str, Any]]:
     """Data for `rans.files.write_json`; missing numbers are NaN."""
     errors = remaining_errors(meshes)
     nothing = np.full(len(meshes[0].costs), np.nan)

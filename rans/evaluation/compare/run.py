@@ -22,7 +22,7 @@ from rans.evaluation.compare.bounds import (
     no_certificate,
     staying_set,
 )
-from rans.evaluation.compare.certified import certify
+from rans.evaluation.compare.certified import certified_bounds
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.front import Front, certify_front
 from rans.evaluation.compare.mission_bounds import (
@@ -164,7 +164,7 @@ class Comparison(NotebookRepr):
             contestants: see `rans.evaluation.compare.entrants.enlisted`; the contest is the setup of the first.
             opponents: names of controllers, and "optimal"; None: those of `default_opponents`.
             certified: number of starts whose bounds are certified.
-            cache: see `certify`.
+            cache: see `certified_bounds`.
             stages: reports progress.
             workers: processes, by default one per processor.
         """
@@ -337,7 +337,7 @@ def _find_certified(
         )
     step = stages("certified bounds", count * len(events))
     with _noted(comparison, "certified bounds"):
-        for answer in certify(contest, count, events, cache, workers, step):
+        for answer in certified_bounds(contest, count, events, cache, workers, step):
             # Answers come as they are found; their order in files must not depend on it.
             comparison.certified.append(answer)
             comparison.certified.sort(key=lambda bound: (bound.start, events.index(bound.event)))

@@ -22,7 +22,7 @@ from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.optimal.convex.rendezvous import (
     Answer,
     Meeting,
-    Transfer,
+    MeetingTransfer,
     least_impulse,
     rendezvous,
     within_limits,
@@ -78,7 +78,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class TransferTable:
     """Contestants and bounds for the same starts and the same deadline."""
 
     deadline: float
@@ -158,7 +158,7 @@ def contestants_of(
     return makers
 
 
-def judged(
+def judged_transfers(
     craft: Spacecraft,
     mission: OrbitalMission,
     contestants: Mapping[str, Callable[[OrbitalMission], Controller]],
@@ -167,7 +167,7 @@ def judged(
     episodes: int,
     engine: str = "fast",
     progress: Progress | None = None,
-) -> Table:
+) -> TransferTable:
     """Fly contestants and the optima from the same starts with one deadline.
 
     Args:
@@ -183,7 +183,7 @@ def judged(
     task = replace(mission, deadline=(deadline, deadline))
     starts = scenarios(task, craft, seed, episodes)
     flying = fly_in_drake if engine == "drake" else fly
-    answers = bounds(craft, task, starts, deadline, progress)
+    answers = transfer_bounds(craft, task, starts, deadline, progress)
     rows = []
     with warnings.catch_warnings():
         # The table shows that it does not know the limits.
@@ -194,10 +194,10 @@ def judged(
     replayed = optimum(craft, task, starts, answers)
     lower = np.array([answer.lower for answer in answers])
     upper = np.where(replayed.docked, replayed.impulse, np.inf)
-    return Table(deadline, lower, upper, (*rows, replayed))
+    return TransferTable(deadline, lower, upper, (*rows, replayed))
 
 
-def bounds(
+def transfer_bounds(
     craft: Spacecraft,
     task: OrbitalMission,
     starts: Scenario,
@@ -239,7 +239,7 @@ def optimum(
     return replace(fast, docked=fast.docked & drake.docked)
 
 
-def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> Transfer | None:
+def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> MeetingTransfer | None:
     """The transfer to where commands can stop the craft: with a reserve, and at the end of a control period."""
     begun = answer.free if answer.transfer is None else answer.transfer
     checks = meeting.timing.checks

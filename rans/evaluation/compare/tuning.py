@@ -28,7 +28,7 @@ _CHANGED = 0.4
 Ranges = Mapping[str, tuple[float, float]]
 
 
-def tune(
+def tuned_settings(
     name: str,
     setup: Setup,
     candidates: int,

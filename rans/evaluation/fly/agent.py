@@ -115,7 +115,7 @@ def run_of(candidate: object) -> LoadedRun | None:
     return result if isinstance(result, LoadedRun) else None
 
 
-def load_agent(path: Path) -> LoadedRun:
+def load_policy(path: Path) -> LoadedRun:
     """Load the agent in a run folder.
 
     Raises:

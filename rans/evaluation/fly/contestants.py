@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
-from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent, run_of
+from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.controllers import controller, user_policy
@@ -75,7 +75,7 @@ def _loaded(
         return LoadedRun(controller(typed(name.name), setup), *setup[:4])
     # A trained agent flies in its own setup, or in that of the protocol; one for any craft with the named one.
     folder = name.own_folder
-    run = load_exported(folder) if is_exported(folder) else load_agent(folder)
+    run = load_exported(folder) if is_exported(folder) else load_policy(folder)
     if name.craft:
         run = for_spacecraft(run, load_spacecraft(typed(name.craft)))
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)

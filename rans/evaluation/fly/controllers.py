@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import cloudpickle
 import numpy as np
 
-from rans.effectors.commands import action_space, allowed, check, clipped, of_outputs
+from rans.effectors.commands import action_space, allowed, check_commands, clipped, of_outputs
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError, RansError, brief, require, where_raised
 from rans.evaluation.fly.tuned import arguments, tuned
@@ -295,7 +295,7 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
             f"{shape}, got {commands.shape}."
         )
     try:
-        check(craft, commands, count)
+        check_commands(craft, commands, count)
     except ConfigError as error:
         raise ConfigError(
             f"{who} answers with commands that {craft.name} does not take: {error} Probabilities have to be "

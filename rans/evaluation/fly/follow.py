@@ -241,7 +241,7 @@ class Following:
         }
 
 
-def follow(
+def fly_path(
     craft: Spacecraft,
     task: Task,
     tracker: Controller,

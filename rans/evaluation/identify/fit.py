@@ -21,7 +21,7 @@ from rans.evaluation.identify.motion import (
     Thrust,
     check_identifiable,
     predicted,
-    product,
+    quaternion_products,
     windows_of,
 )
 from rans.model.body import Body
@@ -211,7 +211,7 @@ class _Problem:
             return starts + change
         half = 0.5 * change[:, 3:6]
         small = np.concatenate([np.ones_like(half[:, :1]), half], axis=1)
-        attitude = product(starts[:, 3:7], small)
+        attitude = quaternion_products(starts[:, 3:7], small)
         attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
         return np.concatenate(
             [starts[:, :3] + change[:, :3], attitude, starts[:, 7:] + change[:, 6:]], axis=1
@@ -242,7 +242,7 @@ class _Group:
 
 def _rotation_vector(path: np.ndarray, readings: np.ndarray) -> np.ndarray:
     """Small rotation (..., 3), rad, in B from predicted to measured attitudes (..., 4)."""
-    turn = product(path * [1.0, -1.0, -1.0, -1.0], readings)
+    turn = quaternion_products(path * [1.0, -1.0, -1.0, -1.0], readings)
     return 2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
 
 

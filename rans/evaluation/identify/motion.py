@@ -301,10 +301,10 @@ def _spatial(
         h = step[:, k, None]
         p, q, v, w = np.split(path[:, k], (3, 7, 10), axis=1)
         w_half = w + 0.5 * h * rate(w, q, torque[:, k])
-        q_half = product(q, exponential(0.25 * h * (w + w_half)))
+        q_half = quaternion_products(q, quaternions_of(0.25 * h * (w + w_half)))
         acceleration = rotate(q_half, force[:, k]) / craft.mass + push
         path[:, k + 1, :3] = p + h * (v + 0.5 * h * acceleration)
-        path[:, k + 1, 3:7] = product(q, exponential(h * w_half))
+        path[:, k + 1, 3:7] = quaternion_products(q, quaternions_of(h * w_half))
         path[:, k + 1, 7:10] = v + h * acceleration
         path[:, k + 1, 10:] = w + h * rate(w_half, q_half, torque[:, k])
     return path
@@ -318,13 +318,13 @@ def _stacked(fields: Iterable[Any]) -> np.ndarray:
     return np.stack([np.asarray(x) for x in fields], axis=-1)
 
 
-def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton product of quaternions (..., 4), scalar first."""
     q = Quat(*np.moveaxis(a, -1, 0)).times(Quat(*np.moveaxis(b, -1, 0)))
     return np.stack([q.w, q.x, q.y, q.z], axis=-1)
 
 
-def exponential(vector: np.ndarray) -> np.ndarray:
+def quaternions_of(vector: np.ndarray) -> np.ndarray:
     """Unit quaternion (..., 4) of a rotation vector (..., 3), rad."""
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     factor = 0.5 * np.sinc(angle / (2.0 * np.pi))

@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from rans.evaluation.measure.metrics import final_errors, meanings, settling_times, solved
+from rans.evaluation.measure.metrics import final_errors, metric_definitions, settling_times, solved
 from rans.evaluation.measure.statistics import RESAMPLES, SEED, Bootstrap, Estimate, share
 from rans.flight import Flight
 from rans.tasks.quantities import QUANTITIES
@@ -104,7 +104,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     pairs = [
         Pair(
             "solved",
-            meanings(fast.task)[0],
+            metric_definitions(fast.task)[0],
             "%",
             fast_share,
             drake_share,

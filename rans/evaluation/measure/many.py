@@ -9,7 +9,7 @@ from scipy.stats import binomtest
 
 from rans.episode import Setup
 from rans.evaluation.measure.aggregate import Metric, Metrics
-from rans.evaluation.measure.metrics import meanings
+from rans.evaluation.measure.metrics import metric_definitions
 from rans.evaluation.measure.statistics import NORMAL_95
 from rans.flight_statistics import FlightStatistics, Sums
 from rans.tasks import Task
@@ -37,7 +37,7 @@ def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) ->
 
 def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metric]:
     count = result.flights
-    of_solved, of_settled, of_time = meanings(task)
+    of_solved, of_settled, of_time = metric_definitions(task)
     yield _share("success", "solved", of_solved, count - result.unsolved, count)
     yield _share("success", "settled", of_settled, result.settled, count)
     width = 0.5 * NORMAL_95 / math.sqrt(count)

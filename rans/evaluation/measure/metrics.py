@@ -134,7 +134,7 @@ def propellant_used(flight: Flight) -> np.ndarray:
 
 def final_errors(flight: Flight) -> dict[str, np.ndarray]:
     """Mean error of each episode over its last fifth, each (N,), SI units."""
-    return {name: last_fifth(error).mean(axis=0) for name, error in flight.errors().items()}
+    return {name: last_fifth_of(error).mean(axis=0) for name, error in flight.errors().items()}
 
 
 def worst_errors(flight: Flight) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -145,7 +145,7 @@ def worst_errors(flight: Flight) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     result = flight.errors()
     bounds = flight.task.tolerances()
     worst = {
-        name: np.nan_to_num(last_fifth(result[name]).max(axis=0), nan=np.inf) for name in bounds
+        name: np.nan_to_num(last_fifth_of(result[name]).max(axis=0), nan=np.inf) for name in bounds
     }
     return reduce(np.maximum, [worst[name] / bounds[name] for name in bounds]), worst
 
@@ -160,7 +160,7 @@ def solved(flight: Flight) -> np.ndarray:
     return np.asarray(flight.verdict.solved)
 
 
-def meanings(task: Task) -> tuple[str, str, str]:
+def metric_definitions(task: Task) -> tuple[str, str, str]:
     """Definitions of "solved", "settled" and "settling time" for a task that holds a goal, or for a mission."""
     if type(task).done is Task.done:
         return (
@@ -175,7 +175,7 @@ def meanings(task: Task) -> tuple[str, str, str]:
     )
 
 
-def last_fifth(instants: np.ndarray) -> np.ndarray:
+def last_fifth_of(instants: np.ndarray) -> np.ndarray:
     """The last fifth of an array whose first axis is the T + 1 instants, the start included."""
     return instants[-verdict.last_fifth(len(instants) - 1) :]
 
@@ -184,7 +184,7 @@ def _success(flight: Flight) -> Iterator[Sample]:
     means = final_errors(flight)
     settling = settling_times(flight)
     mean = np.all([means[name] < bound for name, bound in flight.task.tolerances().items()], axis=0)
-    of_solved, of_settled, of_time = meanings(flight.task)
+    of_solved, of_settled, of_time = metric_definitions(flight.task)
     for name, meaning, inside in (
         ("solved", of_solved, solved(flight)),
         ("solved in the mean", "mean errors of the last fifth within tolerances", mean),
@@ -230,7 +230,7 @@ def _rest(flight: Flight) -> Iterator[Sample]:
 def _held(flight: Flight) -> Iterator[Sample]:
     """Shares like "solved", with other bounds than the task's tolerances."""
     ends = {
-        name: QUANTITIES[name].display_factor * last_fifth(error)
+        name: QUANTITIES[name].display_factor * last_fifth_of(error)
         for name, error in flight.errors().items()
         if name in flight.task.tolerances() and QUANTITIES[name].held
     }
@@ -271,7 +271,7 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
         f"{quantity} error",
         "mean over the last fifth",
         unit,
-        factor * last_fifth(error).mean(axis=0),
+        factor * last_fifth_of(error).mean(axis=0),
     )
     tracked = flight.times > _TRANSIENT
     if "position" not in flight.errors() and tracked.any():
@@ -348,7 +348,7 @@ def _motion(flight: Flight) -> Iterator[Sample]:
         "spin at rest",
         "the same over the last fifth",
         "rad/s",
-        last_fifth(spin).mean(axis=0),
+        last_fifth_of(spin).mean(axis=0),
     )
 
 

@@ -63,7 +63,7 @@ class Effect:
             yield Level(self.name, size, self.make(size))
 
 
-def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
+def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     """Every effect that applies to this spacecraft.
 
     Sizes reach beyond the ranges of the conditions ``train-robust``. Disturbance forces and torques
@@ -242,7 +242,7 @@ def _missed(quantity: str, percent: float) -> Conditions:
     return Conditions(sensors=replace(SensorsConditions(), **dict.fromkeys(which, missed)))
 
 
-def failures() -> list[Level]:
+def failure_levels() -> list[Level]:
     """Levels of failures, which have no size: one thruster, drawn at random, fails when the episode begins."""
     return [
         Level(

@@ -17,7 +17,7 @@ WANTED = 0.99
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StressOutcome:
     """Outcomes of N episodes of one contestant under the same conditions, in the order of their numbers."""
 
     errors: dict[str, np.ndarray]
@@ -28,13 +28,13 @@ class Outcome:
     """Whether the goal was held, (N,) (`rans.verdict`)."""
 
     @classmethod
-    def of(cls, flight: Flight) -> Outcome:
+    def of(cls, flight: Flight) -> StressOutcome:
         """Outcome of flights, by their true states."""
         excess, worst = worst_errors(flight)
         return cls(worst, excess, np.asarray(flight.verdict.held))
 
     @classmethod
-    def joined(cls, parts: Sequence[Outcome]) -> Outcome:
+    def joined(cls, parts: Sequence[StressOutcome]) -> StressOutcome:
         """Join the outcomes of consecutive episodes."""
         errors = {
             name: np.concatenate([part.errors[name] for part in parts]) for name in parts[0].errors

@@ -15,8 +15,8 @@ from rans.evaluation.fly.controllers import CONTROLLERS, controller
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
-from rans.evaluation.stress.effects import Effect, Level, effects, failures
-from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
+from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels
+from rans.evaluation.stress.outcome import BreakEven, StressOutcome, break_even
 from rans.files import first_line
 from rans.flight import Controller, informed
 from rans.processes import Workers
@@ -38,14 +38,14 @@ class Stress:
     """Spacecraft, task and starts, under nominal conditions."""
     named: Sequence[Level]
     """Conditions without a size: nominal ones, conditions by name or file, and failed thrusters."""
-    effects: Sequence[Effect]
+    applicable_effects: Sequence[Effect]
     slow_episodes: int
     """Number of episodes of slow controllers, in place of the contest's."""
     contestants: dict[str, Contestant] = field(default_factory=dict)
     """Contestants by the text that named them; others are compared with the first."""
-    outcomes: dict[tuple[str, str], Outcome] = field(default_factory=dict)
+    outcomes: dict[tuple[str, str], StressOutcome] = field(default_factory=dict)
     """Outcomes by the names of level and contestant."""
-    failures: list[str] = field(default_factory=list)
+    failure_levels: list[str] = field(default_factory=list)
     """Failures of contestants, a sentence each."""
     stopped: dict[str, int] = field(default_factory=dict)
     """Number of times that the solver of each contestant found no solution."""
@@ -148,7 +148,7 @@ class Stress:
             if sum(len(part.outcome.excess) for part in flown.values()) == self.episodes(
                 contestants[job.contestant]
             ):
-                self.outcomes[level.name, name] = Outcome.joined(
+                self.outcomes[level.name, name] = StressOutcome.joined(
                     [flown[k].outcome for k in sorted(flown)]
                 )
 
@@ -176,7 +176,7 @@ def prepared(
     """
     contest = replace(contest, conditions=None)
     # Names of effects are checked before anything flies.
-    available = effects(contest.craft, contest.timing)
+    available = applicable_effects(contest.craft, contest.timing)
     for name in only:
         if name not in [effect.name for effect in available]:
             raise ConfigError(
@@ -191,7 +191,7 @@ def prepared(
             for name, world in conditions.items()
             if name != _PERFECT.effect
         ),
-        *(() if only else failures()),
+        *(() if only else failure_levels()),
     ]
     for level in named:
         level.conditions.check_valves(contest.craft)
@@ -214,7 +214,7 @@ class _Job(NamedTuple):
 
 
 class _Part(NamedTuple):
-    outcome: Outcome
+    outcome: StressOutcome
     stopped: int
 
 
@@ -253,4 +253,4 @@ class _Flyer(NamedTuple):
         flying = self.controllers[contestant][level]
         setup = self.contest.setup._replace(conditions=self.conditions[level])
         flight = fly_draws(flying, setup, draws(self.contest.seed, count, first))
-        return _Part(Outcome.of(flight), getattr(flying, "failures", 0))
+        return _Part(StressOutcome.of(flight), getattr(flying, "failures", 0))

@@ -22,7 +22,7 @@ from torch import Tensor
 from rans.archives import content, opened
 from rans.errors import ConfigError, RansError, brief
 from rans.fast.agent_files.pickle_scan import foul, refuse
-from rans.fast.agent_files.tensors import pack, unpack
+from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import PPOSettings
 from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
@@ -105,7 +105,7 @@ def agent_bytes(
     rate: float,
 ) -> bytes:
     """Content of an ``agent.safetensors`` with critic and optimizer; arguments are those of `save_agent`."""
-    return pack(
+    return pack_tensors(
         {
             "architecture": _table(architecture),
             "weights": dict(tensors),
@@ -125,7 +125,7 @@ def actor_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps
         tensors: weights and statistics of the network (`Network.member`).
         steps: environment steps of the training.
     """
-    return pack(
+    return pack_tensors(
         {
             "architecture": _table(replace(architecture, privileged=0, nominal=())),
             "weights": {name: x for name, x in tensors.items() if not name.startswith(_CRITIC)},
@@ -144,7 +144,7 @@ def read_policy(file: Path) -> SavedPolicy:
     """
     if file.suffix == ".safetensors":
         with _damage_as_config_error(file):
-            return _read(unpack(read_bytes(file, _LARGEST), file))
+            return _read(unpack_tensors(read_bytes(file, _LARGEST), file))
     with _checked(file) as archive:
         if AGENT not in archive.namelist():
             raise ConfigError(
@@ -152,7 +152,7 @@ def read_policy(file: Path) -> SavedPolicy:
                 "in pickles, or Stable-Baselines3 itself. Train the agent anew, or fly what "
                 f"Stable-Baselines3 saved as sb3:{file} with --trust."
             )
-        return _read(unpack(content(archive, AGENT), f"{file}/{AGENT}"))
+        return _read(unpack_tensors(content(archive, AGENT), f"{file}/{AGENT}"))
 
 
 def is_agent(file: Path) -> bool:

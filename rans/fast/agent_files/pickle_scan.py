@@ -63,7 +63,7 @@ def foul(archive: zipfile.ZipFile, where: object) -> str | None:
     Raises:
         ConfigError: an archive within it would unpack to too much.
     """
-    names = (name for pickle in _pickles(archive, where) for name in named(pickle))
+    names = (name for pickle in _pickles(archive, where) for name in names_in_pickle(pickle))
     return next(filter(_is_foul, names), None)
 
 
@@ -75,7 +75,7 @@ def refuse(file: Path, name: str) -> NoReturn:
     )
 
 
-def named(pickle: bytes) -> Iterator[str]:
+def names_in_pickle(pickle: bytes) -> Iterator[str]:
     """Yield functions and classes that a pickle names, as ``module.name``, as far as it can be read."""
     words: list[str] = []
     try:

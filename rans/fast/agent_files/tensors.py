@@ -24,7 +24,7 @@ _TENSOR = "$tensor"
 """Key in the table of a reference to a tensor by its name."""
 
 
-def pack(tree: Any) -> bytes:
+def pack_tensors(tree: Any) -> bytes:
     """Content of a safetensors file from dictionaries and lists of numbers, texts, None and tensors.
 
     Tensors are named by their path, as ``learner/weights/value_net.bias``; keys become texts and tuples lists.
@@ -34,8 +34,8 @@ def pack(tree: Any) -> bytes:
     return save(tensors, {_TABLE: table, _CHECKSUM: _checksum(table, tensors)})
 
 
-def unpack(content: bytes, where: object, device: str | torch.device = "cpu") -> Any:
-    """Table that `pack` stored, with its tensors on a device.
+def unpack_tensors(content: bytes, where: object, device: str | torch.device = "cpu") -> Any:
+    """Table that `pack_tensors` stored, with its tensors on a device.
 
     Args:
         content: content of a safetensors file.
@@ -43,7 +43,7 @@ def unpack(content: bytes, where: object, device: str | torch.device = "cpu") ->
         device: device of the tensors.
 
     Raises:
-        ConfigError: the content is not from `pack`, or is damaged.
+        ConfigError: the content is not from `pack_tensors`, or is damaged.
     """
     length = int.from_bytes(content[:8], "little")  # length of the header
     if _LARGEST_HEADER < length < len(content):

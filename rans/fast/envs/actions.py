@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.effectors.commands import allowed, bounds, check, limits
-from rans.environment import array, dense
+from rans.effectors.commands import allowed, check_commands, command_bounds, limits
+from rans.environment import action_array, dense
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 
@@ -27,7 +27,7 @@ class Actions:
             torch.as_tensor(limit, device=engine.device) for limit in limits(engine.craft)
         ]
         self._bounds = [
-            torch.as_tensor(bound, device=engine.device) for bound in bounds(engine.craft)
+            torch.as_tensor(bound, device=engine.device) for bound in command_bounds(engine.craft)
         ]
         self._found = torch.zeros((), dtype=torch.bool, device=engine.device)
         """Whether any action was wrong."""
@@ -42,7 +42,7 @@ class Actions:
         """
         action = dense(actions)
         if not isinstance(action, Tensor):
-            action = self._tensor(array(action))
+            action = self._tensor(action_array(action))
         action = action.to(self._engine.device)
         if action.is_floating_point() and action.dtype not in (torch.float32, torch.float64):
             action = action.float()  # exact for half precision
@@ -79,7 +79,7 @@ class Actions:
         return torch.from_numpy(np.require(action, requirements=["C", "W"]))
 
     def _refuse(self, action: np.ndarray) -> None:
-        check(self._engine.craft, action, self._shape[0])
+        check_commands(self._engine.craft, action, self._shape[0])
 
     def _remember(self, possible: Tensor) -> None:
         self._found |= ~possible

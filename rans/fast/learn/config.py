@@ -40,7 +40,7 @@ MOST_UNITS = 65_536
 """Largest number of hidden layers, and of units in a layer, far above those of any agent."""
 
 
-def require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
+def require_bounds(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
     """Refuse settings that are out of a bound.
 
     Args:
@@ -81,10 +81,12 @@ class MemorySettings(Settings):
 
     def __post_init__(self) -> None:
         kinds = get_args(MemoryKind)
-        require(self, f"one of {', '.join(kinds)}", lambda x: x in kinds, "kind")
-        require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "units")
-        require(self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history")
-        require(
+        require_bounds(self, f"one of {', '.join(kinds)}", lambda x: x in kinds, "kind")
+        require_bounds(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "units")
+        require_bounds(
+            self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history"
+        )
+        require_bounds(
             self,
             "numbers between 0 and 1",
             lambda x: isinstance(x, tuple | list) and all(0 < item < 1 for item in x),
@@ -129,20 +131,20 @@ class FilterSettings(Settings):
 
     def __post_init__(self) -> None:
         within = lambda x: 1e-6 <= x <= 1e6  # noqa: E731
-        require(
+        require_bounds(
             self,
             "numbers >= 1e-6 and <= 1e6",
             lambda x: isinstance(x, tuple | list) and all(map(within, x)),
             "drift",
         )
-        require(
+        require_bounds(
             self,
             "numbers >= 1e-6 and <= 1e6, or 0",
             lambda x: isinstance(x, tuple | list) and all(item == 0 or within(item) for item in x),
             "steady",
             "response",
         )
-        require(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or within(x), "gate")
+        require_bounds(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or within(x), "gate")
         count = len(self.drift)
         for name in ("steady", "response"):
             values = getattr(self, name)
@@ -174,11 +176,11 @@ class ScheduleSettings(Settings):
     that are trained to the end."""
 
     def __post_init__(self) -> None:
-        require(
+        require_bounds(
             self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl"
         )
-        require(self, "finite and > 0", lambda x: 0 < x < math.inf, "max_learning_rate")
-        require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
+        require_bounds(self, "finite and > 0", lambda x: 0 < x < math.inf, "max_learning_rate")
+        require_bounds(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
 
 
 @dataclass(frozen=True)
@@ -197,8 +199,8 @@ class ExplorationSettings(Settings):
     thrust for a control period. Use -2 where that is a large part of the impulse of a flight."""
 
     def __post_init__(self) -> None:
-        require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
-        require(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
+        require_bounds(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
+        require_bounds(self, ">= -10 and <= 2", lambda x: -10 <= x <= 2, "log_std_init")
 
 
 _NO_MEMORY = MemorySettings()
@@ -287,15 +289,17 @@ class PPOSettings:
     """Distribution of the commands before the first update."""
 
     def __post_init__(self) -> None:
-        require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
-        require(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
+        require_bounds(
+            self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs"
+        )
+        require_bounds(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
         if self.n_envs > MOST_ENVS or self.n_envs * self.n_steps > MOST_TRANSITIONS:
             raise ConfigError(
                 f"n_envs must be at most {MOST_ENVS:,}, and n_envs x n_steps at most {MOST_TRANSITIONS:,}, got "
                 f"{self.n_envs:,} x {self.n_steps:,}: a rollout would need about "
                 f"{self.n_envs * self.n_steps * 200e-9:,.0f} GB of memory."
             )
-        require(
+        require_bounds(
             self,
             "finite and > 0",
             lambda x: 0 < x < math.inf,
@@ -304,8 +308,10 @@ class PPOSettings:
             "max_grad_norm",
             "reward_scale",
         )
-        require(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom")
-        require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
+        require_bounds(
+            self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom"
+        )
+        require_bounds(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         for name, kind in (
             ("activation", Activation),
             ("backbone", BackboneName),
@@ -313,8 +319,10 @@ class PPOSettings:
             ("matmul", Precision),
         ):
             known = get_args(kind)
-            require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
-        require(
+            require_bounds(
+                self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name
+            )
+        require_bounds(
             self,
             f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
             lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS,
@@ -397,8 +405,8 @@ class Failures:
     """Number of flights of a search, with the agent's deterministic actions."""
 
     def __post_init__(self) -> None:
-        require(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
-        require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "searches", "flights")
+        require_bounds(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
+        require_bounds(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "searches", "flights")
 
 
 @dataclass(frozen=True)
@@ -461,24 +469,26 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         # The range of NumPy's generator, which Stable-Baselines3 seeds too.
-        require(
+        require_bounds(
             self,
             "a whole number between 0 and 2^32 - 1",
             lambda x: isinstance(x, Integral) and not isinstance(x, bool) and 0 <= int(x) < 2**32,
             "seed",
         )
-        require(
+        require_bounds(
             self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps"
         )
-        require(
+        require_bounds(
             self,
             "a whole number >= 1 and < 2^63",
             lambda x: isinstance(x, int) and 1 <= x < 2**63,
             "total_timesteps",
             "report_interval",
         )
-        require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
-        require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
+        require_bounds(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
+        require_bounds(
+            self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share"
+        )
         if self.algorithm != "ppo" or self.learner:
             object.__setattr__(self, "learner", complete(self.algorithm, self.learner))
         if self.plain and self.compiled:

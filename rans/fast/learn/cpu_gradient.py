@@ -27,8 +27,8 @@ from rans.compile.cpu.matmul import (
 from rans.compile.loss_gradient import (
     STATISTICS,
     Choice,
-    choice,
     d_logit,
+    opening_term,
     transition_losses,
 )
 from rans.fast.learn.adam import Adam
@@ -334,7 +334,7 @@ class CpuGradient:
             ]
             # Log-probability and entropy of the actions.
             choices = [
-                Choice(*_printed(code, choice, *both))
+                Choice(*_printed(code, opening_term, *both))
                 for both in zip(logits, commands, strict=True)
             ]
             log_probs, entropies = (

@@ -22,7 +22,7 @@ from rans.compile.cuda.update_design import (
     Places,
     UpdateDesign,
 )
-from rans.compile.loss_gradient import STATISTICS, choice, d_logit, transition_losses
+from rans.compile.loss_gradient import STATISTICS, d_logit, opening_term, transition_losses
 from rans.errors import is_installed
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
@@ -366,7 +366,7 @@ class MatrixGradient(FusedGradient):
         thrusters = action.shape[1]
         result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + bias
         logit = result[:, :thrusters]
-        parts = choice(logit, action)
+        parts = opening_term(logit, action)
         losses = transition_losses(
             parts.log_prob.sum(dim=1),
             parts.entropy.sum(dim=1),

@@ -49,7 +49,7 @@ def adopt(learner: Learner, saved: SavedPolicy) -> None:
     """Load weights and Adam moments into a learner; RuntimeError or KeyError if the network is another one."""
     for name, tensor in learner.network.tensors.items():
         tensor.copy_(saved.network.tensors[name])
-    remember(learner.adam, saved.adam, saved.rate)
+    load_moments(learner.adam, saved.adam, saved.rate)
 
 
 def moments(adam: Adam, number: int) -> dict[Any, Any]:
@@ -66,7 +66,7 @@ def moments(adam: Adam, number: int) -> dict[Any, Any]:
     }
 
 
-def remember(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
+def load_moments(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
     """Load Adam moments from `moments` for a single member; without any, they stay zero."""
     adam.rate.fill_(rate)
     for parameter, moments_of in saved.items():

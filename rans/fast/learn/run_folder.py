@@ -9,7 +9,7 @@ from typing import Any
 from rans import files
 from rans.errors import ConfigError, brief, meant_file
 from rans.fast.agent_files.agent import AGENT
-from rans.fast.agent_files.tensors import pack, unpack
+from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
@@ -159,7 +159,7 @@ class RunFolder:
 
     def save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Write a checkpoint; on failure the previous one is kept."""
-        content = pack(checkpoint)
+        content = pack_tensors(checkpoint)
         files.replace_file(self.checkpoint_file, lambda draft: draft.write_bytes(content))
 
     @property
@@ -170,7 +170,7 @@ class RunFolder:
     def load_checkpoint(self, device: str) -> dict[str, Any]:
         """Latest checkpoint; ConfigError if it cannot be read or is damaged."""
         content = files.read_bytes(self.checkpoint_file, _LARGEST_CHECKPOINT)
-        return unpack(content, self.checkpoint_file, device)
+        return unpack_tensors(content, self.checkpoint_file, device)
 
     @property
     def agent_file(self) -> Path:

@@ -59,7 +59,7 @@ class Sweep:
         self._parts = parts or processes.size
         whole = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
         for batch in whole:
-            check(configs[batch[0]])
+            checked_architecture(configs[batch[0]])
         self._batches = [
             part
             for batch in whole
@@ -174,7 +174,7 @@ class Sweep:
             run.append_metrics(row)
         save_agent(
             run.trained_file,
-            check(member.config),
+            checked_architecture(member.config),
             member.weights,
             member.config.ppo,
             member.rows[-1]["steps"],
@@ -230,7 +230,7 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
     return configs, str(table.get("command")), parts
 
 
-def check(config: TrainConfig) -> Architecture:
+def checked_architecture(config: TrainConfig) -> Architecture:
     """Network architecture of a config; ConfigError if the config is invalid."""
     check_device(config.device)
     engine = Engine(craft_of(config), config.settings, config.ppo.n_envs, config.timing)

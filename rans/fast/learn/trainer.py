@@ -12,7 +12,7 @@ import torch
 
 from rans.episode import Guard
 from rans.errors import ConfigError, NonFiniteState, WorkerLost, is_installed
-from rans.fast.agent_files.tensors import pack
+from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.algorithms import LEARNERS, own_settings
@@ -295,7 +295,7 @@ class Trainer:
             ]
         except NonFiniteState as error:
             file = self.run.path / "nonfinite.safetensors"
-            state = pack(self._checkpoint())
+            state = pack_tensors(self._checkpoint())
             if self.processes.is_first:
                 replace_file(file, lambda draft: draft.write_bytes(state))
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error

@@ -24,7 +24,7 @@ from rans.model.trace import UNTRACEABLE, Symbol
 from rans.randomization.faults import sets_among
 
 if TYPE_CHECKING:
-    from rans.compile.cpu.program import Memory
+    from rans.compile.cpu.program import ProgramMemory
 
 _BLOCK = 4096
 """Number of spacecraft whose numbers fit a processor's caches."""
@@ -109,7 +109,7 @@ class GeneratedStep:
         )
 
     def _block(
-        self, rows: slice, memory: Memory, commands: np.ndarray, arrays: dict[str, Any]
+        self, rows: slice, memory: ProgramMemory, commands: np.ndarray, arrays: dict[str, Any]
     ) -> None:
         for symbol, source in self._given:
             memory.put(symbol, source[rows] if np.ndim(source) else source)

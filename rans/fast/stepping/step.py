@@ -134,7 +134,7 @@ class Backend:
         """
         if dtype not in _NUMPY_DTYPES:
             raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")
-        check_device(device)
+        require_device(device)
         device = torch.device(device)
         return cls(device, field_dtype(device, dtype, compiled, plain))
 
@@ -224,7 +224,7 @@ def divisible(num_envs: object, members: int) -> int:
     return count
 
 
-def check_device(device: str | torch.device) -> None:
+def require_device(device: str | torch.device) -> None:
     """Refuse (`ConfigError`) a device that is not available."""
     try:
         kind = torch.device(device).type
@@ -246,7 +246,7 @@ def copy_into(buffers: Sequence[Any], values: Sequence[Any]) -> None:
 
 
 @contextmanager
-def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
+def restoring(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
     """Context that restores the buffers of the spacecraft where ``held``, (N,) bool, at its end."""
     before = [
         x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x

@@ -17,9 +17,9 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.flight import fuel
-from rans.optimal.certificate.problem import Effort, Found, Problem
+from rans.optimal.certificate.problem import Found, Problem, SearchEffort
 
-_DEFAULT_EFFORT = Effort()
+_DEFAULT_EFFORT = SearchEffort()
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Bounder(Protocol):
         """Whether any number of pulses takes the start's spin to the goal's."""
         ...
 
-    def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
+    def least_fuel(self, problem: Problem, steps: int, effort: SearchEffort) -> Found:
         """Bounds the impulse, N s, of controllers that are in the goal set after so many periods.
 
         Raises:
@@ -80,16 +80,16 @@ class Bounder(Protocol):
         """
         ...
 
-    def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
+    def least_time(self, problem: Problem, most_steps: int, effort: SearchEffort) -> Found:
         """Bounds the time, s, until controllers are in the goal set, which the start is not.
 
-        More than so many periods are not tried. Raises `ConfigError` as `least_fuel`.
+        More than so many periods are not tried. Raises `ConfigError` as `certified_least_fuel`.
         """
         ...
 
 
-def least_fuel(
-    bounder: Bounder, problem: Problem, steps: int, effort: Effort = _DEFAULT_EFFORT
+def certified_least_fuel(
+    bounder: Bounder, problem: Problem, steps: int, effort: SearchEffort = _DEFAULT_EFFORT
 ) -> Certificate:
     """Least impulse of any on/off controller that is in the goal set after so many control periods.
 
@@ -106,8 +106,8 @@ def least_fuel(
     return _certificate(result, upper, began)
 
 
-def least_time(
-    bounder: Bounder, problem: Problem, most_steps: int, effort: Effort = _DEFAULT_EFFORT
+def certified_least_time(
+    bounder: Bounder, problem: Problem, most_steps: int, effort: SearchEffort = _DEFAULT_EFFORT
 ) -> Certificate:
     """Least time in which any on/off controller can be in the goal set, up to so many control periods.
 

@@ -9,7 +9,7 @@ from rans.model.dynamics import AnyState, advance, wrench
 from rans.model.spacecraft import Spacecraft
 
 
-def replay(
+def state_after(
     craft: Spacecraft, start: AnyState, commands: np.ndarray, period: float, substeps: int = 1
 ) -> AnyState:
     """The state after all commands (T, thrusters), each held for a period (s), by the engines' equations."""

@@ -33,7 +33,7 @@ class TooManyPoints(ConfigError):
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchEffort:
     """Limits of a search; with less effort gaps are wider, and bounds hold all the same.
 
     Work is counted in nominal seconds: lattice points, programs and attempts, each worth what a core at

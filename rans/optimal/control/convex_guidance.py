@@ -17,7 +17,7 @@ from rans.optimal.control.planning import PlanningGuidance
 from rans.optimal.convex.impulses import Impulses
 from rans.optimal.convex.rendezvous import (
     Meeting,
-    Transfer,
+    MeetingTransfer,
     least_impulse,
     least_margins,
     rendezvous,
@@ -224,18 +224,18 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
 
     @staticmethod
-    def _searched(meeting: Meeting, relative_state: np.ndarray, left: float) -> Transfer:
+    def _searched(meeting: Meeting, relative_state: np.ndarray, left: float) -> MeetingTransfer:
         """The cheapest transfer; where none is known that keeps the limits, the cheapest without them."""
         answer = rendezvous(meeting, relative_state, left)
         return answer.free if answer.transfer is None else answer.transfer
 
     def _direct(
         self, meeting: Meeting, relative_state: np.ndarray, last: int, arrival: float
-    ) -> Transfer | None:
+    ) -> MeetingTransfer | None:
         """The transfer to the planned arrival, or where it keeps no limits to the first of later ones that does."""
         planned = round(arrival / meeting.interval)
         checks = [planned, *(max(1, round(fraction * last)) for fraction in self._later)]
-        unlimited: Transfer | None = None
+        unlimited: MeetingTransfer | None = None
         for check in dict.fromkeys(check for check in checks if 1 <= check <= last):
             free = least_impulse(meeting, relative_state, check)
             if free is None:

@@ -14,7 +14,7 @@ from rans.model.spacecraft import Spacecraft, is_steerable
 from rans.randomization.conditions import Conditions
 
 
-class Remembering(Controller, Protocol):
+class MemoryController(Controller, Protocol):
     """A controller whose memory of episodes can be read and replaced."""
 
     def memory(self) -> np.ndarray:
@@ -36,7 +36,7 @@ class WithoutDead:
     """
 
     def __init__(
-        self, nominal: Any, remaining: Remembering, alive: np.ndarray, craft: Spacecraft
+        self, nominal: Any, remaining: MemoryController, alive: np.ndarray, craft: Spacecraft
     ) -> None:
         self.name = nominal.name
         self.slow = getattr(nominal, "slow", False)
@@ -75,7 +75,7 @@ class WithoutDead:
 
 
 def expecting_dead(
-    nominal: Any, conditions: Conditions | None, make: Callable[[Spacecraft], Remembering]
+    nominal: Any, conditions: Conditions | None, make: Callable[[Spacecraft], MemoryController]
 ) -> Controller:
     """A controller that knows the thrusters that are dead from the start in every episode of some conditions.
 

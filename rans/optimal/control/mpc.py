@@ -53,7 +53,7 @@ else:
 
 
 @dataclass(frozen=True)
-class Settings:
+class MPCSettings:
     """How an MPC looks ahead.
 
     Raises:
@@ -72,7 +72,7 @@ class Settings:
 
 _WEIGHTS = Weights()
 _DEADBAND = Deadband()
-_SETTINGS = Settings()
+_SETTINGS = MPCSettings()
 _VIOLATION = 1e4
 """Cost of a margin that lacks 1 (SI units) after one period; full thrust along an axis costs 1."""
 _RESERVE = 0.01
@@ -120,7 +120,7 @@ class MPC(ModelBased):
         timing: Timing | None = None,
         weights: Weights = _WEIGHTS,
         deadband: Deadband = _DEADBAND,
-        settings: Settings = _SETTINGS,
+        settings: MPCSettings = _SETTINGS,
     ) -> None:
         super().__init__(craft, task, timing)
         craft = self._craft
@@ -128,7 +128,7 @@ class MPC(ModelBased):
         timing = self._timing
         self._weights = weights
         self._deadband = checked("deadband", deadband, Deadband)
-        self._settings = checked("settings", settings, Settings)
+        self._settings = checked("settings", settings, MPCSettings)
         self._wrenches = _wrenches(craft)
         self._wheels = craft.wheel_count
         self._tank = craft.propellant is not None

@@ -16,7 +16,7 @@ from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.mpc import MPC, Settings
+from rans.optimal.control.mpc import MPC, MPCSettings
 from rans.optimal.control.regulator import Deadband, Weights
 from rans.optimal.trajectory.allocation import check_thrusters_alone, inertia
 from rans.randomization.conditions import Conditions
@@ -103,7 +103,7 @@ class Observer:
 
 _WEIGHTS = Weights()
 _DEADBAND = Deadband()
-_SETTINGS = Settings()
+_SETTINGS = MPCSettings()
 _TRUST = Trust()
 
 
@@ -130,7 +130,7 @@ class ObserverMPC(MPC):
         timing: Timing | None = None,
         weights: Weights = _WEIGHTS,
         deadband: Deadband = _DEADBAND,
-        settings: Settings = _SETTINGS,
+        settings: MPCSettings = _SETTINGS,
         trust: Trust = _TRUST,
     ) -> None:
         super().__init__(craft, task, timing, weights, deadband, settings)

@@ -19,7 +19,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead
 from rans.optimal.control.switching import Curve, Switching
-from rans.optimal.trajectory.allocation import Patterns, check_thrusters_alone
+from rans.optimal.trajectory.allocation import ThrusterPatterns, check_thrusters_alone
 from rans.tasks.base import Task
 
 PERIODS = 2
@@ -112,7 +112,7 @@ class MPPI(ModelBased):
         self._period = self._timing.control_period
         self._body = Body.of(craft)
         self._price = curve.thrust_weight
-        self._patterns = Patterns(craft)
+        self._patterns = ThrusterPatterns(craft)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._parts = _PARTS if craft.actuators.is_continuous else _PARTS[:1]
         self._afterwards = Afterwards.of(craft, self._task, self._timing)

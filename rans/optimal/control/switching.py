@@ -25,7 +25,7 @@ from rans.optimal.control.regulator import (
     holding,
     mass_share,
 )
-from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
+from rans.optimal.trajectory.allocation import Allocation, ThrusterPatterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.randomization.conditions import Conditions
@@ -122,7 +122,7 @@ class Switching(ModelBased):
         self._curve = checked("curve", curve, Curve)
         craft = self._craft
         self._period = self._timing.control_period
-        self._patterns = Patterns(craft)
+        self._patterns = ThrusterPatterns(craft)
         matrix = inertia(craft)
         self._push, self._turn = Allocation(craft).accelerations()
         self._can_turn = can_turn(craft)
@@ -267,7 +267,7 @@ class Switching(ModelBased):
         ):
             if lowest == "attitude" and not self._can_turn:
                 continue
-            waits &= (lowest not in held) | (least_time(None, rate, full) < _SLOW * self._period)
+            waits &= (lowest not in held) | (time_to_rest(None, rate, full) < _SLOW * self._period)
         scales[:, waits] = 1.0
         return scales
 
@@ -290,7 +290,7 @@ class Switching(ModelBased):
         push = ((loads @ self._pushes) @ gap.to_world) * lighter[..., None]
         full = self._push * lighter
         acceleration = np.maximum(full * scales[0] - gap.pull[:, None], _LEAST_PUSH * full)
-        duration = least_time(
+        duration = time_to_rest(
             gap.p[:, None] + 0.5 * h * h * push if "position" in held else None,
             gap.v[:, None] + h * push,
             acceleration,
@@ -300,7 +300,7 @@ class Switching(ModelBased):
             turn = (loads @ self._turns) * lighter[..., None]
             if wheels is not None:
                 turn = turn + wheels.accelerations(turn)
-            turning = least_time(
+            turning = time_to_rest(
                 gap.turn[:, None] + 0.5 * h * h * turn if "attitude" in held else None,
                 gap.spin[:, None] + h * turn,
                 self._turn * lighter * scales[1],
@@ -420,7 +420,7 @@ def _pull(motion: LinearMotion, task: Task, period: float, state: Any, goal: Any
     return np.linalg.norm(holding(motion, held, state, goal, later), axis=0)
 
 
-def least_time(x: np.ndarray | None, v: np.ndarray, acceleration: Any) -> np.ndarray:
+def time_to_rest(x: np.ndarray | None, v: np.ndarray, acceleration: Any) -> np.ndarray:
     """Time to rest at the origin, or where there is no place x to go to, to rest anywhere, s.
 
     Along the way and across it, each as if alone, then their root of squares: exact on a line, nearly so

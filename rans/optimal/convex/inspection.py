@@ -18,7 +18,7 @@ _ROUNDING = 1e-9
 """Rounding of a share of points against its tolerance."""
 
 
-def least_impulse(
+def inspection_bound(
     craft: Spacecraft,
     task: Inspect,
     start: SpatialState,

@@ -152,7 +152,7 @@ class Meeting:
 
 
 @dataclass(frozen=True)
-class Transfer:
+class MeetingTransfer:
     """A flight of least impulse that meets at one check, and what the solver says about it."""
 
     check: int
@@ -177,9 +177,9 @@ class Answer:
     """N s: no flight that meets at any check up to the deadline uses less, with or without limits."""
     upper: float
     """N s, of `transfer`; infinite if no flight was found that keeps the limits."""
-    transfer: Transfer | None
+    transfer: MeetingTransfer | None
     """A flight that keeps every limit at every check."""
-    free: Transfer
+    free: MeetingTransfer
     """The cheapest flight found without limits."""
 
     @property
@@ -194,7 +194,7 @@ def least_impulse(
     check: int,
     limits: Sequence[Shape] = (),
     reference: np.ndarray | None = None,
-) -> Transfer | None:
+) -> MeetingTransfer | None:
     """The flight of least impulse that meets at a check; None: there is none.
 
     Args:
@@ -228,7 +228,7 @@ def least_impulse(
                 rows.keep(limit, k, reference[k])
 
 
-def trajectory(meeting: Meeting, start: np.ndarray, transfer: Transfer) -> np.ndarray:
+def trajectory(meeting: Meeting, start: np.ndarray, transfer: MeetingTransfer) -> np.ndarray:
     """States (check + 1, 2 d) of a transfer at every check from the start to the meeting."""
     states = meeting.free(start, np.arange(transfer.check + 1))
     _, _, effect = meeting._tables
@@ -349,7 +349,7 @@ def rendezvous(
     bounds = np.zeros(last + 1)
     bounds[0] = np.inf
     sharp: set[int] = set()
-    flights: dict[int, Transfer] = {}
+    flights: dict[int, MeetingTransfer] = {}
     cheapest = np.inf
 
     def sharpen(check: int) -> None:
@@ -380,7 +380,7 @@ def rendezvous(
         raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
     lower = float(np.min(bounds))
     order = sorted(flights.values(), key=lambda flight: flight.impulse)
-    best: Transfer | None = None
+    best: MeetingTransfer | None = None
     for begun in order[:3]:
         result = within_limits(meeting, start, begun)
         if result is not None and (best is None or result.impulse < best.impulse):
@@ -390,7 +390,9 @@ def rendezvous(
     return Answer(lower, np.inf if best is None else best.impulse, best, order[0])
 
 
-def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Transfer | None:
+def within_limits(
+    meeting: Meeting, start: np.ndarray, begun: MeetingTransfer
+) -> MeetingTransfer | None:
     """A flight that meets at the same check and keeps every limit at every check; None: none was found.
 
     Where the solver fails in a round, the flight of the rounds before counts. A cone applies near its apex only:
@@ -400,7 +402,7 @@ def within_limits(meeting: Meeting, start: np.ndarray, begun: Transfer) -> Trans
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
-    result: Transfer | None = None
+    result: MeetingTransfer | None = None
     cost = np.inf
     limits = meeting.limits
     is_final = not any(isinstance(limit, Cone) for limit in limits)
@@ -569,7 +571,7 @@ class _Rows:
         self._vector.append(np.concatenate([[constant], vector]))
         self._cones.append(len(vector) + 1)
 
-    def solve(self) -> Transfer | None:
+    def solve(self) -> MeetingTransfer | None:
         """The transfer; None: it is proved that there is none."""
         price = np.tile(self.meeting.price, self.periods)[self._used]
         count = len(price)
@@ -583,7 +585,7 @@ class _Rows:
         flat = np.zeros(len(self._used))
         flat[self._used] = np.clip(np.array(result.x), 0.0, 1.0)
         commands = flat.reshape(self.periods, -1)
-        return Transfer(
+        return MeetingTransfer(
             self.check,
             commands,
             float(price @ flat[self._used]),

@@ -291,7 +291,7 @@ def inertia(craft: Spacecraft) -> np.ndarray:
     return np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])
 
 
-class Patterns:
+class ThrusterPatterns:
     """Ways to open thrusters, (..., thrusters) bool, and better ones beside them.
 
     Neighbours differ in at most two thrusters. Two at a time find pairs whose torques cancel: with one at a
@@ -360,7 +360,7 @@ class SigmaDelta:
     """
 
     def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
-        self._patterns = Patterns(craft)
+        self._patterns = ThrusterPatterns(craft)
         self._allocation = Allocation(craft)
         size = craft.degrees_of_freedom
         metric = np.zeros((size, size))

@@ -48,7 +48,7 @@ def evaluation_figure(flight: Flight) -> Figure:
     """
     figure = Figure(figsize=(14.0, 6.6), layout="constrained")
     grid = figure.subplots(2, 4)
-    panels.activations(grid[0, 0], flight)
+    panels.activation_spread(grid[0, 0], flight)
     panels.trajectories(grid[1, 0], flight)
     for row, letters in enumerate(("bc", "fg")):
         panels.errors(grid[row, 1], grid[row, 2], flight, row, letters)

@@ -104,7 +104,7 @@ def legend_beside(figure: SubFigure, axes: Axes) -> None:
     blank.legend(*axes.get_legend_handles_labels(), loc="center left", borderaxespad=0.0)
 
 
-def activations(axes: Axes, flight: Flight) -> None:
+def activation_spread(axes: Axes, flight: Flight) -> None:
     """Per thruster, the spread over episodes of how long it was open."""
     seconds = flight.openings.sum(axis=0) * flight.timing.control_period
     parts = axes.boxplot(

@@ -12,7 +12,7 @@ from rans.show.pages.page import Table
 from rans.verdict import Failure
 
 
-def verdict(result: Mapping[str, Any]) -> str:
+def decision_sentence(result: Mapping[str, Any]) -> str:
     """In one sentence."""
     bound = result["bounds"]["any"]
     below = result["about"]["below"]

@@ -9,7 +9,7 @@ from rans.evaluation.assure.assurance import Assurance
 from rans.evaluation.assure.rare import GROUPS
 from rans.evaluation.assure.replay import CANDIDATES, Judge, Replayed, has_drake
 from rans.flight import Flight
-from rans.show.pages.assure_counts import counts, verdict
+from rans.show.pages.assure_counts import counts, decision_sentence
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
 from rans.tasks.quantities import QUANTITIES
 from rans.verdict import Failure
@@ -24,7 +24,7 @@ _TEXT = (
 )
 
 
-def page(assurance: Assurance, worst_case: str = "") -> Page:
+def assurance_page(assurance: Assurance, worst_case: str = "") -> Page:
     """Everything on one page, with the name of a file beside it that shows the worst case."""
     campaign = assurance.campaign
     run = assurance.run
@@ -55,7 +55,7 @@ def page(assurance: Assurance, worst_case: str = "") -> Page:
                 "environment": assurance.environment,
             }
         ),
-        verdict(result),
+        decision_sentence(result),
     )
 
 

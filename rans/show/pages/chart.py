@@ -116,12 +116,12 @@ class Chart:
             x = x_axis.at(value)
             yield f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP:g}" y2="{bottom:g}"/>'
             yield (
-                f'<text x="{x:.1f}" y="{bottom + 18:g}" text-anchor="middle">{number(value)}</text>'
+                f'<text x="{x:.1f}" y="{bottom + 18:g}" text-anchor="middle">{tick_label(value)}</text>'
             )
         for value in y_axis.ticks:
             y = y_axis.at(value)
             yield f'<line class="grid" x1="{_LEFT:g}" x2="{WIDTH - _RIGHT:g}" y1="{y:.1f}" y2="{y:.1f}"/>'
-            yield f'<text x="{_LEFT - 8:g}" y="{y + 4:.1f}" text-anchor="end">{number(value)}</text>'
+            yield f'<text x="{_LEFT - 8:g}" y="{y + 4:.1f}" text-anchor="end">{tick_label(value)}</text>'
         middle = (_LEFT + WIDTH - _RIGHT) / 2
         yield (
             f'<text x="{middle:g}" y="{HEIGHT - 10:g}" text-anchor="middle">{escape(self.x_label)}</text>'
@@ -169,7 +169,7 @@ class _Axis(NamedTuple):
         return cls(at, [float(x) for x in marks if low - 1e-9 <= x <= high + 1e-9])
 
 
-def number(value: float) -> str:
+def tick_label(value: float) -> str:
     """A tick's number; millions as "5 M", thousands from 10,000 on as "20 k".
 
     >>> number(2_500_000.0), number(20_000.0), number(0.3), number(-0.0)

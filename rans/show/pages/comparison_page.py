@@ -377,7 +377,7 @@ def _front(comparison: Comparison, front: Front) -> Section:
     return Section(
         "Front of time and impulse",
         text,
-        [Table(*front_tables.table(front))],
+        [Table(*front_tables.front_table(front))],
         findings=findings,
         charts=[front_chart(front, comparison.curve, comparison.entries)],
     )

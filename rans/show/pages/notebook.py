@@ -29,12 +29,12 @@ _SIDE = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"
 
 
 @singledispatch
-def html(value: Any) -> str:
+def html_of(value: Any) -> str:
     """A value as HTML; texts in it are no mark-up."""
     raise TypeError(f"notebooks show no {type(value).__name__}")
 
 
-@html.register
+@html_of.register
 def _(craft: Spacecraft) -> str:
     picture = (
         f'<img style="width:24em;max-width:100%" src="{data_uri(svg(draw_layout(craft)))}" '
@@ -44,7 +44,7 @@ def _(craft: Spacecraft) -> str:
     return f'<div style="{_SIDE}"><div>{tables}</div>{picture}</div>'
 
 
-@html.register
+@html_of.register
 def _(task: Task) -> str:
     summary = (type(task).__doc__ or "").strip().partition("\n")[0]
     listings = (
@@ -53,12 +53,12 @@ def _(task: Task) -> str:
     return f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, listings))}"
 
 
-@html.register
+@html_of.register
 def _(conditions: Conditions) -> str:
     return _table(conditions_listing(conditions))
 
 
-@html.register
+@html_of.register
 def _(metrics: Metrics) -> str:
     rows = [
         (name, value, interval, meaning) for _, (name, value, interval, meaning) in metrics.lines()
@@ -66,7 +66,7 @@ def _(metrics: Metrics) -> str:
     return _table(Listing(metrics.title(), COLUMNS, rows))
 
 
-@html.register
+@html_of.register
 def _(comparison: Comparison) -> str:
     board = scoreboard(comparison)
     keys = dict.fromkeys(key for row in board.values() for key in row)
@@ -77,7 +77,7 @@ def _(comparison: Comparison) -> str:
     return _table(Listing(comparison.contest.title(), ("", *board), rows)) + paragraphs
 
 
-@html.register
+@html_of.register
 def _(report: StressReport) -> str:
     held = Listing(
         f"Share held, %: {report.title()}",

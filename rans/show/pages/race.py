@@ -76,7 +76,7 @@ def race(
     )
 
 
-def replay(flight: Flight, name: str) -> Race | None:
+def median_and_slowest(flight: Flight, name: str) -> Race | None:
     """The median episode of a flight and its slowest ones; None for tasks without a goal position."""
     if "position" not in flight.errors():
         return None

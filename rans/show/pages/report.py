@@ -20,7 +20,7 @@ from rans.files import inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
 from rans.proof.proved import proved
 from rans.show.figures.panels import STYLE, series_style
-from rans.show.pages.assure_counts import counts, is_over, verdict
+from rans.show.pages.assure_counts import counts, decision_sentence, is_over
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import (
     Finding,
@@ -395,7 +395,7 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
         _title(file),
         f"Flown by {result['command']}.",
         [table],
-        findings=[Finding(verdict(result), passed)],
+        findings=[Finding(decision_sentence(result), passed)],
         summary=[
             ("flights that failed", failed),
             (f"probability of failure, {table.columns[-1]}", table.rows[0][-1]),

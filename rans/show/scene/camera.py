@@ -23,7 +23,9 @@ class Camera(NamedTuple):
         return _axes(self.position - self.target)
 
 
-def fit(points: np.ndarray, direction: Sequence[float], upright: float, aspect: float) -> Camera:
+def fitted_camera(
+    points: np.ndarray, direction: Sequence[float], upright: float, aspect: float
+) -> Camera:
     """The nearest camera in this direction that sees all points.
 
     A point stands x to the right, y up and z towards the viewer. It is in a picture whose half width is

@@ -14,7 +14,7 @@ from rans.flight import Flight
 from rans.show.scene import scene
 from rans.show.scene.camera import Camera
 from rans.show.scene.render import DIRECTION, FIELD_OF_VIEW, INK, Renderer, solved_at
-from rans.show.scene.scene import Motion
+from rans.show.scene.scene import SceneMotion
 
 _ROWS = 2
 _COLUMNS = 5
@@ -32,7 +32,7 @@ def save_frames(flight: Flight, episode: int, file: Path) -> None:
     """
     if file.suffix.lower() not in Image.registered_extensions():
         raise ConfigError(f"cannot tell a picture's format from the name {file.name!r}; use .png.")
-    motion = Motion.of(flight, episode)
+    motion = SceneMotion.of(flight, episode)
     renderer = Renderer(motion, _WIDTH, _HEIGHT)
     picture = Image.new("RGB", (_COLUMNS * _WIDTH, _ROWS * _HEIGHT), "white")
     for index, k in enumerate(_instants(flight, episode, len(motion.poses))):
@@ -60,7 +60,7 @@ def _instants(flight: Flight, episode: int, count: int) -> np.ndarray:
     ).astype(int)
 
 
-def _camera(motion: Motion, k: int) -> Camera:
+def _camera(motion: SceneMotion, k: int) -> Camera:
     """Looking at the middle between spacecraft and goal."""
     points = np.array([motion.poses[k].translation(), motion.goal_at(k).translation()])
     target = points.mean(axis=0)

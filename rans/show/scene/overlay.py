@@ -11,7 +11,7 @@ from typing import Any
 from pydrake.geometry import Rgba
 
 from rans.flight import Flight
-from rans.show.scene.scene import BODIES, Motion
+from rans.show.scene.scene import BODIES, SceneMotion
 from rans.tasks.quantities import QUANTITIES
 
 _ENDS = "</body>"
@@ -19,7 +19,7 @@ _ENDS = "</body>"
 
 def html(
     flights: Sequence[Flight],
-    rows: Sequence[Sequence[Motion]],
+    rows: Sequence[Sequence[SceneMotion]],
     paths: Sequence[str],
     colours: Sequence[str],
     title: str,
@@ -94,7 +94,7 @@ def css(colour: Rgba) -> str:
     return f"rgb({', '.join(str(round(255.0 * x)) for x in (colour.r(), colour.g(), colour.b()))})"
 
 
-def _series(motion: Motion) -> dict[str, Any]:
+def _series(motion: SceneMotion) -> dict[str, Any]:
     return {
         "radius": motion.craft.radius,
         "times": [round(float(t), 4) for t in motion.times],

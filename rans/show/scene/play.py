@@ -21,7 +21,7 @@ from rans.drawing import columns
 from rans.evaluation.fly.agent import LoadedRun
 from rans.model.fields import map_leaves
 from rans.show.scene import craft, scene
-from rans.show.scene.camera import fit
+from rans.show.scene.camera import fitted_camera
 from rans.show.scene.interactive import InteractiveFlight
 from rans.show.scene.view import ASPECT, CAMERA, DIRECTION, SKY, STAGE, UPRIGHT
 from rans.tasks.quantities import QUANTITIES
@@ -61,7 +61,7 @@ _NOISE = "noise (% of 5 cm, 5 deg)"
 _SPEED = "speed"
 
 
-class Playground:
+class LivePlayground:
     """One flight in Meshcat, with controls beside it.
 
     Sliders move the goal, choose a thruster, and set delay, noise and speed; buttons pause, step, go back, begin
@@ -248,7 +248,7 @@ class Playground:
         size = float(np.linalg.norm(high - low))
         self._meshcat.SetProperty(CAMERA, "near", 2e-3 * size)
         self._meshcat.SetProperty(CAMERA, "far", 3.0 * scene.STARS * size)
-        camera, target = fit(np.array([low, high]), DIRECTION[planar], UPRIGHT, ASPECT)
+        camera, target = fitted_camera(np.array([low, high]), DIRECTION[planar], UPRIGHT, ASPECT)
         self._meshcat.SetCameraPose(camera, target)
         self._put_craft()
         self._put(

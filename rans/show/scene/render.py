@@ -22,7 +22,7 @@ from rans.flight import Flight
 from rans.show.scene import craft, scene
 from rans.show.scene.camera import Camera
 from rans.show.scene.craft import Part
-from rans.show.scene.scene import Motion
+from rans.show.scene.scene import SceneMotion
 
 FIELD_OF_VIEW = math.radians(35.0)
 DIRECTION = {2: (-0.1, -0.75, 0.65), 3: (-0.35, -0.85, 0.4)}
@@ -47,7 +47,7 @@ class Renderer:
     `ConfigError` if the libraries of OpenGL are missing.
     """
 
-    def __init__(self, motion: Motion, width: int, height: int) -> None:
+    def __init__(self, motion: SceneMotion, width: int, height: int) -> None:
         require_egl()
         self.motion = motion
         self.width = width
@@ -143,7 +143,7 @@ class Renderer:
         return name
 
 
-def instant(motion: Motion, time: float) -> int:
+def instant(motion: SceneMotion, time: float) -> int:
     """The last instant that is not after a time, s."""
     return int(np.searchsorted(motion.times, time + 1e-9, side="right")) - 1
 

@@ -56,7 +56,7 @@ _MARGIN = 2.2
 
 
 @dataclass(frozen=True)
-class Motion:
+class SceneMotion:
     """K instants of one spacecraft, up to the end of its episode or its failure."""
 
     craft: Spacecraft
@@ -81,7 +81,7 @@ class Motion:
     """Zones, cones and limits of the task, whose fields are arrays (K,)."""
 
     @classmethod
-    def of(cls, flight: Flight, episode: int) -> Motion:
+    def of(cls, flight: Flight, episode: int) -> SceneMotion:
         """Motion of one episode of a flight, by its index in the batch."""
         states = map_leaves(lambda x: x[:, episode], flight.states)
         instants = np.zeros(len(flight.times))

@@ -14,7 +14,7 @@ from rans.errors import ConfigError, MissingPackage, is_installed
 from rans.files import replace_file
 from rans.flight import Flight
 from rans.progress import Stages, unseen_stages
-from rans.show.scene.camera import fit
+from rans.show.scene.camera import fitted_camera
 from rans.show.scene.render import (
     DIRECTION,
     FIELD_OF_VIEW,
@@ -25,7 +25,7 @@ from rans.show.scene.render import (
     require_egl,
     solved_at,
 )
-from rans.show.scene.scene import Motion
+from rans.show.scene.scene import SceneMotion
 
 SUFFIXES = (".mp4", ".gif")
 _RATE = {".mp4": 25, ".gif": 12}
@@ -108,12 +108,14 @@ class _Panel:
 
     def __init__(self, flight: Flight, episode: int, ending: str) -> None:
         width, height = _SIZE[ending]
-        self.motion = Motion.of(flight, episode)
+        self.motion = SceneMotion.of(flight, episode)
         dimension = self.motion.craft.dimension
         count = len(self.motion.times)
         below = height - round(_HEAD * height)
         self._renderer = Renderer(self.motion, width, below)
-        self._camera = fit(self.motion.points(), DIRECTION[dimension], FIELD_OF_VIEW, width / below)
+        self._camera = fitted_camera(
+            self.motion.points(), DIRECTION[dimension], FIELD_OF_VIEW, width / below
+        )
         self._ground = Image.new(
             "RGB", (width, height), tuple(round(255.0 * x) for x in SKY[dimension])
         )

@@ -23,8 +23,8 @@ from pydrake.math import RigidTransform
 from rans.files import write_text
 from rans.flight import Flight
 from rans.show.scene import craft, overlay, scene
-from rans.show.scene.camera import fit
-from rans.show.scene.scene import Motion
+from rans.show.scene.camera import fitted_camera
+from rans.show.scene.scene import SceneMotion
 from rans.window import Served
 
 _FRAMES_PER_SECOND = 1000.0
@@ -80,7 +80,8 @@ class View:
         self._animation = MeshcatAnimation(_FRAMES_PER_SECOND)
         colours = list(islice(cycle(scene.BODIES), len(flights)))
         rows = [
-            [Motion.of(flight, k) for k in range(flight.commands.shape[1])] for flight in flights
+            [SceneMotion.of(flight, k) for k in range(flight.commands.shape[1])]
+            for flight in flights
         ]
         boxes = [motion.box() for row in rows for motion in row]
         low = np.min(boxes, axis=0)[0]
@@ -126,7 +127,7 @@ class View:
             self._meshcat.SetObject(f"{path}/{part.name}", part.shape, part.colour)
             self._meshcat.SetTransform(f"{path}/{part.name}", part.pose)
 
-    def _add(self, motion: Motion, path: str, body: Rgba, floor: float) -> None:
+    def _add(self, motion: SceneMotion, path: str, body: Rgba, floor: float) -> None:
         """One spacecraft with everything that belongs to it."""
         spacecraft = motion.craft
         frames = np.rint(motion.times * _FRAMES_PER_SECOND).astype(int)
@@ -159,7 +160,7 @@ class View:
             self._add_arrow(motion, frames, f"{path}/velocity", motion.velocities, goal=False)
 
     def _add_arrow(
-        self, motion: Motion, frames: np.ndarray, path: str, velocities: np.ndarray, goal: bool
+        self, motion: SceneMotion, frames: np.ndarray, path: str, velocities: np.ndarray, goal: bool
     ) -> None:
         """From the body's centre, as long as a velocity."""
         self._put(path, scene.velocity_parts(goal))
@@ -193,5 +194,5 @@ class View:
         size = float(np.linalg.norm(high - low))
         self._meshcat.SetProperty(CAMERA, "near", 2e-3 * size)
         self._meshcat.SetProperty(CAMERA, "far", 3.0 * scene.STARS * size)
-        camera, target = fit(points, DIRECTION[steep], UPRIGHT, ASPECT)
+        camera, target = fitted_camera(points, DIRECTION[steep], UPRIGHT, ASPECT)
         self._meshcat.SetCameraPose(camera, target)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.run_folder import RunFolder
 from rans.scenario import EVALUATION_SEED
@@ -37,7 +37,7 @@ def watch(run: Path, port: int) -> None:
     while True:
         changed = file.stat().st_mtime_ns if file.exists() else 0
         if changed != latest:
-            agent = load_agent(run)
+            agent = load_policy(run)
             view.show(
                 [fly_episodes(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight]
             )

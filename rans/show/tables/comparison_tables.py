@@ -237,7 +237,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                     for question, result in gaps(comparison).items()
                 },
             },
-            "front": front_tables.to_json(comparison.front) if comparison.front else None,
+            "front": front_tables.front_json(comparison.front) if comparison.front else None,
             "per_start": {
                 "contestants": {e.name: [*_starts(e)] for e in comparison.entries},
                 "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},

@@ -13,7 +13,7 @@ from rans.evaluation.measure.statistics import figure
 from rans.tasks.quantities import QUANTITIES
 
 
-def table(front: Front) -> tuple[list[str], list[list[str]]]:
+def front_table(front: Front) -> tuple[list[str], list[list[str]]]:
     """Columns, and a row for every contestant and position."""
     quantity, factor, unit = _error(front)
     rows = []
@@ -98,7 +98,7 @@ def _reason(verdict: Verdict, rival: Point, quantity: str, factor: float, unit: 
     )
 
 
-def to_json(front: Front) -> dict[str, Any]:
+def front_json(front: Front) -> dict[str, Any]:
     """For `rans.files.write_json`; SI units."""
     return {
         "horizon": front.contest.duration,

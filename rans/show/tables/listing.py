@@ -37,7 +37,7 @@ class Listing(NamedTuple):
 
 def spacecraft_listing(craft: Spacecraft) -> Listing:
     """Masses and shape."""
-    moments = "\n".join(vector(row, 4) for row in craft.inertia)
+    moments = "\n".join(vector_text(row, 4) for row in craft.inertia)
     return Listing(
         craft.name,
         ("property", "value"),
@@ -45,7 +45,7 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
             ("moves in", space(craft)),
             ("mass", f"{craft.mass:g} kg"),
             ("inertia about the centre of mass, kg m²", moments),
-            ("centre of mass, m", vector(craft.centre_of_mass[: craft.dimension], 4)),
+            ("centre of mass, m", vector_text(craft.centre_of_mass[: craft.dimension], 4)),
             ("outer radius", f"{craft.radius:g} m"),
             ("thrust sharing", craft.thrust_sharing),
             ("actuators", craft.actuators.kind),
@@ -74,7 +74,7 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
     for i, wheel in enumerate(craft.wheels):
         yield (
             f"wheel {i}",
-            f"about {vector(wheel.axis, 4)}, {wheel.max_torque:g} N m, {wheel.max_momentum:g} N m s, "
+            f"about {vector_text(wheel.axis, 4)}, {wheel.max_torque:g} N m, {wheel.max_momentum:g} N m s, "
             f"{wheel.inertia:g} kg m²",
         )
 
@@ -88,7 +88,10 @@ def thruster_listing(craft: Spacecraft) -> Listing:
         [
             (
                 str(i),
-                *(vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])),
+                *(
+                    vector_text(v)
+                    for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])
+                ),
             )
             for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))
         ],
@@ -224,7 +227,7 @@ def space(craft: Spacecraft) -> str:
     return "plane, 3DoF" if craft.dimension == 2 else "space, 6DoF"
 
 
-def vector(numbers: Iterable[float], digits: int = 3) -> str:
+def vector_text(numbers: Iterable[float], digits: int = 3) -> str:
     """Numbers side by side."""
     # Rounding first and adding zero turns -0 and rounding errors into 0.
     return " ".join(f"{round(x, 9) + 0.0:.{digits}g}" for x in numbers)

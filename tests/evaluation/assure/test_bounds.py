@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import binomtest
 
 from rans.errors import ConfigError
-from rans.evaluation.assure.bounds import Plan, flights_needed, lower, plan, upper
+from rans.evaluation.assure.bounds import CampaignPlan, flights_needed, lower, plan, upper
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_a_rare_event_needs_as_many_flights_as_the_logarithm_says() -> None:
     assert flights_needed(1e-7, 0.01) == math.ceil(math.log(0.01) / math.log1p(-1e-7)) == 46_051_700
 
 
-def _ends(made: Plan, probability: float, campaigns: int) -> tuple[float, float]:
+def _ends(made: CampaignPlan, probability: float, campaigns: int) -> tuple[float, float]:
     """Shares of campaigns that end in "below" and in "above"."""
     random = np.random.default_rng(0)
     ends = {"below": 0, "above": 0, "open": 0}

@@ -11,7 +11,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.campaign import Campaign
-from rans.evaluation.assure.replay import drawing, failures, replays
+from rans.evaluation.assure.replay import drawing, failure_kinds, replays
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_draws
@@ -116,7 +116,7 @@ def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved
     run: LoadedRun,
 ) -> None:
     flight = fly_draws(run.controller, run.judged, drawing(2026, range(100, 228)))
-    found = failures(flight)
+    found = failure_kinds(flight)
     right = solved(flight)
     assert [one is None for one in found] == right.tolist()
     assert 0 < (~right).sum() < 128  # four in five fail
@@ -136,7 +136,7 @@ def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
     still = replace(
         flight.states, p=replace(flight.states.p, x=distance, y=0.0 * distance), attitude=heading
     )
-    assert failures(replace(flight, states=still)) == [
+    assert failure_kinds(replace(flight, states=still)) == [
         None,
         Failure.TERMINATED,
         Failure.LEFT,

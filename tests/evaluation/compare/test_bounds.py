@@ -16,20 +16,20 @@ from rans.evaluation.compare.bounds import (
     Event,
     Question,
     bound,
-    bounds,
+    bounds_in_parallel,
+    bounds_table,
+    count_of_periods,
     goal_set,
     no_certificate,
     question,
     staying_set,
-    table,
-    whole_periods,
 )
 from rans.model.fields import Heading, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import staying_time
-from rans.optimal.certificate.problem import Effort, Unreachable
+from rans.optimal.certificate.problem import SearchEffort, Unreachable
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from rans.tasks.goal_set import aims
@@ -40,10 +40,13 @@ TASK = GoToPose(spawn_distance=(0.5, 0.6))
 
 
 def asked(craft: Spacecraft, task: Task, starts: Scenario, horizon: float | None) -> list[Bound]:
-    common = (craft, tuple(sorted(aims(task))), goal_set(task), 0.2, horizon, Effort(5.0))
+    common = (craft, tuple(sorted(aims(task))), goal_set(task), 0.2, horizon, SearchEffort(5.0))
     questions = [Question(*common, one) for one in each(starts)]
     ticks: list[int] = []
-    found = [answer for _, answer in bounds(questions, range(len(questions)), 1, ticks.append)]
+    found = [
+        answer
+        for _, answer in bounds_in_parallel(questions, range(len(questions)), 1, ticks.append)
+    ]
     assert len(ticks) == len(found) == len(questions)
     return found
 
@@ -74,7 +77,7 @@ def test_where_no_certificate_exists_the_hull_counts(
             math.ceil(answer.hull / 0.2) * 0.2 for answer in found
         ]
     )
-    assert table("no", "N s", found, [math.nan, 5.0]).row_count == 2
+    assert bounds_table("no", "N s", found, [math.nan, 5.0]).row_count == 2
 
 
 def test_a_horizon_too_short_for_anything_is_certified() -> None:
@@ -89,9 +92,9 @@ def test_a_spin_that_no_pulse_stops_has_no_certificate() -> None:
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
     spinning = replace(one, start=replace(one.start, w=0.15))
     question = Question(
-        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), spinning
+        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, SearchEffort(5.0), spinning
     )
-    [(_, answer)] = bounds([question], [7], 1)
+    [(_, answer)] = bounds_in_parallel([question], [7], 1)
     assert (answer.start, answer.lower, answer.upper) == (7, None, math.inf)
     assert answer.hull > 0
     assert answer.best == pytest.approx(math.ceil(answer.hull / 0.2) * 0.2)  # whole periods
@@ -108,16 +111,16 @@ def test_who_is_there_already_needs_nothing() -> None:
         ),
     )  # type: ignore[union-attr]
     question = Question(
-        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), there
+        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, SearchEffort(5.0), there
     )
-    [(_, answer)] = bounds([question], [0], 1)
+    [(_, answer)] = bounds_in_parallel([question], [0], 1)
     assert answer.hull == answer.lower == answer.upper == 0.0
 
 
 def one_start(**changes: Any) -> Question:
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
     question = Question(
-        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), one
+        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, SearchEffort(5.0), one
     )
     return question._replace(**changes)
 
@@ -136,7 +139,7 @@ def test_bounds_of_settling_are_below_those_of_arrival() -> None:
     """Within 5 cm and 5 degrees at a speed that allows to stay, no rest asked; no control is claimed."""
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
     settles, arrives = (
-        bound(0, question(PLATFORM, TASK, 0.2, Event(kind), Effort(5.0), one))
+        bound(0, question(PLATFORM, TASK, 0.2, Event(kind), SearchEffort(5.0), one))
         for kind in ("settling", "arrival")
     )
     assert settles.lower is not None
@@ -160,7 +163,7 @@ def test_bounds_of_settling_are_below_those_of_arrival() -> None:
 def test_what_settling_asks_for(craft: Spacecraft, task: Task, wanted: tuple[str, ...]) -> None:
     """The task's tolerances, and the speed up to which one can stay near a place; no rest, and no spin."""
     [one] = each(scenarios(task, craft, 5, 1))
-    asking = question(craft, task, 0.2, Event("settling"), Effort(1.0), one)
+    asking = question(craft, task, 0.2, Event("settling"), SearchEffort(1.0), one)
     near = task.tolerances()
     assert (asking.aims, asking.kind, asking.horizon) == (wanted, "settling", None)
     assert (asking.goals.position, asking.goals.heading) == (
@@ -176,7 +179,7 @@ def test_what_settling_asks_for(craft: Spacecraft, task: Task, wanted: tuple[str
 
 def test_settling_has_a_time_only() -> None:
     with pytest.raises(ConfigError, match="bounded for arrival only, not for settling"):
-        question(PLATFORM, TASK, 0.2, Event("settling", 10.0), Effort(), one_start().scenario)
+        question(PLATFORM, TASK, 0.2, Event("settling", 10.0), SearchEffort(), one_start().scenario)
 
 
 def test_no_sequence_settles_before_its_bound() -> None:
@@ -194,7 +197,7 @@ def test_no_sequence_settles_before_its_bound() -> None:
     least = settling[settling <= watched].min()
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
     near = replace(one, start=replace(one.goal, p=Vec2(one.goal.p.x - 0.25, one.goal.p.y)))  # type: ignore[union-attr]
-    found = bound(0, question(PLATFORM, TASK, period, Event("settling"), Effort(1.0), near))
+    found = bound(0, question(PLATFORM, TASK, period, Event("settling"), SearchEffort(1.0), near))
     assert found.lower is not None
     assert 0.5 * least < found.lower <= least + 1e-9  # diagonal pairs push 1.4 times as hard
 
@@ -204,7 +207,7 @@ def test_thrust_is_bounded_for_25_seconds() -> None:
 
     With next to none the certificate still says as much as the hull, in whole pulses.
     """
-    for effort in (Effort(0.1, 0.1, 1), Effort(1e-9, 1e-9, 1)):
+    for effort in (SearchEffort(0.1, 0.1, 1), SearchEffort(1e-9, 1e-9, 1)):
         answer = bound(0, one_start(horizon=25.0, effort=effort))
         assert answer.lower is not None
         assert 0.0 < answer.hull <= answer.lower <= answer.upper
@@ -225,7 +228,7 @@ def test_a_bound_does_not_depend_on_the_clock(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_unequal_thrusters_have_no_pulse_to_round_to() -> None:
-    [(_, answer)] = bounds([one_start(craft=nasty_planar(), horizon=10.0)], [0], 1)
+    [(_, answer)] = bounds_in_parallel([one_start(craft=nasty_planar(), horizon=10.0)], [0], 1)
     assert answer.unit == 0.0
     assert answer.best == answer.hull > 0
 
@@ -240,8 +243,8 @@ def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatc
         asked.append(steps)
         raise Unreachable("not today")
 
-    monkeypatch.setattr("rans.evaluation.compare.bounds.least_fuel", search)
-    [(_, answer)] = bounds([one_start(horizon=periods * 0.2)], [0], 1)
+    monkeypatch.setattr("rans.evaluation.compare.bounds.certified_least_fuel", search)
+    [(_, answer)] = bounds_in_parallel([one_start(horizon=periods * 0.2)], [0], 1)
     assert asked == [periods]
     assert answer.lower == math.inf
 
@@ -262,13 +265,13 @@ def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatc
 )
 def test_times_that_bound_nothing(changes: dict[str, float], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        list(bounds([one_start(**changes)], [0], 1))
+        list(bounds_in_parallel([one_start(**changes)], [0], 1))
 
 
 @pytest.mark.parametrize("period", [0.0, math.nan, -0.2])
 def test_periods_that_no_horizon_is_made_of(period: float) -> None:
     with pytest.raises(ConfigError, match="control period > 0 s"):
-        whole_periods(1.0, period)
+        count_of_periods(1.0, period)
 
 
 @pytest.mark.parametrize("horizon", [None, 4.0])
@@ -288,7 +291,7 @@ def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, va
     for name in ("start", "goal"):
         wrong = replace(one, **{name: replace(getattr(one, name), **{field: value})})
         with pytest.raises(ConfigError, match=f"finite {name}"):
-            list(bounds([question._replace(scenario=wrong)], [0], 1))
+            list(bounds_in_parallel([question._replace(scenario=wrong)], [0], 1))
 
 
 @pytest.mark.slow
@@ -302,7 +305,7 @@ def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> No
         task,
         0.2,
         Event(horizon=horizon),
-        Effort(1e-9),
+        SearchEffort(1e-9),
         next(iter(each(scenarios(task, craft, 5, 1)))),
     )
     found = bound(0, asking)
@@ -324,13 +327,13 @@ def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("rans.optimal.certificate.plane.dual.Relaxation._tables", missing)
     for horizon in (None, 10.0):
         with pytest.raises(ConfigError, match="install numba"):
-            list(bounds([one_start(horizon=horizon)], [0], 1))
+            list(bounds_in_parallel([one_start(horizon=horizon)], [0], 1))
 
 
 def test_what_is_looked_for_is_what_was_asked() -> None:
     """Least time in s, least impulse in N s; by which the commands found are judged."""
-    [(_, timed)] = bounds([one_start()], [3], 1)
-    [(_, fuelled)] = bounds([one_start(horizon=6.0)], [4], 1)
+    [(_, timed)] = bounds_in_parallel([one_start()], [3], 1)
+    [(_, fuelled)] = bounds_in_parallel([one_start(horizon=6.0)], [4], 1)
     assert (timed.start, timed.horizon, fuelled.start, fuelled.horizon) == (3, None, 4, 6.0)
     assert timed.commands is not None
     assert fuelled.commands is not None
@@ -350,7 +353,7 @@ def test_goal_set_of_a_task() -> None:
 
 def test_the_table_shows_every_number() -> None:
     answers = [Bound(4, 8.0, 1.0, 2.0, 2.5), Bound(5, 8.0, 1.25), Bound(6, 8.0, 1.0, math.inf)]
-    shown = table("why", "N s", answers, [1.5, math.nan, 2.0])
+    shown = bounds_table("why", "N s", answers, [1.5, math.nan, 2.0])
     cells = [list(column.cells) for column in shown.columns]
     assert cells == [
         ["4", "5", "6"],
@@ -361,7 +364,7 @@ def test_the_table_shows_every_number() -> None:
         ["25.0 %", "-", "-"],
     ]
     assert (shown.title, shown.caption) == ("What nothing can beat: N s", "why")
-    shown = table("why", "s", [Bound(4, None, 1.0, 2.0, kind="settling")], [math.nan])
+    shown = bounds_table("why", "s", [Bound(4, None, 1.0, 2.0, kind="settling")], [math.nan])
     assert [[*column.cells] for column in shown.columns] == [
         ["4"],
         ["1.000"],
@@ -379,8 +382,12 @@ def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPat
         asked.append(steps)
         raise Unreachable("not today")
 
-    monkeypatch.setattr("rans.evaluation.compare.bounds.least_time", search)
-    list(bounds([one_start(), one_start(period=0.25), one_start(period=30.0)], [0, 1, 2], 1))
+    monkeypatch.setattr("rans.evaluation.compare.bounds.certified_least_time", search)
+    list(
+        bounds_in_parallel(
+            [one_start(), one_start(period=0.25), one_start(period=30.0)], [0, 1, 2], 1
+        )
+    )
     assert asked == [125, 100, 1]
 
 
@@ -392,7 +399,7 @@ def test_a_start_far_away_has_the_bound_of_the_hull(distance: float) -> None:
     """
     (one,) = each(scenarios(TASK, PLATFORM, 2023, 1))
     far = replace(one, start=replace(one.start, p=Vec2(distance, 0.0)))
-    answer = bound(0, question(PLATFORM, TASK, 0.2, Event(), Effort(1.0), far))
+    answer = bound(0, question(PLATFORM, TASK, 0.2, Event(), SearchEffort(1.0), far))
     push = 4.0 / math.sqrt(2.0) / PLATFORM.mass
     assert answer.upper == math.inf
     assert answer.best == pytest.approx(2.0 * math.sqrt(distance / push), rel=0.02)
@@ -401,6 +408,6 @@ def test_a_start_far_away_has_the_bound_of_the_hull(distance: float) -> None:
 def test_a_horizon_too_long_for_a_certificate_has_the_bound_of_the_hull() -> None:
     (one,) = each(scenarios(TASK, PLATFORM, 2023, 1))
     far = replace(one, start=replace(one.start, p=Vec2(30.0, 0.0)))
-    answer = bound(0, question(PLATFORM, TASK, 0.2, Event(horizon=400.0), Effort(1.0), far))
+    answer = bound(0, question(PLATFORM, TASK, 0.2, Event(horizon=400.0), SearchEffort(1.0), far))
     assert answer.lower is None
     assert 0.0 < answer.best < math.inf

@@ -13,7 +13,7 @@ import pytest
 
 from rans.evaluation.compare import certified
 from rans.evaluation.compare.bounds import Bound, Event, Question, goal_set, staying_set
-from rans.evaluation.compare.certified import certify
+from rans.evaluation.compare.certified import certified_bounds
 from rans.evaluation.compare.contest import Contest
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -48,13 +48,13 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Question]:
                 ),
             )
 
-    monkeypatch.setattr(certified, "bounds", search)
+    monkeypatch.setattr(certified, "bounds_in_parallel", search)
     return questions
 
 
 def test_every_start_has_a_time_and_its_horizons(asked: list[Question]) -> None:
     events = [Event(), Event("settling"), Event(horizon=10.0)]
-    answers = list(certify(CONTEST, 2, events))
+    answers = list(certified_bounds(CONTEST, 2, events))
     assert [(a.start, a.event) for a in answers] == [(k, event) for k in (0, 1) for event in events]
     assert [q.scenario.start.p.x for q in asked[::3]] == CONTEST.starts.start.p.x[:2].tolist()
     for asking in asked:
@@ -64,20 +64,20 @@ def test_every_start_has_a_time_and_its_horizons(asked: list[Question]) -> None:
         assert asking.goals == (
             goal_set(CONTEST.task) if rest else staying_set(CONTEST.craft, CONTEST.task, 0.25)
         )
-    assert len(list(certify(CONTEST, 99, [Event()]))) == 3  # no more starts than there are
+    assert len(list(certified_bounds(CONTEST, 99, [Event()]))) == 3  # no more starts than there are
 
 
 def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) -> None:
     """Infinities too; under the number that the start has now; and each counts as progress."""
     cache = tmp_path / "bounds.json"
     ticks = []
-    first = list(certify(CONTEST, 2, EVENTS, cache))
-    again = list(certify(CONTEST, 2, EVENTS, cache, progress=ticks.append))
+    first = list(certified_bounds(CONTEST, 2, EVENTS, cache))
+    again = list(certified_bounds(CONTEST, 2, EVENTS, cache, progress=ticks.append))
     assert again == first
     assert len(asked) == len(ticks) == 4
     rows = json.loads(cache.read_text())
     cache.write_text(json.dumps({key: {**row, "start": 77} for key, row in rows.items()}))
-    assert [a.start for a in certify(CONTEST, 2, EVENTS, cache)] == [0, 0, 1, 1]
+    assert [a.start for a in certified_bounds(CONTEST, 2, EVENTS, cache)] == [0, 0, 1, 1]
     assert len(asked) == 4
 
 
@@ -85,8 +85,8 @@ def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) ->
 def test_two_comparisons_at_once_lose_no_bounds(tmp_path: Path) -> None:
     """Each reads what is kept when it begins, and adds to what is there when it has found something."""
     cache = tmp_path / "bounds.json"
-    slow = certify(CONTEST, 2, [Event()], cache)
-    quick = certify(CONTEST, 1, [Event("settling")], cache)
+    slow = certified_bounds(CONTEST, 2, [Event()], cache)
+    quick = certified_bounds(CONTEST, 1, [Event("settling")], cache)
     next(slow)
     list(quick)
     list(slow)
@@ -97,16 +97,16 @@ def test_other_questions_and_older_proofs_are_searched_anew(
     asked: list[Question], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cache = tmp_path / "bounds.json"
-    list(certify(CONTEST, 1, [Event()], cache))
+    list(certified_bounds(CONTEST, 1, [Event()], cache))
     for other in (
         replace(CONTEST, timing=Timing(0.2)),
         replace(CONTEST, seed=5),
         replace(CONTEST, craft=replace(CONTEST.craft, mass=6.0)),
     ):
-        list(certify(other, 1, [Event()], cache))
+        list(certified_bounds(other, 1, [Event()], cache))
     assert len(asked) == 4
-    list(certify(CONTEST, 1, [Event()], cache))
+    list(certified_bounds(CONTEST, 1, [Event()], cache))
     assert len(asked) == 4
     monkeypatch.setattr(certified, "_VERSION", certified._VERSION + 1)
-    list(certify(CONTEST, 1, [Event()], cache))
+    list(certified_bounds(CONTEST, 1, [Event()], cache))
     assert len(asked) == 5

@@ -19,7 +19,7 @@ from rans.evaluation.compare.front import Front, Point, certify_front, judged, l
 from rans.show.pages.comparison_charts import front_chart
 from rans.show.pages.comparison_page import page
 from rans.show.tables.comparison_tables import to_json
-from rans.show.tables.front_tables import sentences, table
+from rans.show.tables.front_tables import front_table, sentences
 from tests.support.comparisons import NOBODY, comparison, entry
 
 LINE = [Point(5.0, 20.0, 0.01, 1.0), Point(10.0, 10.0, 0.03, 0.9), Point(20.0, 4.0, 0.02, 1.0)]
@@ -213,7 +213,7 @@ def test_words_and_figures_of_a_front() -> None:
     assert [*found.lines()] == ["agent"]  # from fast to thrifty; one position makes no line
     assert [one.name for one in found.lines()["agent"]] == ["agent#0", "agent#1"]
     assert [one.name for one in found.others()] == ["dear", "held#0.5"]
-    columns, rows = table(found)
+    columns, rows = front_table(found)
     assert columns[4] == "position error, cm"
     assert rows[0] == ["agent#0", "66.7", "2.67", "1", "301", "1.83", "2", "3"]
     assert [row[3] for row in rows] == ["1", "0.5", "4", "1"]
@@ -258,7 +258,7 @@ def test_the_budget_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.compare.front.time.monotonic", lambda: float(next(clock)))
     monkeypatch.setattr(
         certified,
-        "bounds",
+        "bounds_in_parallel",
         lambda asked, starts, *_: (
             (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)
         ),

@@ -62,7 +62,7 @@ def test_lost_starts_are_rows_with_a_sentence() -> None:
         True,
         True,
     ]
-    table = optima.table("title", FUEL, answers)
+    table = optima.optima_table("title", FUEL, answers)
     assert table.row_count == 3
     assert str(table.caption).count("Start ") == 2
 
@@ -142,7 +142,9 @@ def test_a_row_of_numbers() -> None:
     answer = optima.Optimum(
         3, made_up(4, 0.2), 4e-4, {"position": 0.02, "attitude": math.radians(1.0)}
     )
-    shown = optima.table("title", FUEL, [answer, replace(answer, start=4, replay_error=0.002)])
+    shown = optima.optima_table(
+        "title", FUEL, [answer, replace(answer, start=4, replay_error=0.002)]
+    )
     cells = [list(column.cells) for column in shown.columns]
     assert cells == [
         ["3", "4"],

@@ -15,14 +15,14 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.compare import run
 from rans.evaluation.compare.bounds import Event
-from rans.evaluation.compare.certified import certify
+from rans.evaluation.compare.certified import certified_bounds
 from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.files import plain
 from rans.flight import fly
 from rans.model.fields import map_leaves
 from rans.model.timing import Timing
-from rans.optimal.certificate.problem import Effort
+from rans.optimal.certificate.problem import SearchEffort
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.randomization.conditions_file import load_conditions
 from rans.show.pages.comparison_page import TEXT, page
@@ -46,7 +46,7 @@ SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.support.policies:broken"]
 def _little_effort() -> Iterator[None]:
     """Bounds with wide gaps are bounds too."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans.evaluation.compare.certified._EFFORT", Effort(0.5, 0.2, 1))
+        patch.setattr("rans.evaluation.compare.certified._EFFORT", SearchEffort(0.5, 0.2, 1))
         yield
 
 
@@ -121,7 +121,7 @@ def test_bounds_have_one_order_however_they_are_found(
 ) -> None:
     """Processes answer in the order in which they are ready."""
     ready = list(reversed(comparison.certified))
-    monkeypatch.setattr(run, "certify", lambda *_: iter(ready))
+    monkeypatch.setattr(run, "certified_bounds", lambda *_: iter(ready))
     other = Comparison(CONTEST)
     run._find_certified(other, 2, None, lambda *_: lambda _: None, 1)
     assert other.certified == comparison.certified
@@ -194,18 +194,19 @@ def test_bounds_are_kept_for_the_next_time(
 ) -> None:
     searched: list[object] = []
     monkeypatch.setattr(
-        "rans.evaluation.compare.certified.bounds", lambda asked, *_: searched.extend(asked) or ()
+        "rans.evaluation.compare.certified.bounds_in_parallel",
+        lambda asked, *_: searched.extend(asked) or (),
     )
-    again = list(certify(CONTEST, 2, comparison.asked(), cache))
+    again = list(certified_bounds(CONTEST, 2, comparison.asked(), cache))
     assert not searched
     key = lambda c: (c.start, c.kind, c.horizon or 0.0)  # noqa: E731
     assert sorted(again, key=key) == sorted(comparison.certified, key=key)
     other = replace(CONTEST, seed=5)  # other starts have other bounds
-    assert not list(certify(other, 1, [Event()], cache))
+    assert not list(certified_bounds(other, 1, [Event()], cache))
     assert len(searched) == 1
     cache.write_text('{"key": 3}')
     with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
-        list(certify(CONTEST, 1, [Event()], cache))
+        list(certified_bounds(CONTEST, 1, [Event()], cache))
 
 
 @pytest.mark.slow
@@ -213,7 +214,7 @@ def test_a_front_between_flights_and_proofs(
     comparison: Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What somebody spends until it is there is above the bound for its own time."""
-    monkeypatch.setattr("rans.evaluation.compare.front._EFFORT", Effort(0.2, 0.1, 1))
+    monkeypatch.setattr("rans.evaluation.compare.front._EFFORT", SearchEffort(0.2, 0.1, 1))
     monkeypatch.setattr("rans.evaluation.compare.front._MOST_STARTS", 1)
     told = replace(comparison, failures=[], notes=[])
     told.trace(enlisted(["switching:go-to-pose-2d"], CONTEST), 1e3, workers=1)
@@ -306,7 +307,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run, "certify", interrupted)
+    monkeypatch.setattr(run, "certified_bounds", interrupted)
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(CONTEST)
     with pytest.raises(KeyboardInterrupt):
@@ -349,7 +350,7 @@ def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) 
         return lambda *_: done.append(what)
 
     found = Comparison(CONTEST)
-    monkeypatch.setattr(run, "certify", lambda *given: iter(()))
+    monkeypatch.setattr(run, "certified_bounds", lambda *given: iter(()))
     found.fly(
         enlisted(["lqr:go-to-pose-2d"], found.contest),
         ["optimal"],

@@ -11,7 +11,7 @@ import pytest
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
-from rans.evaluation.compare.tuning import cost, tune
+from rans.evaluation.compare.tuning import cost, tuned_settings
 from rans.evaluation.fly.tuned import arguments
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.model.spacecraft_file import load_spacecraft
@@ -65,7 +65,7 @@ class Fixed(Firing):
 def test_finds_the_least_and_counts_the_budget() -> None:
     """Below 0.2 no valve opens in 10 periods; nobody settles, which counts twice 2 s."""
     steps: list[int] = []
-    found = tune(typed(f"{HERE}:Firing"), SETUP, 12, 3, 0.5, "the command", steps.append)
+    found = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 12, 3, 0.5, "the command", steps.append)
     assert steps == [1] * 12
     assert found.settings["habit.share"] < 0.2
     assert 0.5 <= found.settings["habit.unused"] <= 2.0
@@ -74,7 +74,7 @@ def test_finds_the_least_and_counts_the_budget() -> None:
         4.0 + 0.5 * 7 * 8 * 0.2
     )  # 7 periods, 8 thrusters of 1 N
     assert (found.candidates, found.starts, found.seed, found.price) == (12, 3, TUNING_SEED, 0.5)
-    assert found == tune(typed(f"{HERE}:Firing"), SETUP, 12, 3, 0.5, "the command")
+    assert found == tuned_settings(typed(f"{HERE}:Firing"), SETUP, 12, 3, 0.5, "the command")
 
 
 def test_an_interrupt_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,17 +87,17 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> N
         flown.append(1)
         return fly(*given)
 
-    whole = tune(typed(f"{HERE}:Firing"), SETUP, 3, 3, 0.5)
+    whole = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 3, 3, 0.5)
     monkeypatch.setattr(Contest, "fly", interrupted)
-    found = tune(typed(f"{HERE}:Firing"), SETUP, 9, 3, 0.5)
+    found = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 9, 3, 0.5)
     assert (found.candidates, found.costs["default"]) == (3, whole.costs["default"])
     with pytest.raises(KeyboardInterrupt):  # there is nothing yet
-        tune(typed(f"{HERE}:Firing"), SETUP, 9, 3, 0.5)
+        tuned_settings(typed(f"{HERE}:Firing"), SETUP, 9, 3, 0.5)
 
 
 def test_the_cost_is_that_of_the_flights() -> None:
     setup = SETUP._replace(timing=Timing())
-    found = tune("lqr", setup, 3, 4, 0.02)
+    found = tuned_settings("lqr", setup, 3, 4, 0.02)
     contest = Contest(*setup[:3], TUNING_SEED, 4)
     made = LQR(*setup[:3], **arguments(LQR, found.settings))
     flight, _ = contest.fly(made)
@@ -123,7 +123,7 @@ def test_no_report_uses_its_starts() -> None:
 )
 def test_refuses_what_cannot_be_tuned(name: str, price: float, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        tune(typed(name), SETUP, 1, 1, price)
+        tuned_settings(typed(name), SETUP, 1, 1, price)
 
 
 class Whole(Firing):
@@ -137,24 +137,24 @@ class Whole(Firing):
 
 
 def test_whole_settings_stay_whole() -> None:
-    found = tune(typed(f"{HERE}:Whole"), SETUP, 6, 2, 0.01)
+    found = tuned_settings(typed(f"{HERE}:Whole"), SETUP, 6, 2, 0.01)
     assert isinstance(found.settings["periods"], int)
     assert 2 <= found.settings["periods"] <= 30
 
 
 def test_the_search_ends_when_its_time_is_spent() -> None:
     """At least the default settings are flown, whatever the time."""
-    found = tune(typed(f"{HERE}:Firing"), SETUP, 10_000, 2, 0.01, seconds=1e-9)
+    found = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 10_000, 2, 0.01, seconds=1e-9)
     assert (found.candidates, found.seconds > 0.0) == (1, True)
     with pytest.raises(ConfigError, match="--seconds must be > 0"):
-        tune(typed(f"{HERE}:Firing"), SETUP, 1, 2, 0.01, seconds=0.0)
+        tuned_settings(typed(f"{HERE}:Firing"), SETUP, 1, 2, 0.01, seconds=0.0)
 
 
 def test_settings_tuned_under_conditions_are_for_these_alone() -> None:
     """Those tuned without any serve where there are none of the setup's own."""
     lab, harsh = (load_conditions(name).or_none for name in ("lab", "harsh"))
-    in_lab = tune(typed(f"{HERE}:Firing"), SETUP._replace(conditions=lab), 1, 2, 0.01)
-    perfect = tune(typed(f"{HERE}:Firing"), SETUP, 1, 2, 0.01)
+    in_lab = tuned_settings(typed(f"{HERE}:Firing"), SETUP._replace(conditions=lab), 1, 2, 0.01)
+    perfect = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 1, 2, 0.01)
     for world, fits in ((lab, True), (harsh, False), (None, False)):
         setup = SETUP._replace(conditions=world)
         assert in_lab.fits(f"{HERE}:Firing", setup) == fits

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
@@ -39,7 +39,7 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
 
 def test_the_agent_is_the_policy(trained: Path) -> None:
     """Agent and SB3's own PPO open the same thrusters."""
-    loaded = load_agent(trained)
+    loaded = load_policy(trained)
     agent = loaded.controller
     craft = loaded.craft
     task = loaded.task
@@ -55,7 +55,7 @@ def test_the_agent_is_the_policy(trained: Path) -> None:
 
 
 def test_it_flies(trained: Path) -> None:
-    loaded = load_agent(trained)
+    loaded = load_policy(trained)
     agent = loaded.controller
     craft = loaded.craft
     task = loaded.task
@@ -71,9 +71,9 @@ def test_it_flies(trained: Path) -> None:
 def test_no_agent_yet(run_folder: Path) -> None:
     (run_folder / "agent.safetensors").unlink()
     with pytest.raises(ConfigError, match=r"has no agent\.safetensors: its training"):
-        load_agent(run_folder)
+        load_policy(run_folder)
     with pytest.raises(ConfigError, match="is not a run folder"):
-        load_agent(run_folder / "nowhere")
+        load_policy(run_folder / "nowhere")
 
 
 def refused(folder: Path, content: bytes) -> str:
@@ -81,7 +81,7 @@ def refused(folder: Path, content: bytes) -> str:
     with pytest.raises(
         ConfigError, match=r"agent\.safetensors (is damaged|was not opened)"
     ) as caught:
-        load_agent(folder)
+        load_policy(folder)
     return str(caught.value)
 
 
@@ -102,7 +102,7 @@ def test_an_agent_for_another_spacecraft(run_folder: Path) -> None:
     ]
     (run_folder / "spacecraft.toml").write_text(spacecraft_text(other))
     with pytest.raises(ConfigError, match="they are of different runs"):
-        load_agent(run_folder)
+        load_policy(run_folder)
 
 
 def test_an_on_off_agent_for_throttles_is_refused(run_folder: Path) -> None:
@@ -112,13 +112,13 @@ def test_an_on_off_agent_for_throttles_is_refused(run_folder: Path) -> None:
     with pytest.raises(
         ConfigError, match=r"does not command the throttle actuators of .* different runs"
     ):
-        load_agent(run_folder)
+        load_policy(run_folder)
 
 
 def test_one_substep_is_what_trainings_make_do_with_and_more_were_asked_for(
     run_folder: Path,
 ) -> None:
-    loaded = load_agent(run_folder)
+    loaded = load_policy(run_folder)
     for given, judged in ((1, None), (50, 50)):
         timing = replace(loaded.timing, substeps=given)
         assert loaded._replace(timing=timing).judged.timing.substeps == judged

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.follow import START_SPREAD, follow
+from rans.evaluation.fly.follow import START_SPREAD, fly_path
 from rans.evaluation.fly.paths import LookAhead, circle, helix
 from rans.files import plain
 from rans.model.timing import Timing
@@ -106,7 +106,7 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
             return super().act(state, goal, observation)
 
     task = TrackVelocity()
-    following = follow(PLATFORM, task, Watching(PLATFORM), LookAhead(LINE), Timing(), 5, 2)
+    following = fly_path(PLATFORM, task, Watching(PLATFORM), LookAhead(LINE), Timing(), 5, 2)
     wanted = following.commands - following.velocities[:-1]
     np.testing.assert_allclose(np.stack(seen)[:, :, 6:8], wanted, atol=1e-7)  # float32
 
@@ -139,14 +139,14 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
 )
 def test_what_cannot_be_followed(planner: LookAhead, task: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        follow(PLATFORM, task, Tracker(PLATFORM), planner, Timing(), 0, 2)
+        fly_path(PLATFORM, task, Tracker(PLATFORM), planner, Timing(), 0, 2)
 
 
 def test_drake_follows_as_we_do() -> None:
     """The goal moves with the spacecraft, whoever moves that: same commands, ways apart by rounding."""
     planner = LookAhead(LINE, speed=0.25, radius=0.1)
     ours, drakes = (
-        follow(
+        fly_path(
             PLATFORM,
             TrackVelocity(),
             Tracker(PLATFORM),

@@ -11,7 +11,7 @@ import pytest
 
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.controllers import CONTROLLERS, controller
 from rans.evaluation.fly.pilot import Pilot
 from rans.flight import fly
@@ -76,7 +76,7 @@ def test_arrives_and_flies_again() -> None:
 
 
 def test_an_agent_flies_what_it_was_made_for() -> None:
-    agent = load_agent(pretrained_folder("go-to-pose-2d"))
+    agent = load_policy(pretrained_folder("go-to-pose-2d"))
     env = gymnasium.make("rans/GoToPose2D-v0")
     pilot = Pilot(agent, env)
     observation, info = env.reset(seed=3)

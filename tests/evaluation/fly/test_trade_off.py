@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rans.evaluation.compare.entrants import contest_of, enlist, turned
+from rans.evaluation.compare.entrants import contest_of, enlist, trade_off_positions
 from rans.evaluation.fly.contestants import contestant
 from rans.flight import fly
 from rans.model.fields import leaves
@@ -61,7 +61,7 @@ def test_who_needs_no_training_sees_no_trade_off() -> None:
 
 
 def test_a_trade_off_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
-    assert turned(agent, 5) == [
+    assert trade_off_positions(agent, 5) == [
         f"{agent}#{trade_off}" for trade_off in ("0", "0.25", "0.5", "0.75", "1")
     ]
     for other in (
@@ -72,4 +72,4 @@ def test_a_trade_off_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path)
         str(tmp_path / "nobody"),
         "no such thing",
     ):
-        assert turned(other, 5) == [other]
+        assert trade_off_positions(other, 5) == [other]

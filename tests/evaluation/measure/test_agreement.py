@@ -15,7 +15,7 @@ from rich.console import Console
 
 from rans.cli import main
 from rans.episode import Setup
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.agreement import compare_engines
 from rans.files import write_json
@@ -148,7 +148,7 @@ def test_another_process_flies_what_this_one_would(
     """In two shares; the network's sums depend on the batch in the last bits only."""
     monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 8)
     counted: list[int] = []
-    loaded = load_agent(run)
+    loaded = load_policy(run)
     agent = loaded.controller
     craft = loaded.craft
     task = loaded.task

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rans.evaluation.fly.controllers import UserPolicy
-from rans.evaluation.stress.effects import Effect, Level, effects, failures
+from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -23,7 +23,7 @@ SHORT = Timing(episode_steps=2)
 FULL = UserPolicy(
     "half open", lambda seen: np.tile([1, 0, 0, 0, 1, 0, 0, 0], (len(seen), 1)), PLATFORM, TASK
 )
-FOUND = {effect.name: effect for effect in effects(PLATFORM, Timing())}
+FOUND = {effect.name: effect for effect in applicable_effects(PLATFORM, Timing())}
 
 
 def test_sizes_are_what_they_are_called() -> None:
@@ -71,14 +71,16 @@ def test_names_of_conditions_are_files_apart() -> None:
     names = [level.name for effect in FOUND.values() for level in effect.levels()]
     given = "lab", "lab.toml", "a/lab.toml", "a-lab.toml"
     names += [Level(name_or_file, None, Conditions()).name for name_or_file in given]
-    names += [level.name for level in failures()]
+    names += [level.name for level in failure_levels()]
     assert len(set(names)) == len(names)
     assert all(name.replace("-", "").replace(".", "").isalnum() for name in names)
 
 
 def test_pushes_are_shares_of_the_strongest_thruster() -> None:
     """atmos: 1.5 N at 0.12 m across and 0.12 m along, so 0.18 N m; valves that pulse have no least time."""
-    found = {effect.name: effect for effect in effects(load_spacecraft("atmos"), Timing())}
+    found = {
+        effect.name: effect for effect in applicable_effects(load_spacecraft("atmos"), Timing())
+    }
     assert found["force"].sizes == (0.15, 0.3, 0.45, 0.75, 1.0)
     assert found["torque"].sizes == (0.018, 0.036, 0.054, 0.09, 0.13)
     assert "least on-time" not in found

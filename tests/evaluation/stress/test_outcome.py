@@ -7,7 +7,7 @@ import pytest
 
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.measure.statistics import Estimate
-from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even, holds_to
+from rans.evaluation.stress.outcome import BreakEven, StressOutcome, break_even, holds_to
 from tests.support.evaluation_flights import flight_of, two_episodes
 
 
@@ -17,7 +17,7 @@ def shares(*values: float) -> list[Estimate]:
 
 def test_outcomes_are_the_largest_errors_of_the_last_fifth() -> None:
     """Tolerances are 5 cm and 5 degrees; the last fifth are two of ten steps."""
-    found = Outcome.of(two_episodes())
+    found = StressOutcome.of(two_episodes())
     np.testing.assert_allclose(found.errors["position"], [0.004, 0.06], rtol=1e-12)
     np.testing.assert_allclose(np.degrees(found.errors["attitude"]), [0.5, 0.0], atol=1e-9)
     np.testing.assert_allclose(found.excess, [0.1, 1.2], rtol=1e-9)
@@ -26,11 +26,11 @@ def test_outcomes_are_the_largest_errors_of_the_last_fifth() -> None:
 
 
 def test_who_is_lost_is_farthest() -> None:
-    found = Outcome.of(flight_of([[1.0, 1.0, 0.0]] * 5 + [[0.2, np.nan, 0.0]], 0.0))
+    found = StressOutcome.of(flight_of([[1.0, 1.0, 0.0]] * 5 + [[0.2, np.nan, 0.0]], 0.0))
     assert found.excess.tolist() == [pytest.approx(4.0), np.inf, 0.0]
     assert found.worst(5) == [1, 0]
     assert found.worst(1) == [1]
-    again = Outcome.joined([found, found])
+    again = StressOutcome.joined([found, found])
     assert again.worst(9) == [1, 4, 0, 3]
     assert again.share.value == pytest.approx(1 / 3)
 

@@ -15,7 +15,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import solved
-from rans.evaluation.stress.outcome import Outcome
+from rans.evaluation.stress.outcome import StressOutcome
 from rans.evaluation.stress.run import prepared
 from rans.randomization.conditions_file import load_conditions
 from tests.support.stress_runs import FIRST, small
@@ -83,7 +83,7 @@ def test_a_controller_that_expects_errors_knows_those_of_each_level(tmp_path: Pa
         setup = stress.contest.setup._replace(conditions=conditions)
         flight = fly_episodes(expected, setup, 7, 1).flight
         found = stress.outcomes[level.name, "mission"].errors["position"]
-        assert found == pytest.approx(Outcome.of(flight).errors["position"], rel=1e-6)
+        assert found == pytest.approx(StressOutcome.of(flight).errors["position"], rel=1e-6)
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ from rans.errors import ConfigError
 from rans.fast.agent_files import agent as agent_file
 from rans.fast.agent_files import tensors as tensor_file
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, is_agent, read_policy
-from rans.fast.agent_files.tensors import pack, unpack
+from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import network_of
 from rans.policy.network import Network
@@ -241,13 +241,13 @@ def test_members_are_packed_as_agents_are(folder: Path) -> None:
 
 
 def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.MonkeyPatch) -> None:
-    content = pack({"steps": 1, "more": "x" * 2000})
-    assert unpack(content, "here")["steps"] == 1
+    content = pack_tensors({"steps": 1, "more": "x" * 2000})
+    assert unpack_tensors(content, "here")["steps"] == 1
     monkeypatch.setattr(tensor_file, "_LARGEST_HEADER", 2000)
     with pytest.raises(
         ConfigError, match=r"here .*: its header has [\d,]+ bytes, and at most 2,000"
     ):
-        unpack(content, "here")
+        unpack_tensors(content, "here")
 
 
 def test_a_checkpoint_is_not_read_that_is_larger_than_any(tmp_path: Path) -> None:
@@ -291,9 +291,9 @@ def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
     def changed(name: str, content: bytes) -> bytes:
         if name != AGENT:
             return content
-        table = unpack(content, name)
+        table = unpack_tensors(content, name)
         change(table)
-        return pack(table)
+        return pack_tensors(table)
 
     if (folder / AGENT).exists():
         (folder / AGENT).write_bytes(changed(AGENT, (folder / AGENT).read_bytes()))
@@ -429,7 +429,7 @@ def test_what_is_packed_comes_back() -> None:
         "deep": {"a": {"b": [True, "text"]}},
         "double": torch.tensor(math.pi, dtype=torch.float64),
     }
-    again = unpack(pack(tree), "there")
+    again = unpack_tensors(pack_tensors(tree), "there")
     for one, other in zip(tree["views"], again["views"], strict=True):
         assert torch.equal(one, other)
     assert torch.equal(again["state"], generator)
@@ -455,18 +455,18 @@ def test_what_is_no_such_file(content: bytes) -> None:
     with pytest.raises(
         ConfigError, match=r"^there is damaged, it is not a safetensors file of RANS"
     ):
-        unpack(content, "there")
+        unpack_tensors(content, "there")
 
 
 def test_every_bit_counts(tmp_path: Path) -> None:
-    content = pack(
+    content = pack_tensors(
         {"steps": 128, "weights": torch.arange(5.0), "flags": torch.tensor([True, False])}
     )
     for place in range(8, len(content)):
         spoilt = bytearray(content)
         spoilt[place] ^= 1
         with pytest.raises(ConfigError, match=r"^there is damaged"):
-            unpack(bytes(spoilt), "there")
+            unpack_tensors(bytes(spoilt), "there")
 
 
 def test_the_header_is_readable_without_us(alone: Path) -> None:

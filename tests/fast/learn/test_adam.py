@@ -7,7 +7,7 @@ from torch import Tensor
 
 from rans.fast.distributed import ALONE
 from rans.fast.learn.adam import EPSILON, Adam
-from rans.fast.learn.policy_file import moments, remember
+from rans.fast.learn.policy_file import load_moments, moments
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.tasks import GoToPose
@@ -78,7 +78,7 @@ def test_it_goes_on_from_what_it_gave() -> None:
     with torch.no_grad():
         for x, y in zip(learnt(other), learnt(network), strict=True):
             x.copy_(y)
-    remember(again, moments(adam, 0), float(RATES[0]))
+    load_moments(again, moments(adam, 0), float(RATES[0]))
     for optimizer, own in ((adam, network), (again, other)):
         descend(optimizer, own, 3, norms)
     for x, y in zip(learnt(other), learnt(network), strict=True):

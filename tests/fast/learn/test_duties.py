@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
-from rans.deploy.export import export
+from rans.deploy.export import write_export
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import Head
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.sweep import check
+from rans.fast.learn.sweep import checked_architecture
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.model.actuators import Actuators, Pulsed, Throttle
@@ -33,7 +33,7 @@ def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
     file = folder / "craft.toml"
     file.write_text(to_toml(replace(PLATFORM, name="own", actuators=kind)))
     config = replace(CONFIG, spacecraft=str(file), ppo=replace(CONFIG.ppo, head=head))
-    assert check(config).continuous
+    assert checked_architecture(config).continuous
     run = RunFolder(folder / "run")
     run.begin(config, "rans train")
     return Trainer([config], run.spacecraft(), run)
@@ -42,7 +42,7 @@ def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
 @KINDS
 def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) -> None:
     begun(tmp_path, kind).train(ignore)
-    loaded = load_agent(tmp_path / "run")
+    loaded = load_policy(tmp_path / "run")
     agent = loaded.controller
     craft = loaded.craft
     task = loaded.task
@@ -62,22 +62,22 @@ def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) ->
 
 def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) -> None:
     begun(tmp_path, Throttle(), "gated").train(ignore)
-    agent = load_agent(tmp_path / "run").controller
+    agent = load_policy(tmp_path / "run").controller
     observations = seen(PLATFORM, 200).numpy()
     commands = agent.act(None, None, observations)
     model = as_sb3(tmp_path / "run")
     np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], commands)
     assert 0.01 < (commands == 0).mean() < 0.99
     assert ((commands > 0) & (commands < 1)).mean() > 0.1
-    export(tmp_path / "run", tmp_path / "own", "rans", episodes=4)
-    again = load_agent(tmp_path / "own").controller
+    write_export(tmp_path / "run", tmp_path / "own", "rans", episodes=4)
+    again = load_policy(tmp_path / "own").controller
     np.testing.assert_array_equal(again.act(None, None, observations), commands)
 
 
 def test_gates_need_thrusters_that_may_be_throttled(tmp_path: Path) -> None:
     config = replace(CONFIG, ppo=replace(CONFIG.ppo, head="gated"))
     with pytest.raises(ConfigError, match=r"the head 'gated' needs .* \(thruster 0\)"):
-        check(config)
+        checked_architecture(config)
 
 
 @KINDS
@@ -97,4 +97,4 @@ def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError, match=r"does not command the on-off actuators of .* different runs"
     ):
-        load_agent(tmp_path / "run")
+        load_policy(tmp_path / "run")

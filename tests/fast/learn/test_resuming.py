@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import FilterSettings, MemorySettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
@@ -147,7 +147,7 @@ def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, A
     trainer = resumed(tmp_path / "cut")
     trainer.train(ignore)
     assert everything(trainer) == everything(whole)
-    loaded = load_agent(tmp_path / "cut")
+    loaded = load_policy(tmp_path / "cut")
     agent = loaded.controller
     craft = loaded.craft
     task = loaded.task

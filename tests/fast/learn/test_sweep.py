@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import Agent, load_agent
+from rans.evaluation.fly.agent import Agent, load_policy
 from rans.fast.engine import Engine
 from rans.fast.learn import adam, ppo
 from rans.fast.learn.config import MemorySettings, ScheduleSettings
@@ -400,7 +400,7 @@ def test_weights_come_back_from_a_run_folder(tmp_path: Path) -> None:
     assert sweep.timed_steps == 2 * 256
     member = sweep.members[1]
     sweep.save(member, tmp_path / "best")
-    loaded = load_agent(tmp_path / "best")
+    loaded = load_policy(tmp_path / "best")
     assert isinstance(loaded.controller, Agent)
     tensors = loaded.controller.network.tensors
     assert set(tensors) == set(member.weights)

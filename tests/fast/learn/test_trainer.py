@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.fast.distributed import Processes
 from rans.fast.learn.config import (
     ExplorationSettings,
@@ -154,7 +154,7 @@ def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path
     )
     assert ends.tolist() == [4] * 16
     trainer.train(ignore)
-    assert load_agent(tmp_path / "run").judged.timing == SHORT
+    assert load_policy(tmp_path / "run").judged.timing == SHORT
 
 
 def test_it_learns(tmp_path: Path) -> None:
@@ -220,7 +220,7 @@ def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Pa
     assert (
         given.privileged == trainer.engine.privileged().shape[1] > 16
     )  # begins, and gains, and leaks
-    assert load_agent(tmp_path).conditions is not None
+    assert load_policy(tmp_path).conditions is not None
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from rans.errors import ConfigError, NonFiniteState
-from rans.fast.agent_files.tensors import pack, unpack
+from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.stepping.compiled import ArrayStep
 from rans.files import LOCK
 from rans.tasks import GoToPose
@@ -40,7 +40,7 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
     sentence = r"not finite after 384 steps .* State and weights are in .*nonfinite\.safetensors"
     with pytest.raises(NonFiniteState, match=sentence):
         trainer.train(ignore)
-    dump = unpack((tmp_path / "run" / "nonfinite.safetensors").read_bytes(), "dump")
+    dump = unpack_tensors((tmp_path / "run" / "nonfinite.safetensors").read_bytes(), "dump")
     assert dump["steps"] == 384
     assert trainer.run.checkpoint_file.read_bytes() == before
 
@@ -102,7 +102,7 @@ def test_a_damaged_checkpoint(tmp_path: Path, damaged: bytes) -> None:
     content = file.read_bytes()
     file.write_bytes({b"half": content[: len(content) // 2]}.get(damaged, damaged))
     if damaged == b"other":
-        file.write_bytes(pack([1, 2, 3]))
+        file.write_bytes(pack_tensors([1, 2, 3]))
     with pytest.raises(
         ConfigError, match=r"checkpoint\.safetensors (is damaged|does not fit)"
     ) as caught:

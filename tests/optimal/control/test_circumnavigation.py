@@ -13,7 +13,7 @@ from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.circumnavigation import Circumnavigation
-from rans.optimal.convex.inspection import least_impulse
+from rans.optimal.convex.inspection import inspection_bound
 from rans.randomization.conditions import (
     Conditions,
     SensorConditions,
@@ -120,7 +120,7 @@ def bounds(within: float) -> np.ndarray:
     result = []
     for k in range(6):
         start, goal = map_leaves(lambda x, k=k: float(x[k]) if np.ndim(x) else x, both)
-        result.append(least_impulse(DEPUTY, TASK, start, goal, within, TASK.timing))
+        result.append(inspection_bound(DEPUTY, TASK, start, goal, within, TASK.timing))
     return np.array(result)
 
 

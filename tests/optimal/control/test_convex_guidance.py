@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.transfers import bounds, row_of
+from rans.evaluation.compare.transfers import row_of, transfer_bounds
 from rans.flight import fly
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -31,7 +31,7 @@ def test_it_docks_below_the_speed_limit_where_other_guidance_breaks_it() -> None
     kept = row_of("", fly(DEPUTY, task, ConvexGuidance(DEPUTY, task), starts, task.timing))
     assert fast.violated.any()
     assert kept.docked.all()
-    lower = np.array([answer.lower for answer in bounds(DEPUTY, task, starts, 700.0)])
+    lower = np.array([answer.lower for answer in transfer_bounds(DEPUTY, task, starts, 700.0)])
     ratios = kept.impulse / lower
     assert (ratios >= 1.0).all()
     assert ratios.mean() < 1.02

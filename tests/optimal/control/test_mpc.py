@@ -21,7 +21,7 @@ from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.mpc import MPC, Settings, shortest
+from rans.optimal.control.mpc import MPC, MPCSettings, shortest
 from rans.optimal.control.regulator import Deadband, Regulator, Weights
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
@@ -125,7 +125,7 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     """Repeated until it stays, the program has found what SLSQP finds by finite differences."""
     starts = scenarios(GoToPose(spawn_distance=(0.3, 0.4)), craft, 34, 1)
     goal = starts.goal
-    program = MPC(craft, TASK, TIMING, settings=Settings(horizon=horizon))._program
+    program = MPC(craft, TASK, TIMING, settings=MPCSettings(horizon=horizon))._program
     error = shortest(starts.start, goal)[:, 0]
     goals = np.tile(np.array(leaves(goal)), horizon + 1)
     nothing = np.zeros(len(craft.thrusters))
@@ -155,7 +155,7 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
 
 def test_a_program_without_a_solution_falls_back_to_the_plan_before() -> None:
     starts = scenarios(TASK, PLATFORM, 35, 2)
-    controller = MPC(PLATFORM, TASK, TIMING, settings=Settings(horizon=4))
+    controller = MPC(PLATFORM, TASK, TIMING, settings=MPCSettings(horizon=4))
     controller.reset(2)
     seen = np.zeros((2, 10))
     controller.act(starts.start, starts.goal, seen)
@@ -217,4 +217,4 @@ def test_impossible_settings_are_refused() -> None:
     with pytest.raises(
         ConfigError, match="MPC: horizon must be a whole number >= 1 and < 2\\^31, got 0"
     ):
-        Settings(horizon=0)
+        MPCSettings(horizon=0)

@@ -22,8 +22,8 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.regulator import Deadband
-from rans.optimal.control.switching import Curve, Switching, least_time
-from rans.optimal.trajectory.allocation import Patterns
+from rans.optimal.control.switching import Curve, Switching, time_to_rest
+from rans.optimal.trajectory.allocation import ThrusterPatterns
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, scenarios
 from rans.tasks import TASKS, GoToPose
@@ -87,7 +87,7 @@ def searched(x: float, v: float, most: float) -> float:
 def test_least_time_on_a_line() -> None:
     random = np.random.default_rng(0)
     for x, v, most in random.uniform((-5.0, -2.0, 0.1), (5.0, 2.0, 3.0), (200, 3)):
-        ours = least_time(np.array([x]), np.array([v]), most)
+        ours = time_to_rest(np.array([x]), np.array([v]), most)
         assert ours == pytest.approx(searched(x, v, most), abs=1e-9)  # its roots are 1e-13 s off
 
 
@@ -96,16 +96,16 @@ def test_least_time_by_hand() -> None:
     # across, at 1 m/s
     x = np.array([3.0, 4.0]) / 5.0
     v = np.array([-4.0, 3.0]) / 5.0
-    assert least_time(x, 0.0 * v, 1.0) == pytest.approx(2.0)
-    assert least_time(None, v, 0.5) == pytest.approx(2.0)
-    assert least_time(x, v, 1.0) == pytest.approx(math.hypot(2.0, 1.0 + math.sqrt(2.0)))
-    assert least_time(0.0 * x, 0.0 * v, 1.0) == 0.0
+    assert time_to_rest(x, 0.0 * v, 1.0) == pytest.approx(2.0)
+    assert time_to_rest(None, v, 0.5) == pytest.approx(2.0)
+    assert time_to_rest(x, v, 1.0) == pytest.approx(math.hypot(2.0, 1.0 + math.sqrt(2.0)))
+    assert time_to_rest(0.0 * x, 0.0 * v, 1.0) == 0.0
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, SHARED], ids=lambda craft: craft.name)
 def test_no_neighbour_of_the_pattern_is_better(craft: Spacecraft) -> None:
     """Of all 256 patterns, those that differ in at most two thrusters; and the best of all is found often."""
-    patterns = Patterns(craft)
+    patterns = ThrusterPatterns(craft)
     random = np.random.default_rng(1)
     wanted = random.normal(size=(40, 3)) * (1.0, 1.0, 0.3)
     every = np.array(list(product([False, True], repeat=8)))

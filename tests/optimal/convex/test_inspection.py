@@ -14,7 +14,7 @@ from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.convex.inspection import least_impulse
+from rans.optimal.convex.inspection import inspection_bound
 from rans.tasks import Inspect
 
 DEPUTY = load_spacecraft("afrl-deputy")
@@ -68,7 +68,7 @@ def test_the_bound_is_the_second_dearest_of_three_points_by_linear_programs(seed
     sun = rng.uniform(-3.0, 3.0)
     programs = sorted(program(task, np.array(one), p, v, sun) for one in task.normals)
     assert programs[1] > 0.0
-    found = least_impulse(DEPUTY, task, *states(p, v, sun), WITHIN, task.timing)
+    found = inspection_bound(DEPUTY, task, *states(p, v, sun), WITHIN, task.timing)
     # The tolerance of HiGHS.
     assert found == pytest.approx(programs[1], rel=1e-6)
 
@@ -84,21 +84,23 @@ def test_a_point_is_priced_by_hand() -> None:
     start, goal = states((0.0, 40.0, 0.0), (0.0, 0.0, 0.0), 0.25 * math.pi)
     quarter = 0.5 * math.pi / n
     # The last check is 9 s before the quarter.
-    along_axes = least_impulse(DEPUTY, task, start, goal, quarter, task.timing)
+    along_axes = inspection_bound(DEPUTY, task, start, goal, quarter, task.timing)
     assert along_axes == pytest.approx(12.0 * 10.0 * n / 2.0, rel=0.01)
     turning = load_spacecraft("afrl-12kg")
-    anywhere = least_impulse(turning, task, start, goal, quarter, task.timing)
+    anywhere = inspection_bound(turning, task, start, goal, quarter, task.timing)
     assert anywhere == pytest.approx(turning.mass * 10.0 * n / math.sqrt(5.0), rel=0.01)
 
 
 def test_a_point_that_is_never_in_light_is_impossible() -> None:
     task = Inspect(points=1)
     start, goal = states((0.0, 40.0, 0.0), (0.0, 0.0, 0.0), math.pi)
-    assert least_impulse(DEPUTY, task, start, goal, 1_000.0, task.timing) == math.inf
+    assert inspection_bound(DEPUTY, task, start, goal, 1_000.0, task.timing) == math.inf
 
 
 def test_craft_that_burn_propellant_are_refused() -> None:
     task = Inspect(points=1)
     lander = load_spacecraft("mars-lander-steered")
     with pytest.raises(ConfigError, match="constant mass"):
-        least_impulse(lander, task, *states((0.0, 40.0, 0.0), (0.0,) * 3, 0.0), 100.0, task.timing)
+        inspection_bound(
+            lander, task, *states((0.0, 40.0, 0.0), (0.0,) * 3, 0.0), 100.0, task.timing
+        )

@@ -17,7 +17,7 @@ import torch
 
 from rans.api.pages import flyers
 from rans.compile.javascript import activations, function
-from rans.deploy.contract import flown, golden
+from rans.deploy.contract import flights_of_training, golden
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
@@ -31,7 +31,7 @@ from rans.model.trace import Symbol
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.any_craft import authority
 from rans.randomization.conditions import Conditions, ThrusterConditions
-from rans.randomization.layouts import authority_margin, draw_layout
+from rans.randomization.layouts import authority_margin, sample_layout
 from rans.show.pages.playground import Playground, playground
 from rans.show.scene.interactive import InteractiveFlight
 
@@ -160,7 +160,7 @@ def test_its_commands_are_those_of_the_agent(name: str, tmp_path: Path) -> None:
     controller = run.controller
     assert isinstance(controller, Agent)
     setup = Setup(run.craft, run.task, replace(run.timing, episode_steps=50))
-    flights = flown(controller.network, setup, count=24)
+    flights = flights_of_training(controller.network, setup, count=24)
     pairs = golden(controller.network, flights, run.craft)
     page = playground(run, SEED)
     states = [flat(state) for state in pairs["state"]]
@@ -278,7 +278,7 @@ def test_a_drawn_craft_flies_as_it_does_in_python(
     number: int, shared: bool, tmp_path: Path
 ) -> None:
     """Random layouts with a dead thruster on the way: authority, the same commands and states, and its file."""
-    columns = draw_layout(np.random.default_rng((5, number)))
+    columns = sample_layout(np.random.default_rng((5, number)))
     script, craft = drawn(columns, shared)
     run = run_of("any-craft-2d")
     page = playground(run, SEED)

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
-from rans.show.scene.camera import fit
+from rans.show.scene.camera import fitted_camera
 
 places = arrays(float, st.tuples(st.integers(2, 30), st.just(3)), elements=st.floats(-50.0, 50.0))
 
@@ -30,7 +30,7 @@ def test_everything_is_in_the_picture_and_touches_its_edge(
     points: np.ndarray, direction: tuple[float, float, float], upright: float, aspect: float
 ) -> None:
     points[0] += 1.0  # all in one place have no size
-    camera = fit(points, direction, upright, aspect)
+    camera = fitted_camera(points, direction, upright, aspect)
     height = 1000
     width = round(aspect * height)
     back = camera.position - camera.target

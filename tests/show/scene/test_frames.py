@@ -14,7 +14,7 @@ from rans.errors import ConfigError
 from rans.show.scene import frames, render
 from rans.show.scene.frames import save_frames
 from rans.show.scene.render import require_egl
-from rans.show.scene.scene import Motion
+from rans.show.scene.scene import SceneMotion
 from tests.support.evaluation_flights import flight_of, two_episodes
 from tests.support.reference_flights import TRACKING, drifting, lqr_flight
 
@@ -76,7 +76,7 @@ def test_plumes_are_seen_while_a_thruster_is_open(tmp_path: Path) -> None:
     ("episode", "instant", "text"), [(0, 2, ["20.0 cm", "6.0 deg"]), (1, 10, ["6.0 cm", "0.0 deg"])]
 )
 def test_what_is_written_into_a_frame(episode: int, instant: int, text: list[str]) -> None:
-    assert Motion.of(two_episodes(), episode).error_texts(instant) == text
+    assert SceneMotion.of(two_episodes(), episode).error_texts(instant) == text
 
 
 def test_frames_end_a_second_after_the_goal_is_reached_for_good() -> None:

@@ -13,7 +13,7 @@ from rans.flight import fly
 from rans.model.fields import leaves
 from rans.scenario import scenarios
 from rans.show.scene.interactive import InteractiveFlight
-from rans.show.scene.play import BACK, KILL, PAUSE, SWITCH, Playground
+from rans.show.scene.play import BACK, KILL, PAUSE, SWITCH, LivePlayground
 
 SEED = 7
 PERIODS = 30
@@ -115,7 +115,7 @@ def test_one_flight_has_one_craft_and_one_task() -> None:
         flight("lqr:go-to-pose-2d", "lqr:go-to-pose-3d")
 
 
-def press(playground: Playground, button: str) -> None:
+def press(playground: LivePlayground, button: str) -> None:
     """As a browser tells it: a message of type button, in MessagePack."""
     message = b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(button)]) + button.encode()
     window: Any = playground.meshcat
@@ -125,7 +125,7 @@ def press(playground: Playground, button: str) -> None:
 def test_buttons_and_sliders_do_what_they_say() -> None:
     lines: list[str] = []
     runs = flyers(("lqr:go-to-pose-2d", "switching"), None, False)
-    playground = Playground(runs, SEED, 3, lines.append)
+    playground = LivePlayground(runs, SEED, 3, lines.append)
 
     def advance(count: int = 1) -> None:
         for _ in range(count):

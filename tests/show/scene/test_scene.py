@@ -14,7 +14,7 @@ from rans.model.timing import Timing
 from rans.show.scene.craft import Part, craft_parts, plume_parts
 from rans.show.scene.scene import (
     STARS,
-    Motion,
+    SceneMotion,
     goal_parts,
     ground_parts,
     trail_parts,
@@ -31,7 +31,7 @@ PLATFORM = load_spacecraft("floating-platform")
 def test_poses_are_the_states() -> None:
     """Drake builds the rotation from the quaternion by itself."""
     flight = lqr_flight(steps=30)
-    motion = Motion.of(flight, 1)
+    motion = SceneMotion.of(flight, 1)
     rows = np.array(leaves(flight.states))[:, :, 1].T
     np.testing.assert_array_equal(motion.path, rows[:, :3])
     np.testing.assert_array_equal(motion.velocities, rows[:, 7:10])
@@ -52,25 +52,25 @@ def test_a_planar_pose_turns_about_z() -> None:
     flight = Flight(
         PLATFORM, GoToPose(), Timing(episode_steps=1), state, goal, np.zeros((1, 1, 8)), "nobody"
     )
-    motion = Motion.of(flight, 0)
+    motion = SceneMotion.of(flight, 0)
     np.testing.assert_allclose(motion.poses[0] @ [1.0, 0.0, 0.0], [1.0, 3.0, 0.0], atol=1e-15)
     np.testing.assert_array_equal(motion.velocities[0], [0.5, 0.0, 0.0])
 
 
 def test_flames_belong_to_the_period_that_follows() -> None:
-    motion = Motion.of(drifting(TRACKING), 0)
+    motion = SceneMotion.of(drifting(TRACKING), 0)
     assert [list(np.flatnonzero(row)) for row in motion.opening[:4]] == [[], [11], [], []]
     assert not motion.opening[-1].any()
 
 
 def test_a_failed_episode_ends_where_it_failed() -> None:
     """At 0.5 m/s from the origin, the goal at (9, 9, 9): 9 sqrt(3) = 15.6 m is beyond 8 m at once."""
-    assert len(Motion.of(drifting(GoToPose()), 0).poses) == 1
-    assert len(Motion.of(drifting(GoToPose(fail_distance=100.0)), 0).poses) == 11
+    assert len(SceneMotion.of(drifting(GoToPose()), 0).poses) == 1
+    assert len(SceneMotion.of(drifting(GoToPose(fail_distance=100.0)), 0).poses) == 11
 
 
 def test_a_goal_without_a_place_stays_with_the_spacecraft() -> None:
-    motion = Motion.of(drifting(TRACKING), 0)
+    motion = SceneMotion.of(drifting(TRACKING), 0)
     np.testing.assert_allclose(motion.goal_at(10).translation(), [1.0, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(
         motion.goal_at(10).rotation().matrix(), np.diag([-1.0, -1.0, 1.0]), atol=1e-15
@@ -78,7 +78,7 @@ def test_a_goal_without_a_place_stays_with_the_spacecraft() -> None:
     np.testing.assert_array_equal(motion.goal_velocities[-1], [0.0, 0.25, 0.0])
     # 2.2 radii of 0.31 m beyond the way, and beyond the arrows of 2 s: 1 m on along x, 0.5 m along y
     np.testing.assert_allclose(motion.box()[1], np.array([2.0, 0.5, 0.0]) + 2.2 * 0.31, atol=1e-12)
-    placed = Motion.of(drifting(GoToPosition(fail_distance=100.0)), 0)
+    placed = SceneMotion.of(drifting(GoToPosition(fail_distance=100.0)), 0)
     np.testing.assert_array_equal(placed.goal_at(10).translation(), [9.0, 9.0, 9.0])
 
 

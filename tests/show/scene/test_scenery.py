@@ -17,7 +17,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.show.figures.figures import episode_figure
-from rans.show.scene.scene import Motion, at_instant, scenery_parts, scenery_pose
+from rans.show.scene.scene import SceneMotion, at_instant, scenery_parts, scenery_pose
 from rans.tasks import Avoid, DockPort
 from rans.tasks.shapes import Ball, Cone, GlideSlope, SpeedLimit
 
@@ -76,7 +76,7 @@ def test_a_replay_moves_zones_and_turns_the_cone() -> None:
     timing = Timing(episode_steps=20)
     task = Avoid(zone_speed=(0.04, 0.04))
     starts = scenarios(task, PLATFORM, 1, 2)
-    motion = Motion.of(fly(PLATFORM, task, shut(), starts, timing), 1)
+    motion = SceneMotion.of(fly(PLATFORM, task, shut(), starts, timing), 1)
     assert len(motion.scenery) == 3
     for k, zone in enumerate(motion.scenery):
         ways = [scenery_pose(at_instant(zone, instant)).translation() for instant in (0, 20)]
@@ -86,7 +86,7 @@ def test_a_replay_moves_zones_and_turns_the_cone() -> None:
         np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
     port = DockPort(port_rate=(math.radians(3.0), math.radians(3.0)))
     flight = fly(PLATFORM, port, shut(), scenarios(port, PLATFORM, 1, 1), timing)
-    cone, _ = Motion.of(flight, 0).scenery
+    cone, _ = SceneMotion.of(flight, 0).scenery
     axes = [scenery_pose(at_instant(cone, k)).rotation().matrix()[:, 0] for k in (0, 20)]
     assert axes[0] @ axes[1] == pytest.approx(math.cos(math.radians(12.0)), abs=1e-9)
 

@@ -15,7 +15,7 @@ from rans.errors import ConfigError
 from rans.flight import Flight
 from rans.show.scene import render, video
 from rans.show.scene.render import require_egl
-from rans.show.scene.scene import Motion
+from rans.show.scene.scene import SceneMotion
 from rans.show.scene.video import check_video, save_video
 from rans.tasks import GoToPosition
 from tests.support.evaluation_flights import flight_of
@@ -101,7 +101,7 @@ def test_a_missing_encoder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.usefixtures("_small")
 def test_between_instants_a_craft_flies_straight() -> None:
     """At 0.5 m/s along x; it ends where its episode does."""
-    motion = Motion.of(drifting(GoToPosition(fail_distance=100.0)), 0)
+    motion = SceneMotion.of(drifting(GoToPosition(fail_distance=100.0)), 0)
     renderer = render.Renderer(motion, 16, 16)
     for time, x in ((0.0, 0.0), (0.5, 0.25), (1.23, 0.615), (9.0, 1.0)):
         assert renderer.pose(time).translation() == pytest.approx([x, 0.0, 0.0], abs=1e-12)

@@ -25,7 +25,7 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.algorithms import Algorithm
-from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require
+from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require_bounds
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.model.fields import map_leaves
 from rans.policy.network import Network
@@ -52,7 +52,7 @@ class GradientSettings:
     with high gain."""
 
     def __post_init__(self) -> None:
-        require(
+        require_bounds(
             self,
             "finite and > 0",
             lambda x: 0 < x < math.inf,
@@ -60,7 +60,7 @@ class GradientSettings:
             "noise",
             "bound",
         )
-        require(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
+        require_bounds(self, "in (0, 1]", lambda x: 0 < x <= 1, "target_rate")
 
 
 class GradientLearner:

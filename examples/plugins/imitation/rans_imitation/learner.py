@@ -20,13 +20,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.effectors.commands import bounds
+from rans.effectors.commands import command_bounds
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.algorithms import Algorithm
-from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require
+from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require_bounds
 from rans.fast.learn.rollout import Acted, Rollout, remember
 from rans.flight import Controller
 from rans.model.fields import map_leaves
@@ -55,8 +55,8 @@ class ImitationSettings:
     """Largest share of an episode that the agent flies before the expert continues."""
 
     def __post_init__(self) -> None:
-        require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "updates")
-        require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "roll_in")
+        require_bounds(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "updates")
+        require_bounds(self, "between 0 and 1", lambda x: 0 <= x <= 1, "roll_in")
 
 
 class ImitationLearner:
@@ -104,7 +104,9 @@ class ImitationLearner:
         self._expert = expert
         self._batch_size = settings[0].batch_size
         (self._generator,) = generators
-        self._low, high = (torch.as_tensor(x, dtype=engine.dtype) for x in bounds(engine.craft))
+        self._low, high = (
+            torch.as_tensor(x, dtype=engine.dtype) for x in command_bounds(engine.craft)
+        )
         self._range = high - self._low
         self._observations = torch.zeros(0, engine.observation_width, dtype=engine.dtype)
         self._outputs = torch.zeros(0, engine.craft.command_count, dtype=engine.dtype)

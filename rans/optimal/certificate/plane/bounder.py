@@ -22,8 +22,14 @@ from rans.optimal.certificate.goal_set import rounded_up
 from rans.optimal.certificate.plane.ascent import Ascent, Cut, ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Branch, Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.plane.onoff import flown, nozzles
-from rans.optimal.certificate.problem import Effort, Found, Problem, TooManyPoints, Unreachable
+from rans.optimal.certificate.plane.onoff import nozzles, replayed_within_cost
+from rans.optimal.certificate.problem import (
+    Found,
+    Problem,
+    SearchEffort,
+    TooManyPoints,
+    Unreachable,
+)
 
 
 @dataclass
@@ -74,7 +80,7 @@ class PlanarBounder:
             return False
         return True
 
-    def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
+    def least_fuel(self, problem: Problem, steps: int, effort: SearchEffort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `Relaxation`, which has too many points for long times."""
         lattice = self.lattice
         nodes = 0
@@ -109,7 +115,7 @@ class PlanarBounder:
             raise Unreachable.after(steps, lattice.period)
         return Found(lower, outcome.commands, root.best.value, nodes)
 
-    def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
+    def least_time(self, problem: Problem, most_steps: int, effort: SearchEffort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `Relaxation`.
 
         The search begins where the hull's bound ends. It gives up where a relaxation has too many points.
@@ -155,7 +161,7 @@ class PlanarBounder:
 
 
 def _root(
-    lattice: Lattice, problem: Problem, steps: int, cap: float, effort: Effort
+    lattice: Lattice, problem: Problem, steps: int, cap: float, effort: SearchEffort
 ) -> tuple[Relaxation, Ascent]:
     """The relaxation with a cap on fuel that its own bound does not exclude."""
     everything = lattice.most_fuel(steps)
@@ -179,7 +185,7 @@ def _levels(lattice: Lattice, net: set[int], level: float, highest: float) -> It
     yield highest
 
 
-def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascent:
+def _root_ascent(relaxation: Relaxation, target: float, effort: SearchEffort) -> Ascent:
     return ascend(
         relaxation,
         relaxation.reachable(),
@@ -193,7 +199,7 @@ def _root_ascent(relaxation: Relaxation, target: float, effort: Effort) -> Ascen
     )
 
 
-def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
+def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: SearchEffort) -> _Outcome:
     """Exclude a level by branch and bound, best bound first, or find commands that reach it."""
     outcome = _Outcome()
     evaluated = set()
@@ -232,12 +238,16 @@ def _node(
 
 
 def _commands(
-    relaxation: Relaxation, result: Ascent, level: float, effort: Effort, evaluated: set[bytes]
+    relaxation: Relaxation,
+    result: Ascent,
+    level: float,
+    effort: SearchEffort,
+    evaluated: set[bytes],
 ) -> np.ndarray | None:
     """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
     for index in np.argsort(-result.weights)[:2]:
         path = result.cuts[index].path
-        commands = flown(relaxation, path, level)
+        commands = replayed_within_cost(relaxation, path, level)
         turns = relaxation.lattice.patterns.torque[path].tobytes()
         if commands is None and turns not in evaluated:
             evaluated.add(turns)

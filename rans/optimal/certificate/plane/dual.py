@@ -90,7 +90,7 @@ class Relaxation:
 
     With a cap, only controllers that burn at most this much fuel, N s, are looked at. The weight of the fuel
     is 1, or 0 to ask only whether the goal set can be reached. ``work`` counts what was computed so far, in
-    nominal s (`rans.optimal.certificate.problem.Effort`).
+    nominal s (`rans.optimal.certificate.problem.SearchEffort`).
 
     Raises:
         TooManyPoints: the lattice is too large to search.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.plane.dual import DualValue, Relaxation
 
 _SIDES = 16
@@ -27,14 +27,16 @@ def nozzles(
 
     Only the net torques of the path's patterns (N,) matter; the bound's costate gives the reduced costs. The
     limit is the most fuel, N s, 0 where fuel is free; the solver may branch for so much work, in
-    nominal s (`rans.optimal.certificate.problem.Effort`).
+    nominal s (`rans.optimal.certificate.problem.SearchEffort`).
     """
     choices = _choices(relaxation, path, bound, limit)
     chosen = _solve(relaxation, *choices, limit, work)
-    return None if chosen is None else flown(relaxation, choices[1][chosen], limit)
+    return None if chosen is None else replayed_within_cost(relaxation, choices[1][chosen], limit)
 
 
-def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray | None:
+def replayed_within_cost(
+    relaxation: Relaxation, path: np.ndarray, limit: float
+) -> np.ndarray | None:
     """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more."""
     gained, displacement = relaxation.effect(path)
     miss = relaxation.miss
@@ -48,7 +50,7 @@ def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray 
     ):
         return None
     commands = lattice.patterns.commands[path]
-    final = replay(lattice.craft, relaxation.start, commands, lattice.period)
+    final = state_after(lattice.craft, relaxation.start, commands, lattice.period)
     return commands if goal_set.contains(final, relaxation.goal) else None
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet, rounded_up
-from rans.optimal.certificate.problem import Effort, Found, Problem, Unreachable
+from rans.optimal.certificate.problem import Found, Problem, SearchEffort, Unreachable
 from rans.optimal.certificate.space.halves import HalfTrajectories
 from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.space.search import (
@@ -62,7 +62,7 @@ class SpatialBounder:
         start, goal, goal_set, aims = problem
         return self.lattice.can_end_at_rest(aims, start, goal, goal_set)
 
-    def least_fuel(self, problem: Problem, steps: int, effort: Effort) -> Found:
+    def least_fuel(self, problem: Problem, steps: int, effort: SearchEffort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
         start, goal, goal_set, aims = problem
         lattice = self.lattice
@@ -85,7 +85,7 @@ class SpatialBounder:
         result = _fewer(query, steps, _pulses(lattice, lower), pair)
         return Found(lower, result, dual, nodes)
 
-    def least_time(self, problem: Problem, most_steps: int, effort: Effort) -> Found:
+    def least_time(self, problem: Problem, most_steps: int, effort: SearchEffort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
         start, goal, goal_set, aims = problem
         lattice = self.lattice

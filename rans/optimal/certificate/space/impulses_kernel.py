@@ -20,7 +20,7 @@ _LONGEST = 3.0
 
 
 @compiled
-def in_order(instants: np.ndarray, order: np.ndarray) -> None:
+def pulse_order(instants: np.ndarray, order: np.ndarray) -> None:
     """Indices of pulses from the first to the last, written, by insertion: there are few."""
     for a in range(len(instants)):
         b = a
@@ -50,7 +50,7 @@ def _off(
 
     Parts, (K, 9), written: push, twist and the spin before, in W.
     """
-    in_order(instants, order)
+    pulse_order(instants, order)
     q = (start[3], start[4], start[5], start[6])
     w = start[10:13].copy()
     now = 0.0

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.space.impulses_kernel import in_order, refined
+from rans.optimal.certificate.space.impulses_kernel import pulse_order, refined
 from rans.optimal.certificate.space.kernel import integrate_period, miss
 
 _NEAR = 0.5
@@ -48,7 +48,7 @@ def final_state(
         order: (K,) scratch memory.
         path: (2, 13) scratch memory; its last written row is returned.
     """
-    in_order(periods, order)
+    pulse_order(periods, order)
     path[0] = start
     period = 0
     pulse = 0

@@ -15,7 +15,7 @@ import numpy as np
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
-from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.space.reach import SpinLattice
 
@@ -52,7 +52,7 @@ class ArrivalSearch(NamedTuple):
     rest_asked: bool
     """Whether the flight must end without spin, within the goal set's tolerance."""
     work: float
-    """Work of one search, nominal s (`rans.optimal.certificate.problem.Effort`)."""
+    """Work of one search, nominal s (`rans.optimal.certificate.problem.SearchEffort`)."""
 
     @property
     def wrenches(self) -> np.ndarray:
@@ -92,7 +92,9 @@ class ArrivalSearch(NamedTuple):
 
     def is_solution(self, commands: np.ndarray) -> bool:
         """Whether a replay of commands (N, thrusters) ends in the goal set."""
-        final = replay(self.lattice.craft, self.start, commands, self.lattice.period, _SUBSTEPS)
+        final = state_after(
+            self.lattice.craft, self.start, commands, self.lattice.period, _SUBSTEPS
+        )
         return is_in_goal_set(final, self.goal, self.goal_set, self.rest_asked)
 
 

@@ -19,15 +19,19 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Certificate, least_fuel, least_time
-from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.certificate import (
+    Certificate,
+    certified_least_fuel,
+    certified_least_time,
+)
+from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane import bounder
 from rans.optimal.certificate.plane.ascent import Ascent, Cut
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.problem import Effort, Problem
+from rans.optimal.certificate.problem import Problem, SearchEffort
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
@@ -54,11 +58,13 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
     start, goal, flown = instance(craft, steps, seed)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
     best = flown.fuel[reached].min()
-    answer = least_fuel(PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), steps)
+    answer = certified_least_fuel(
+        PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), steps
+    )
     assert answer.lower <= best + 1e-12
     assert answer.upper >= best - 1e-12
     assert answer.commands is not None
-    assert SNUG.contains(replay(craft, start, answer.commands, PERIOD), goal)
+    assert SNUG.contains(state_after(craft, start, answer.commands, PERIOD), goal)
     assert answer.upper == pytest.approx(fuel(craft, answer.commands, PERIOD))
     if name != "lopsided":  # whole pulses: branching closes the gap
         assert answer.lower == pytest.approx(answer.upper)
@@ -75,7 +81,7 @@ def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spa
     for k in np.random.default_rng(3).integers(0, len(flown.fuel), 12):
         goal = map_leaves(lambda x, k=k: float(x[k]), flown.final)
         reached = flown.arrived(goal, tight, ("position", "velocity", "heading", "spin"))
-        answer = least_fuel(PlanarBounder(lattice), Problem(start, goal, tight), 2)
+        answer = certified_least_fuel(PlanarBounder(lattice), Problem(start, goal, tight), 2)
         assert answer.lower <= flown.fuel[reached].min() + 1e-12
         assert answer.upper == pytest.approx(flown.fuel[reached].min())
 
@@ -91,7 +97,9 @@ def test_least_time_of_crafts_without_parity(name: str, seed: int) -> None:
         for steps in (1, 2, 3)
         if fly_everything(craft, start, steps).arrived(goal, SNUG, names).any()
     )
-    answer = least_time(PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), most)
+    answer = certified_least_time(
+        PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), most
+    )
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
 
 
@@ -116,7 +124,7 @@ def test_least_time_of_failed_thrusters(
     first = next(
         k for k, one in enumerate(both, 1) if one.arrived(goal, SNUG, names)[possible(one)].any()
     )
-    answer = least_time(
+    answer = certified_least_time(
         PlanarBounder(Lattice(craft, PERIOD, dead, stuck)), Problem(start, goal, SNUG), 2
     )
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
@@ -140,7 +148,7 @@ def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:
     lattice = Lattice(PLATFORM, PERIOD)
     wrong = dataclasses.replace(rest, **{field: value})
     for start, goal, name in ((wrong, rest, "start"), (rest, wrong, "goal")):
-        for ask in (least_fuel, least_time):
+        for ask in (certified_least_fuel, certified_least_time):
             with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
                 ask(PlanarBounder(lattice), Problem(start, goal), 5)
 
@@ -148,7 +156,7 @@ def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:
 @pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
 def test_periods_are_counted(steps: Any) -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    for ask in (least_fuel, least_time):
+    for ask in (certified_least_fuel, certified_least_time):
         with pytest.raises(ConfigError, match="at least one control period"):
             ask(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(rest, rest), steps)
 
@@ -158,7 +166,7 @@ def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> 
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     goal = PlanarState(Vec2(0.005, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     with pytest.raises(ConfigError, match="reach the goal set in 2 control periods"):
-        least_fuel(
+        certified_least_fuel(
             PlanarBounder(Lattice(PLATFORM, PERIOD)),
             Problem(rest, goal, GoalSet(1e-6, 1e-6, 0.03)),
             2,
@@ -171,11 +179,11 @@ def test_without_patience_bounds_hold(seed: int) -> None:
     start, goal, flown = instance(PLATFORM, 2, seed)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
     lattice = Lattice(PLATFORM, PERIOD)
-    hasty = Effort(work=1e-9)
-    fuel_answer = least_fuel(PlanarBounder(lattice), Problem(start, goal, SNUG), 2, hasty)
+    hasty = SearchEffort(work=1e-9)
+    fuel_answer = certified_least_fuel(PlanarBounder(lattice), Problem(start, goal, SNUG), 2, hasty)
     assert 0 < fuel_answer.lower <= flown.fuel[reached].min() + 1e-12
     assert (fuel_answer.upper, fuel_answer.commands, fuel_answer.nodes) == (math.inf, None, 0)
-    time_answer = least_time(PlanarBounder(lattice), Problem(start, goal, SNUG), 2, hasty)
+    time_answer = certified_least_time(PlanarBounder(lattice), Problem(start, goal, SNUG), 2, hasty)
     assert time_answer.lower <= 2 * PERIOD
     assert time_answer.upper == math.inf
 
@@ -190,18 +198,20 @@ def test_least_time_against_brute_force(seed: int) -> None:
         return bool(fly_everything(craft, start, steps).arrived(goal, SNUG, names).any())
 
     first = next(steps for steps in (1, 2, 3) if reachable(steps))
-    answer = least_time(PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), 3)
+    answer = certified_least_time(
+        PlanarBounder(Lattice(craft, PERIOD)), Problem(start, goal, SNUG), 3
+    )
     assert answer.lower == pytest.approx(first * PERIOD)
     assert answer.upper == pytest.approx(first * PERIOD)
 
 
 def test_platform_from_3_metres() -> None:
     start, goal = (map_leaves(lambda x: float(x[3]), state) for state in first_four(2023))
-    answer = least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(start, goal), 50)
+    answer = certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(start, goal), 50)
     assert answer.commands is not None
     assert answer.commands.shape == (50, 8)
     assert set(np.unique(answer.commands)) <= {0.0, 1.0}
-    assert GoalSet().contains(replay(PLATFORM, start, answer.commands, 0.2), goal)
+    assert GoalSet().contains(state_after(PLATFORM, start, answer.commands, 0.2), goal)
     rows = rows_from_states(start)[None]
     for command in answer.commands:
         rows = Plant(PLATFORM).advance(rows, command[None], 0.2)
@@ -230,8 +240,8 @@ def test_starts_that_move_and_spin(seed: int) -> None:
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     lattice = Lattice(PLATFORM, PERIOD)
     goals = GoalSet(0.08, 0.08, 0.3, spin=0.5 * lattice.spin)
-    answer = least_time(
-        PlanarBounder(lattice), Problem(start, goal, goals), 25, Effort(2.0, levels=6)
+    answer = certified_least_time(
+        PlanarBounder(lattice), Problem(start, goal, goals), 25, SearchEffort(2.0, levels=6)
     )
     assert answer.commands is not None
     rows = rows_from_states(start)[None]
@@ -247,7 +257,7 @@ def test_starts_that_move_and_spin(seed: int) -> None:
 
 def test_already_there_costs_nothing() -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
-    answer = least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, rest), 5)
+    answer = certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, rest), 5)
     assert (answer.lower, answer.upper) == (0.0, 0.0)
 
 
@@ -255,18 +265,18 @@ def test_out_of_reach_is_a_sentence() -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     far = PlanarState(Vec2(30.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     with pytest.raises(ConfigError, match="too short a time"):
-        least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 10)
+        certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 10)
     # 2 sqrt(30 m 5.32 kg / 2.83 N) = 15.02 s, less what the tolerances save.
-    assert least_time(
+    assert certified_least_time(
         PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 6
     ).lower == pytest.approx(15.0)
     with pytest.raises(ConfigError, match="at least one control period"):
-        least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 0)
+        certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 0)
 
 
 def test_effort_refuses() -> None:
     with pytest.raises(ConfigError, match="effort"):
-        Effort(work=0.0)
+        SearchEffort(work=0.0)
 
 
 def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,7 +285,9 @@ def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("rans.optimal.certificate.plane.bounder._commands", lambda *_: None)
     start, goal, flown = instance(PLATFORM, 2, 0)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
-    answer = least_fuel(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(start, goal, SNUG), 2)
+    answer = certified_least_fuel(
+        PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(start, goal, SNUG), 2
+    )
     assert answer.lower <= flown.fuel[reached].min() + 1e-12
     assert answer.commands is None
 
@@ -313,7 +325,7 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     away = dataclasses.replace(rest, p=Vec2(0.0501, 0.0))
     craft = PlanarBounder(Lattice(doubled(), PERIOD))
-    found = least_time(craft, Problem(away, rest), len(ends), Effort(levels=3))
+    found = certified_least_time(craft, Problem(away, rest), len(ends), SearchEffort(levels=3))
     assert (found.lower, found.upper) == pytest.approx(bounds)
     assert found.nodes == 2 * len(ends) if ends != "???c" else 6
     assert (found.commands is not None) == math.isfinite(bounds[1])

@@ -15,7 +15,7 @@ from rans.flight import fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.timing import Timing
-from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Relaxation
@@ -82,7 +82,7 @@ def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float
     )
     x, y, angle, u, v, w = random.uniform(-1.0, 1.0, 6)
     start = PlanarState(Vec2(x, y), Heading(angle), Vec2(u, v), w)
-    goal = replay(PLATFORM, start, patterns.commands[path], PERIOD)
+    goal = state_after(PLATFORM, start, patterns.commands[path], PERIOD)
     paid = fuel(PLATFORM, patterns.commands[path], PERIOD)
     relaxation = Relaxation(lattice, start, goal, GoalSet(), steps, paid)
     everything = relaxation.reachable()

@@ -20,7 +20,7 @@ from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet, pulse, rounded_up
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
@@ -98,7 +98,7 @@ def test_effects_are_the_motion(choices: list[int], start: tuple[float, ...]) ->
     lattice = Lattice(craft, PERIOD)
     path = np.array(choices) % len(lattice.patterns.torque)
     first = PlanarState(Vec2(*start[:2]), Heading(start[2]), Vec2(*start[3:5]), start[5])
-    final = replay(craft, first, lattice.patterns.commands[path], PERIOD)
+    final = state_after(craft, first, lattice.patterns.commands[path], PERIOD)
     relaxation = Relaxation(lattice, first, final, GoalSet(), 6, None)
     speed, way = relaxation.effects(path, path)
     # the engines' six-node rule is good to 1e-9 of the thrust's effect at 2 rad a period

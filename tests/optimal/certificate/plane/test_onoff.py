@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import scale, towards_goal
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.plane.onoff import flown, nozzles
+from rans.optimal.certificate.plane.onoff import nozzles, replayed_within_cost
 from tests.support.tiny_lattice import PERIOD, instance, lopsided
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -41,7 +41,7 @@ def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
     commands = nozzles(relaxation, path, bound, float(flown.fuel[best]), 5.0)
     assert commands is not None
     assert fuel(craft, commands, PERIOD) <= flown.fuel[best] + 1e-9
-    assert SNUG.contains(replay(craft, start, commands, PERIOD), goal)
+    assert SNUG.contains(state_after(craft, start, commands, PERIOD), goal)
 
 
 def test_no_nozzles_where_none_exist() -> None:
@@ -73,12 +73,12 @@ def test_a_path_is_flown_at_its_price_and_not_below() -> None:
         ]
     )
     price = float(patterns.thrust[path].sum()) * PERIOD
-    commands = flown(relaxation, path, price)
+    commands = replayed_within_cost(relaxation, path, price)
     assert commands is not None
     assert fuel(craft, commands, PERIOD) == pytest.approx(price)
-    assert flown(relaxation, path, 0.99 * price) is None
+    assert replayed_within_cost(relaxation, path, 0.99 * price) is None
     free = Relaxation(relaxation.lattice, start, goal, SNUG, steps, None, fuel=0.0)
-    assert flown(free, path, 0.0) is not None
+    assert replayed_within_cost(free, path, 0.0) is not None
 
 
 def _path(lattice: Lattice, commands: np.ndarray) -> np.ndarray:

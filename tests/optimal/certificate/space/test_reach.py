@@ -20,10 +20,10 @@ from rans.model.fields import Quat, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import least_fuel, least_time
-from rans.optimal.certificate.flight import fuel, replay
+from rans.optimal.certificate.certificate import certified_least_fuel, certified_least_time
+from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.problem import Effort, Problem, Unreachable
+from rans.optimal.certificate.problem import Problem, SearchEffort, Unreachable
 from rans.optimal.certificate.space.bounder import SpatialBounder
 from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.space.search import is_in_goal_set
@@ -172,12 +172,16 @@ def test_least_fuel_and_time_are_below_those_of_every_sequence(
     )
     least = float(spent[inside].min())
     lattice = SpinLattice(craft, PERIOD)
-    effort = Effort(1e-9)
-    found = least_fuel(SpatialBounder(lattice), Problem(start, goal, LOOSE, POSE), steps, effort)
+    effort = SearchEffort(1e-9)
+    found = certified_least_fuel(
+        SpatialBounder(lattice), Problem(start, goal, LOOSE, POSE), steps, effort
+    )
     assert hull.least_fuel(craft, POSE, start, goal, steps * PERIOD, LOOSE) <= found.lower + 1e-9
     assert found.lower <= least + 1e-9  # rounding of sums of pulses
     assert (
-        least_time(SpatialBounder(lattice), Problem(start, goal, LOOSE, POSE), 9, effort).lower
+        certified_least_time(
+            SpatialBounder(lattice), Problem(start, goal, LOOSE, POSE), 9, effort
+        ).lower
         <= steps * PERIOD + 1e-9
     )
 
@@ -205,14 +209,18 @@ def test_closer_than_the_hull() -> None:
     ends: Any = [map_leaves(lambda x: float(x[5]), x) for x in (batch.start, batch.goal)]
     start, goal = ends
     lattice = SpinLattice(FLYER, PERIOD)
-    hasty = Effort(1e-9)
-    found = least_time(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 125, hasty)
+    hasty = SearchEffort(1e-9)
+    found = certified_least_time(
+        SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 125, hasty
+    )
     assert (found.dual, found.lower, found.upper) == (
         pytest.approx(4.0),
         pytest.approx(4.2),
         math.inf,
     )
-    spent = least_fuel(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 50, hasty)
+    spent = certified_least_fuel(
+        SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 50, hasty
+    )
     assert spent.dual > 1.02 * hull.least_fuel(FLYER, REST, start, goal, 10.0, TASK_SET)
     assert spent.lower == pytest.approx(math.ceil(spent.dual / 0.4) * 0.4)  # two pulses at a time
 
@@ -226,13 +234,17 @@ def test_what_is_found_flies_there() -> None:
     start = replace(goal, p=Vec3(0.1, -0.2, 0.05))
     lattice = SpinLattice(FLYER, PERIOD)
     for found in (
-        least_time(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 40, Effort(6.0)),
-        least_fuel(SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 20, Effort(0.1)),
+        certified_least_time(
+            SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 40, SearchEffort(6.0)
+        ),
+        certified_least_fuel(
+            SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 20, SearchEffort(0.1)
+        ),
     ):
         assert found.commands is not None
         assert 0.0 < found.lower <= found.upper + 1e-9
         assert is_in_goal_set(
-            replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True
+            state_after(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True
         )
     assert fuel(FLYER, found.commands, PERIOD) == pytest.approx(found.upper)
 
@@ -245,18 +257,22 @@ def test_there_already_and_never() -> None:
     )
     far = replace(here, p=Vec3(9.0, 0.0, 0.0))
     assert (
-        least_time(
-            SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, Effort(0.1)
+        certified_least_time(
+            SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, SearchEffort(0.1)
         ).upper
         == 0.0
     )
-    nothing = least_fuel(
-        SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, Effort(0.5)
+    nothing = certified_least_fuel(
+        SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, SearchEffort(0.5)
     )
     assert (nothing.lower, nothing.upper, nothing.commands) == (0.0, 0.0, None)
     with pytest.raises(Unreachable, match="in 9 control periods"):
-        least_fuel(SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, Effort(0.1))
-    late = least_time(SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, Effort(0.1))
+        certified_least_fuel(
+            SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, SearchEffort(0.1)
+        )
+    late = certified_least_time(
+        SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, SearchEffort(0.1)
+    )
     assert late.lower > 1.8
     assert math.isinf(late.upper)
 

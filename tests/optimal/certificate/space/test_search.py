@@ -13,10 +13,10 @@ import pytest
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import least_time
-from rans.optimal.certificate.flight import replay
+from rans.optimal.certificate.certificate import certified_least_time
+from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.problem import Effort, Problem
+from rans.optimal.certificate.problem import Problem, SearchEffort
 from rans.optimal.certificate.space.bounder import SpatialBounder
 from rans.optimal.certificate.space.impulses_kernel import _off, _projected, _slopes, refined
 from rans.optimal.certificate.space.pulses_kernel import final_state
@@ -86,7 +86,9 @@ def test_pulses_end_where_the_engines_equations_say(build: Any) -> None:
         np.zeros(8, np.int64),
         np.zeros((2, 13)),
     )
-    assert state == pytest.approx(_columns(replay(craft, start, commands, PERIOD, 16)), abs=1e-5)
+    assert state == pytest.approx(
+        _columns(state_after(craft, start, commands, PERIOD, 16)), abs=1e-5
+    )
 
 
 def test_slopes_of_instants_are_differences() -> None:
@@ -163,7 +165,7 @@ def test_few_pulses_are_found_where_some_arrive() -> None:
         commands = np.zeros((steps, 16), dtype=np.int64)
         commands[random.integers(steps), i] = 1
         commands[random.integers(steps), j] = 1
-        goal: Any = replay(FLYER, start, commands, PERIOD, 8)
+        goal: Any = state_after(FLYER, start, commands, PERIOD, 8)
         found = search_fixed_pulses(
             wanted(start, replace(goal, w=Vec3(0.0, 0.0, 0.0)), tight), steps, 2, even
         )
@@ -205,7 +207,7 @@ def test_shares_arrive_with_less_than_pulses_need() -> None:
     for fuel, duties in found:
         assert duties.shape == (40, 16)
         assert PERIOD * duties.sum() == pytest.approx(fuel, rel=1e-6)
-        assert is_in_goal_set(replay(FLYER, start, duties, PERIOD, 8), goal, TASK_SET, True)
+        assert is_in_goal_set(state_after(FLYER, start, duties, PERIOD, 8), goal, TASK_SET, True)
         assert hull.least_fuel(FLYER, REST, start, goal, 8.0, TASK_SET) < fuel
     assert found[0].fuel <= found[-1].fuel
 
@@ -245,14 +247,16 @@ def test_one_rounding_of_many_is_chosen() -> None:
 def test_commands_are_found_a_period_above_the_bound() -> None:
     """Two metres away: 2.8 s are excluded; in 3.2 s on/off commands arrive, by twice as many substeps too."""
     start, goal = _away()
-    found = least_time(
-        SpatialBounder(LATTICE), Problem(start, goal, TASK_SET, REST), 40, Effort(20.0)
+    found = certified_least_time(
+        SpatialBounder(LATTICE), Problem(start, goal, TASK_SET, REST), 40, SearchEffort(20.0)
     )
     assert found.lower == pytest.approx(3.0)
     assert found.upper == pytest.approx(3.2)
     assert found.commands is not None
     assert found.commands.shape == (16, 16)
-    assert is_in_goal_set(replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True)
+    assert is_in_goal_set(
+        state_after(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True
+    )
 
 
 def test_commands_at_the_edge_of_the_goal_set() -> None:
@@ -262,8 +266,8 @@ def test_commands_at_the_edge_of_the_goal_set() -> None:
     """
     start = replace(still(1), p=Vec3(0.06, 0.0, 0.0), attitude=Quat(1.0, 0.0, 0.0, 0.0))
     goal = replace(start, p=Vec3(0.0, 0.0, 0.0))
-    found = least_time(
-        SpatialBounder(LATTICE), Problem(start, goal, TASK_SET, REST), 40, Effort(20.0)
+    found = certified_least_time(
+        SpatialBounder(LATTICE), Problem(start, goal, TASK_SET, REST), 40, SearchEffort(20.0)
     )
     assert found.upper == pytest.approx(0.4)
 
