@@ -55,8 +55,8 @@ class Compare:
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of these after lookahead:,
-    sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION. The first sets task, spacecraft and control rate; the
-    others are compared with it."""
+    sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION, or FILE.csv with flights that were computed elsewhere
+    (docs/comparison.md). The first sets task, spacecraft and control rate; the others are compared with it."""
     beside: Annotated[
         tuple[str, ...] | None, tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")
     ] = None

@@ -22,6 +22,7 @@ from rans.evaluation.fly.controllers import (
 )
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import OBSERVERS, is_exported
+from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.lookahead import Lookahead
 from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.tuned import tuned
@@ -38,6 +39,7 @@ Guest = Controller | Maker
 
 _OBSERVATION = "observation"
 _MODEL = "state, exact model"
+_NOTHING = "nothing: flown from a file"
 _UNTUNED = "none: default settings"
 _UNKNOWN = "not known"
 
@@ -210,6 +212,9 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
     _check_same(spec, run, contest)
     run = run.under(contest.conditions or Conditions())
+    if isinstance(run.controller, FlightsFile):
+        run.controller.check_starts(contest.episodes)
+        return Contestant(run.controller.name, run.controller, _NOTHING, _UNKNOWN)
     named = ContestantName.parse(spec)
     if name := named.alone.controller:
         effort = _budget(name, contest)

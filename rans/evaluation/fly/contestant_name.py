@@ -11,6 +11,7 @@ from typing import Literal
 from rans.errors import ConfigError, brief, meant, meant_file
 from rans.evaluation.fly.any_craft import write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
+from rans.evaluation.fly.flights_file import is_flights_file
 from rans.evaluation.fly.lookahead import PREFIX
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
@@ -30,9 +31,9 @@ EVALUATIONS = Path("runs") / "evaluations"
 _LONGEST_NAME = 4096
 """Largest number of characters in a path on Linux."""
 
-Kind = Literal["run folder", "pretrained", "controller", "policy"]
-"""A folder of a training or an export, an agent that comes with RANS, a controller without training, or a policy of
-another library."""
+Kind = Literal["run folder", "pretrained", "controller", "policy", "flights"]
+"""A folder of a training or an export, an agent that comes with RANS, a controller without training, a policy of
+another library, or a file of flights."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,8 @@ class ContestantName:
         if is_user_policy(text):
             policy, setup = split_policy(text)
             return cls(text, "policy", policy, setup)
+        if is_flights_file(text):
+            return cls(text, "flights", text)
         if _is_bare_controller(text):
             return cls(text, "controller", text)
         if len(text) > _LONGEST_NAME:
@@ -126,8 +129,8 @@ class ContestantName:
 
     @property
     def needs_setup(self) -> bool:
-        """Whether it flies only in the setup of an earlier contestant: a controller's name alone."""
-        return self.kind == "controller" and not self.setup
+        """Whether it flies only in the setup of an earlier contestant: a controller's name alone, or a file."""
+        return self.kind == "flights" or (self.kind == "controller" and not self.setup)
 
     def without_earlier(self) -> ContestantName:
         """This contestant where there is no earlier one: a controller's name alone may be that of a run folder.
@@ -137,6 +140,11 @@ class ContestantName:
         """
         if not self.needs_setup:
             return self
+        if self.kind == "flights":
+            raise ConfigError(
+                f"{brief(self.text)} names no mission: name one before it, as in rans compare mission:dock-3d "
+                f"{brief(self.text)}."
+            )
         if _exists(self.text):
             return replace(self, kind="run folder", name=self.text)
         raise ConfigError(f"{self.text} has no task; add one, as in {self.text}:go-to-pose-2d.")

@@ -13,6 +13,7 @@ from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.controllers import controller, user_policy
 from rans.evaluation.fly.exported import is_exported, load_exported
+from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.lookahead import looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.model.spacecraft_file import USUAL, load_spacecraft
@@ -36,7 +37,8 @@ def contestant(
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
             position of a trade-off. Policies of other libraries (see `user_policy`) end in the same
             ``:TASK-2d@SPACECRAFT``, or fly ``default_setup``. A folder may also hold an exported agent
-            (`rans.evaluation.fly.exported`). An agent for any craft flies another one than its own as
+            (`rans.evaluation.fly.exported`). FILE.csv holds flights, which fly ``default_setup``
+            (`rans.evaluation.fly.flights_file`). An agent for any craft flies another one than its own as
             ``any-craft-2d@SPACECRAFT`` (`rans.evaluation.fly.any_craft`).
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         default_setup: setup of policies of other libraries, and of a controller named by its bare name or
@@ -55,6 +57,8 @@ def _loaded(
         setup = default_setup if name.needs_setup else None
         run = _loaded(name.alone, protocol, setup, trust=False)
         return run._replace(controller=looking_ahead(run))
+    if name.kind == "flights" and default_setup is not None:
+        return LoadedRun(FlightsFile(name.name, default_setup), *default_setup[:4])
     if name.needs_setup and default_setup is not None:
         return LoadedRun(controller(typed(name.name), default_setup), *default_setup[:4])
     # Policies of other libraries, in the setup that their text names, or in that of the first contestant.

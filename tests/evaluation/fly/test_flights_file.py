@@ -1,0 +1,114 @@
+"""Flights that were computed elsewhere fly as they are written, and wrong files are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.compare.entrants import contest_of, enlist
+from rans.evaluation.measure.metrics import impulses
+
+MASS = 12.0
+"""Of the craft afrl-deputy, kg; it has 1 N along each axis and a control period of 10 s."""
+
+
+def motion(n: float, time: float) -> np.ndarray:
+    """Transition of position and velocity in the Hill frame, from the equations of motion, (6, 6)."""
+    rates = np.zeros((6, 6))
+    rates[:3, 3:] = np.eye(3)
+    rates[3, [0, 4]] = 3.0 * n * n, 2.0 * n
+    rates[4, 3] = -2.0 * n
+    rates[5, 2] = -n * n
+    return expm(rates * time)
+
+
+def short(steps: int) -> Contest:
+    """One start of dock, for the first control periods only."""
+    contest = contest_of("mission:dock-3d", 1)
+    return replace(contest, timing=replace(contest.timing, episode_steps=steps))
+
+
+def written(folder: Path, text: str) -> Path:
+    file = folder / "flights.csv"
+    file.write_text(text)
+    return file
+
+
+@pytest.mark.slow
+def test_a_hand_made_flight_of_two_impulses_docks(tmp_path: Path) -> None:
+    """One burn toward a point from which 300 s later a second one leads to the target, by SciPy's exponential."""
+    contest = short(62)
+    start = contest.start(0).start
+    state = np.ravel([*start.p.columns(), *start.v.columns()])
+    n = contest.task.mean_motion  # pyright: ignore[reportAttributeAccessIssue]
+    # A burn of one period is an impulse in the middle of it, but for 0.1 mm.
+    state = motion(n, 5.0) @ state
+    burns = []
+    for coast, to in ((300.0, 0.45 * state[:3]), (300.0, np.zeros(3))):
+        moved = motion(n, coast)
+        burns.append(np.linalg.solve(moved[:3, 3:], to - moved[:3] @ state))
+        state[3:] += burns[-1]
+        state = moved @ state
+    rows = [f"0,{time},{x},{y},{z}" for time, (x, y, z) in zip((0, 300), burns, strict=True)]
+    file = written(tmp_path, "\n".join(["start,time,dv.x,dv.y,dv.z", *rows]))
+    flight = contest.fly(enlist(str(file), contest).controller).flight
+    assert flight.done is not None
+    assert flight.done[0]
+    assert not flight.violated()[0]
+    assert impulses(flight)[0] == pytest.approx(MASS * np.abs(burns).sum(), rel=1e-9)
+
+
+def test_a_flight_that_is_too_fast_breaks_the_limit(tmp_path: Path) -> None:
+    contest = short(6)
+    toward = -np.ravel(contest.start(0).start.p.columns())
+    command = np.zeros(6)
+    # Thrusters are along x, -x, y, -y, z, -z; full thrust for 50 s changes it by 4 m/s.
+    command[2 * np.arange(3) + (toward < 0)] = 1.0
+    rows = [f"0,{10 * k}," + ",".join(map(str, command)) for k in range(5)]
+    header = "start,time," + ",".join(f"command.{k}" for k in range(6))
+    file = written(tmp_path, "\n".join([header, *rows]))
+    assert contest.fly(enlist(str(file), contest).controller).flight.violated()[0]
+
+
+DV = "start,time,dv.x,dv.y,dv.z\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "is empty"),
+        ("start,time,dv.x\n0,0,1\n", "no column command.0"),
+        (DV + "0,0,much,0,0\n", "line 2: dv.x must be a finite number"),
+        (DV + "0,7,0.1,0,0\n", "multiple of the control period of 10 s, got 7 s"),
+        (DV + "0,2000,0.1,0,0\n", "time must be 0 to 1990 s"),
+        (DV + "0,0,0.9,0,0\n", "at most 0.8333 m/s along an axis"),
+        (DV + "1,0,0.1,0,0\n", "without a gap, got 1"),
+        (DV + "0,0,0.1,0,0\n0,0,0.1,0,0\n", "line 3: start 0 has two rows for 0 s"),
+        (DV, "without a gap, got none"),
+    ],
+)
+def test_wrong_files_are_refused(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(ConfigError, match=problem):
+        enlist(str(written(tmp_path, text)), contest_of("mission:dock-3d", 1))
+
+
+def test_every_start_that_flies_needs_a_flight(tmp_path: Path) -> None:
+    file = written(tmp_path, DV + "0,0,0.1,0,0\n")
+    with pytest.raises(ConfigError, match="flights of 1 start, and 2 fly; add --episodes 1"):
+        enlist(str(file), contest_of("mission:dock-3d", 2))
+
+
+def test_a_file_alone_names_no_mission(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, DV)
+    assert main(["compare", "flights.csv"]) == 2
+    assert "name one before it" in " ".join(capsys.readouterr().err.split())
