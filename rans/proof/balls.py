@@ -46,28 +46,36 @@ def column(values: Sequence[Any]) -> Any:
 
 def parallel(low: Any, high: Any, kind: str) -> tuple[Any, Any, Any]:
     """Slope, middle and half distance of parallel lines around an activation from low to high."""
-    scale = arb(1) if kind == "Tanh" else arb("0.5")
+    scale = arb("0.5") if kind == "Sigmoid" else arb(1)
+    bend = _rectified if kind == "Relu" else arb.tanh
     low = (scale * low).lower()
     high = (scale * high).upper()
     slope = arb(0)
     if (high - low).lower() > 1e-9:
-        slope = ((high.tanh() - low.tanh()) / (high - low)).mid()
+        slope = ((bend(high) - bend(low)) / (high - low)).mid()
     points = [low, high]
-    if 0 < slope < 1:
+    if kind == "Relu":
+        points += [arb(0)] if low < 0 < high else []  # in between it is straight
+    elif 0 < slope < 1:
         turn = (1 - slope).sqrt().atanh()
         points += [z for z in (turn, -turn) if z.upper() >= low and z.lower() <= high]
     else:
         points.append(low.union(high))
-    values = [z.tanh() - slope * z for z in points]
+    values = [bend(z) - slope * z for z in points]
     least = min((x.lower() for x in values), key=float)
     most = max((x.upper() for x in values), key=float)
     least = (least - abs(least) * arb(1e-14) - arb(1e-300)).lower()  # as floats order them
     most = (most + abs(most) * arb(1e-14) + arb(1e-300)).upper()
     middle = ((least + most) / 2).mid()
     half = ((most - least) / 2).upper()
-    if kind == "Tanh":
+    if kind != "Sigmoid":
         return slope, middle, half
     return slope / 4, arb("0.5") + middle / 2, half / 2
+
+
+def _rectified(z: Any) -> Any:
+    """The larger one of an exact number and 0; what is no number stays none."""
+    return arb(0) if z <= 0 else z
 
 
 def with_sizes(layers: Sequence[Any]) -> list[Any]:

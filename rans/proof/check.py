@@ -128,7 +128,7 @@ def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
         elif kind in ("Add", "Sub"):
             shift = matrix(given[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
             then(matrix(np.eye(given[0].size)), shift)
-        elif kind in ("Tanh", "Sigmoid"):
+        elif kind in ("Tanh", "Sigmoid", "Relu"):
             layers[-1] = (*layers[-1][:2], kind)
         elif kind not in ("Flatten", "Reshape"):
             raise Refused(f"its network has an operation that is not checked: {kind}.")

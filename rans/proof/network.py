@@ -13,7 +13,7 @@ from rans.files import first_line, read_bytes
 _LARGEST = 2**26
 """Bytes of an ONNX file that is read; networks in control have less than a thousandth of it."""
 
-ACTIVATIONS = {"Tanh": "tanh", "Sigmoid": "sigmoid"}
+ACTIVATIONS = {"Tanh": "tanh", "Sigmoid": "sigmoid", "Relu": "relu"}
 """Operations of ONNX that bend, and their names here."""
 
 
@@ -25,14 +25,14 @@ class Layer(NamedTuple):
     bias: np.ndarray
     """(outputs,)."""
     activation: str
-    """ "tanh", "sigmoid" or "" for none."""
+    """ "tanh", "sigmoid", "relu" or "" for none."""
 
 
 def read_network(file: Path) -> list[Layer]:
     """Layers of the network in an ONNX file, in double precision.
 
-    Known are chains of MatMul, Gemm, Add, Sub, convolutions of one pixel (Conv), Flatten, Reshape, Tanh and
-    Sigmoid. Linear operations that follow one another are joined into one layer.
+    Known are chains of MatMul, Gemm, Add, Sub, convolutions of one pixel (Conv), Flatten, Reshape, Tanh,
+    Sigmoid and Relu. Linear operations that follow one another are joined into one layer.
 
     Raises:
         ConfigError: the file cannot be read, or has another operation or more than one chain.
@@ -86,7 +86,7 @@ def _layers(graph: Any, tables: dict[str, np.ndarray], file: Path) -> list[Layer
             case "Add" | "Sub":
                 sign = 1.0 if node.op_type == "Add" else -1.0
                 bias = bias + sign * others[0].ravel()
-            case "Tanh" | "Sigmoid":
+            case "Tanh" | "Sigmoid" | "Relu":
                 layers.append(_layer(weight, bias, ACTIVATIONS[node.op_type], layers, file))
                 weight = None
                 bias = 0.0
@@ -95,7 +95,7 @@ def _layers(graph: Any, tables: dict[str, np.ndarray], file: Path) -> list[Layer
             case _:
                 raise ConfigError(
                     f"{file} has the operation {brief(node.op_type)}; known are MatMul, Gemm, Add, Sub, Conv, "
-                    "Flatten, Reshape, Tanh and Sigmoid."
+                    "Flatten, Reshape, Tanh, Sigmoid and Relu."
                 )
         current = node.output[0]
     if weight is not None:
@@ -141,4 +141,6 @@ def apply(layers: list[Layer], states: np.ndarray) -> np.ndarray:
             x = np.tanh(x)
         elif layer.activation == "sigmoid":
             x = 0.5 + 0.5 * np.tanh(0.5 * x)
+        elif layer.activation == "relu":
+            x = np.maximum(x, 0.0)
     return x

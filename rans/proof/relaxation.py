@@ -74,8 +74,16 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
     """Slope, offset and error of lines around an activation on [low, high].
 
     The slope is that of the chord. A function minus a line is extreme at the ends or where the slopes are equal: of
-    tanh where tanh^2 = 1 - slope. An error of the point where they are equal hardly changes the value there.
+    tanh where tanh^2 = 1 - slope. An error of the point where they are equal hardly changes the value there. A
+    rectifier minus a line is extreme at the ends or at 0.
     """
+    if activation == "relu":
+        slope = ((high.relu() - low.relu()) / (high - low).clamp(min=1e-9)).clamp(0.0, 1.0)
+        places = (low, high, torch.zeros_like(low).clamp(min=low, max=high))
+        corners = torch.stack([z.relu() - slope * z for z in places])
+        least, most = corners.amin(dim=0), corners.amax(dim=0)
+        rounding = 4.0 * _ULPS * _UNIT * torch.maximum(low.abs(), high.abs())
+        return slope, 0.5 * (most + least), 0.5 * (most - least) + rounding
     scale = 1.0 if activation == "tanh" else 0.5  # sigmoid(z) = 1/2 + tanh(z / 2) / 2
     low = scale * low
     high = scale * high

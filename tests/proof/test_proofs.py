@@ -127,7 +127,7 @@ def written(network: Sequence[Layer], file: Path) -> Path:
 @given(
     st.floats(-30.0, 30.0),
     st.one_of(st.just(0.0), st.floats(1e-12, 40.0)),
-    st.sampled_from(["tanh", "sigmoid"]),
+    st.sampled_from(["tanh", "sigmoid", "relu"]),
 )
 @settings(max_examples=200, deadline=None)
 def test_an_activation_lies_between_its_lines(low: float, width: float, kind: str) -> None:
@@ -137,13 +137,18 @@ def test_an_activation_lies_between_its_lines(low: float, width: float, kind: st
     )
     slope, offset, error = (float(x) for x in parallel_lines(*ends, kind))
     z = np.linspace(low, low + width, 400)
-    y = np.tanh(z) if kind == "tanh" else 1.0 / (1.0 + np.exp(-z))
+    bends = {
+        "tanh": np.tanh,
+        "sigmoid": lambda z: 1.0 / (1.0 + np.exp(-z)),
+        "relu": lambda z: z * (z > 0),
+    }
+    y = bends[kind](z)
     # The test's own values have rounding errors of a few units in the last place.
-    assert (np.abs(y - slope * z - offset) <= error + 4e-16).all()
-    assert error <= 1.0
+    assert (np.abs(y - slope * z - offset) <= error + 4e-16 * (1.0 + np.abs(z).max())).all()
+    assert error <= (1.0 if kind != "relu" else 0.125 * width + 1e-9)
 
 
-@pytest.mark.parametrize("activation", ["tanh", "sigmoid"])
+@pytest.mark.parametrize("activation", ["tanh", "sigmoid", "relu"])
 @pytest.mark.parametrize("sizes", [(3, 2), (3, 8, 2), (3, 8, 9, 2), (3, 6, 7, 8, 2)])
 def test_a_network_lies_between_its_planes(activation: str, sizes: tuple[int, ...]) -> None:
     """Random points of random zonotopes, extreme ones among them."""
@@ -175,7 +180,7 @@ def test_a_network_lies_between_its_planes(activation: str, sizes: tuple[int, ..
         (DOCKING, layers([4, 8, 2], 5, scale=0.01)),
         (SPINNING, layers([3, 8, 8, 3], 4, "sigmoid")),
         (HOLDING, damping(4, (2, 3), 3)),
-        (HOLDING, layers([4, 8, 2], 5, scale=0.01)),
+        (HOLDING, layers([4, 8, 2], 5, "relu", scale=0.01)),
     ],
     ids=["brakes", "pushes", "spins", "stays out", "drifts"],
 )
@@ -319,9 +324,22 @@ def test_the_checker_knows_the_ball(radius: float, passes: bool, tmp_path: Path)
         verdict(content, network.read_bytes())
 
 
-def test_reading_follows_onnx(tmp_path: Path) -> None:
+def test_the_checker_agrees_about_rectifiers(tmp_path: Path) -> None:
+    """Rectifiers below a last layer of tanh, whose commands push a craft at the limit of its speed."""
+    hidden, last = layers([4, 8, 2], 5, scale=0.05)
+    both = [Layer(hidden.weight, hidden.bias, "relu"), last]
+    network = written(both, tmp_path / "net.onnx")
+    proof = prove(problem_of(HOLDING), read_network(network))
+    assert proof.is_whole
+    write_certificate(proof, network, tmp_path / "ball.json")
+    found = verdict((tmp_path / "ball.json").read_bytes(), network.read_bytes())
+    assert found == pytest.approx(proof.margins.min(), rel=1e-6)
+
+
+@pytest.mark.parametrize("activation", ["sigmoid", "relu"])
+def test_reading_follows_onnx(activation: str, tmp_path: Path) -> None:
     runtime = pytest.importorskip("onnxruntime")
-    network = layers([4, 7, 5, 2], 8, "sigmoid")
+    network = layers([4, 7, 5, 2], 8, activation)
     file = written(network, tmp_path / "net.onnx")
     session = runtime.InferenceSession(str(file))
     x = np.random.default_rng(1).normal(size=(50, 4)).astype(np.float32)
