@@ -58,6 +58,8 @@ class Result:
 
     name: str
     seconds: float = 0.0
+    processor_seconds: float = 0.0
+    """Of all processors, which other programs do not lengthen."""
     cells: int = 0
     differences: list[Difference] = field(default_factory=list)
     failed: str = ""
@@ -132,6 +134,7 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
     folder = output / name.replace(" ", "-")
     _prepare(folder, source)
     begun = time.monotonic()
+    used = _used()
     log = folder / "log.txt"
     with log.open("a", encoding="utf-8") as file:
         for command in (source.quick if quick else ()) or source.commands:
@@ -146,6 +149,7 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
                 check=False,
             )
     result.seconds = time.monotonic() - begun
+    result.processor_seconds = _used() - used
     for written, evidence in source.moved:
         if (folder / written).exists():
             shutil.copyfile(folder / written, folder / "docs" / "validation" / evidence)
@@ -163,6 +167,12 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
             if difference is not None:
                 result.differences.append(difference._replace(table=table))
     return result
+
+
+def _used() -> float:
+    """Processor time of all commands that have ended, s."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def _prepare(folder: Path, source: Source) -> None:
@@ -299,13 +309,14 @@ def report(results: Sequence[Result], quick: bool, seconds: float) -> str:
     lines = ["# Differences", ""]
     lines += ["Fewer flights than published, by `--quick`.", ""] if quick else []
     lines += [
-        "| what | page | verdict | seconds | same processor and versions |",
-        "|---|---|---|---|---|",
+        "| what | page | verdict | seconds | of processors | same processor and versions |",
+        "|---|---|---|---|---|---|",
     ]
     for one in results:
         page = SOURCES[one.name].page.removeprefix("../")
         lines.append(
             f"| {one.name} | {page} | {one.verdict()} | {one.seconds:.0f} | "
+            f"{one.processor_seconds:.0f} | "
             f"{'yes' if one.same_machine else 'no'} |"
         )
     lines += ["", f"{seconds:.0f} s in all.", "", "## Cells that differ by more than accepted", ""]
