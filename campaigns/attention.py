@@ -1,6 +1,7 @@
 """One policy for random layouts of thrusters: what attention over effectors learns, and carries over.
 
-``python -m campaigns.attention`` trains it for about two minutes and prints the table.
+``pip install ./examples/plugins/attention ./examples/plugins/gradient`` and ``python -m campaigns.attention`` train
+it for about two minutes and print the table.
 """
 
 from __future__ import annotations
@@ -29,17 +30,21 @@ from rans.terminal import Terminal, table
 
 _TASK = GoToPose(spawn_distance=(0.3, 1.0))
 _TIMING = Timing(episode_steps=32)
-_SETTINGS = PPOSettings(
-    n_envs=64,
-    n_steps=16,
-    batch_size=1024,
-    n_epochs=1,
-    layers=(32, 32),
-    learning_rate=0.01,
-    symmetric=False,
-    backbone="attention",
-    exploration=ExplorationSettings(initial_duty=0.2),
-)
+
+
+def _settings() -> PPOSettings:
+    """Settings of the training; the backbone is that of an installed package."""
+    return PPOSettings(
+        n_envs=64,
+        n_steps=16,
+        batch_size=1024,
+        n_epochs=1,
+        layers=(32, 32),
+        learning_rate=0.01,
+        symmetric=False,
+        backbone="attention",
+        exploration=ExplorationSettings(initial_duty=0.2),
+    )
 
 
 def random_layout(seed: int) -> Spacecraft:
@@ -73,8 +78,8 @@ def begun(count: int) -> list[GradientLearner]:
     make = partial(GradientLearner, own=GradientSettings())
     learners = []
     for seed in range(count):
-        engine = Engine(random_layout(seed), _TASK, _SETTINGS.n_envs, _TIMING, plain=True)
-        learner = begin(engine, [_SETTINGS], [0], True, make)
+        engine = Engine(random_layout(seed), _TASK, _settings().n_envs, _TIMING, plain=True)
+        learner = begin(engine, [_settings()], [0], True, make)
         assert isinstance(learner, GradientLearner)
         learners.append(learner)
     return learners

@@ -16,21 +16,13 @@ from rans.model.fields import Field
 from rans.policy import authority as of_authority
 from rans.policy import measurement_gate
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.allocated import Allocated
-from rans.policy.attention import EffectorAttention
-from rans.policy.backbones import Backbone, Dense
+from rans.policy.backbone_registry import BACKBONES
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
-BACKBONES: dict[str, Backbone] = {
-    "dense": Dense(),
-    "attention": EffectorAttention(),
-    "allocated": Allocated(),
-}
-"""By their names in settings and agents' files."""
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
 
@@ -61,7 +53,7 @@ class Architecture:
     """(thrusters, d): command of each thruster for a change of velocity of 1 m/s along each axis of B in a control
     period, for a head that is advised."""
     backbone: str = "dense"
-    """Key of `BACKBONES`: how features become the commands' outputs."""
+    """Name in `BACKBONES`: how features become the commands' outputs."""
     tokens: tuple[tuple[float, ...], ...] = ()
     """What each effector is, for a backbone that is given that: `rans.policy.backbones.effector_tokens`, or
     `rans.policy.any_craft.effects`."""

@@ -2,8 +2,8 @@
 
 Every policy has a trunk of dense layers, and a recurrent core if it has one, which make features of what is
 observed and remembered. A backbone is one class that makes the commands' outputs of them, and its name in
-`rans.policy.architecture.BACKBONES`. Torch computes it; if it is also traced, files have it. Executors that do not
-state it (`rans.policy.capabilities`) leave such a policy to torch.
+`rans.policy.backbone_registry.BACKBONES`. Torch computes it; if it is also traced, files have it. Executors that
+do not state it (`rans.policy.capabilities`) leave such a policy to torch.
 """
 
 from __future__ import annotations

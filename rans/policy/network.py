@@ -9,7 +9,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.backbone_registry import BACKBONES
 from rans.policy.backbones import product
 from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, recurrent, viewed

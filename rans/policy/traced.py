@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.backbone_registry import BACKBONES
 from rans.policy.capabilities import Capabilities
 from rans.policy.memory import averaged, gated
 from rans.policy.network import Network
@@ -22,10 +23,7 @@ from rans.policy.program import Program, inputs
 from rans.policy.symmetry import AIM, Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
-TRACED = Capabilities(
-    backbones=tuple(name for name, backbone in BACKBONES.items() if backbone.is_traced),
-    recurrent=True,
-)
+TRACED = Capabilities(backbones=None, recurrent=True)
 """Parts of an architecture that can be traced, and so executed by anything but torch."""
 
 

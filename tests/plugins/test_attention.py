@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import torch
 
 from campaigns.attention import begun, train
+from rans.cli import main
 from rans.deploy.export import Form, write_agent
 from rans.deploy.program import agent_program
 from rans.errors import ConfigError
@@ -18,13 +20,17 @@ from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
-from rans.policy.architecture import BACKBONES
+from rans.policy.backbone_registry import BACKBONES
 from rans.policy.backbones import Dense, effector_tokens
 from rans.policy.network import Network
 from rans.policy.parts import NetworkView
+from tests.support import plugins
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy, setup
+from tests.support.processes import ROOT
 from tests.support.training import scatter
+
+plugins.register()
 
 
 def attending(craft: Spacecraft, head: str = "on-off") -> Network:
@@ -83,7 +89,8 @@ def test_a_backbone_of_a_stranger_is_flown_by_torch_and_refused_by_files(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What it commands is its own, not that of the layers that it resembles."""
-    monkeypatch.setitem(BACKBONES, "doubled", Doubled())
+    own = {**vars(BACKBONES)["_own"], "doubled": Doubled()}  # until the end of this test
+    monkeypatch.setattr(BACKBONES, "_own", own)
     throttled = replace(PLATFORM, actuators=Throttle())
     network = policy(throttled, backbone="doubled", sided=False)
     usual = Network(replace(network.architecture, backbone="dense"), network.tensors)
@@ -117,3 +124,47 @@ def test_files_hold_it(form: Form, tmp_path: Path) -> None:
     assert again.architecture.tokens == network.architecture.tokens
     rows = torch.randn(20, network.architecture.layout.width)
     assert torch.equal(*(one.deterministic_action(rows, None)[0] for one in (network, again)))
+
+
+@pytest.mark.slow
+def test_a_training_of_the_package_flies_and_needs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its entry point gives the name; without the package, training and agent say what to install."""
+    folder = str(tmp_path / "run")
+    train_it = [
+        "train",
+        "go-to-pose",
+        "--set",
+        "ppo.backbone=attention",
+        "--total-timesteps",
+        "512",
+    ]
+    for setting in ("n_envs=32", "n_steps=8", "batch_size=256", "symmetric=false", "layers=[8]"):
+        train_it += ["--set", f"ppo.{setting}"]
+    without = {name: x for name, x in vars(BACKBONES)["_own"].items() if name != "attention"}
+    monkeypatch.setattr(BACKBONES, "_own", without)
+    metadata = tmp_path / "rans_attention-0.1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: rans-attention\nVersion: 0.1.0\n"
+    )
+    project = tomllib.loads((ROOT / "examples/plugins/attention/pyproject.toml").read_text("utf-8"))
+    [(group, names)] = project["project"]["entry-points"].items()
+    lines = [f"[{group}]", *(f"{name} = {value}" for name, value in names.items())]
+    (metadata / "entry_points.txt").write_text("\n".join(lines))
+    with monkeypatch.context() as installed:
+        installed.syspath_prepend(tmp_path)
+        installed.delitem(vars(BACKBONES), "_offered", raising=False)
+        assert main([*train_it, "--device", "cpu", "--output", folder]) in (0, 1), (
+            capsys.readouterr()
+        )
+        assert BACKBONES.package("attention") == "rans-attention"
+        assert main(["evaluate", folder, "--episodes", "8"]) in (0, 1), capsys.readouterr()
+    monkeypatch.delitem(vars(BACKBONES), "_offered")
+    monkeypatch.setattr(BACKBONES, "_loaded", {})
+    capsys.readouterr()
+    assert main(train_it) == 2
+    assert "attention is a package of the repository: pip install" in capsys.readouterr().err
+    assert main(["evaluate", folder, "--episodes", "8"]) == 2
+    assert "attention is a package of the repository: pip install" in capsys.readouterr().err

@@ -26,9 +26,12 @@ from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
 from rans.tasks import Dock
+from tests.support import plugins
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
 from validation.speed.exported import ANSWERS
+
+plugins.register()
 
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), (), 0.0)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from rans_attention.backbone import EffectorAttention
 from rans_gradient.learner import Gradient
 from rans_imitation.learner import Imitation
 
 from rans.fast.learn.algorithms import LEARNERS
+from rans.policy.backbone_registry import BACKBONES
 
 
 def register() -> None:
-    """Register the learners unless another module of tests has."""
+    """Register learners and backbones unless another module of tests has."""
     for name, kind in (("gradient", Gradient), ("imitation", Imitation)):
         if name not in LEARNERS:
             LEARNERS.register(name)(kind)
+    if "attention" not in BACKBONES:
+        BACKBONES.register("attention")(EffectorAttention)

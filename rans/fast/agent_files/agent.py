@@ -26,7 +26,8 @@ from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import PPOSettings
 from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.architecture import BACKBONES, EXTRACTOR, Architecture
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.backbone_registry import ATTENTION, BACKBONES
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
@@ -304,7 +305,8 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     }
     for name, (key, table) in known.items():
         if key not in table:
-            raise ValueError(f"its {name} {brief(key)} is unknown here")
+            hint = f"; {ATTENTION}" if key == "attention" else ""
+            raise ValueError(f"its {name} {brief(key)} is unknown here{hint}")
     backbone = BACKBONES[architecture.backbone]
     widths = [backbone.token_width] * architecture.thrusters
     if backbone.has_tokens and [*map(len, architecture.tokens)] != widths:

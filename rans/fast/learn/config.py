@@ -16,6 +16,7 @@ from rans.fast.learn.algorithms import complete
 from rans.fast.learn.curriculum import Ramp, check_ramps, with_present_settings
 from rans.model.timing import Timing
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.backbone_registry import ATTENTION, trainable
 from rans.randomization.conditions import Conditions
 from rans.renamed import now_constant, renamed
 from rans.structure import structure
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 else:
     Activation = Literal[tuple(ACTIVATIONS)]
 Head = Literal["auto", "gated", "guided"]
-BackboneName = Literal["dense", "attention"]
 MemoryKind = Literal["none", "history", "commands", "recurrent"]
 
 MOST_LAYERS = 32
@@ -263,9 +263,9 @@ class PPOSettings:
     """Units of the hidden layers, which actor and critic share."""
     activation: Activation = "tanh"
     """Activation function of the hidden layers."""
-    backbone: BackboneName = "dense"
-    """Network from features to commands: "dense" has a last layer; "attention" has a layer of attention over the
-    effectors, whose weights apply to any craft."""
+    backbone: str = "dense"
+    """Network from features to commands: "dense" has a last layer; installed packages have others, such as
+    attention over the effectors (examples/plugins/attention)."""
     head: Head = "auto"
     """Distribution of the commands: "auto" is Bernoulli for on/off thrusters and Gaussian for others; "gated" first
     decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0; "guided"
@@ -314,13 +314,17 @@ class PPOSettings:
         require_bounds(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         for name, kind in (
             ("activation", Activation),
-            ("backbone", BackboneName),
             ("head", Head),
             ("matmul", Precision),
         ):
             known = get_args(kind)
             require_bounds(
                 self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name
+            )
+        if self.backbone not in trainable():
+            hint = f"; {ATTENTION}" if self.backbone == "attention" else ""
+            raise ConfigError(
+                f"backbone must be one of {', '.join(trainable())}, got {brief(self.backbone)}{hint}."
             )
         require_bounds(
             self,

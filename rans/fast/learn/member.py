@@ -17,7 +17,8 @@ from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
 from rans.fast.learn.learner import Learner, Making
 from rans.fast.learn.ppo import PPOLearner
-from rans.policy.architecture import BACKBONES, Architecture
+from rans.policy.architecture import Architecture
+from rans.policy.backbone_registry import BACKBONES
 from rans.policy.backbones import effector_tokens
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network

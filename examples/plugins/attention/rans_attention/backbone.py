@@ -1,4 +1,4 @@
-"""A backbone that attends to effectors: its weights are the same whatever a craft has, and in whatever order."""
+"""Attention over effectors: the weights are the same whatever a craft has, and in whatever order."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""Backbone of RANS's policies that attends to effectors."""
