@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.effectors.commands import check, per_velocity
+from rans.effectors.commands import check_commands, per_velocity
 from rans.episode import Setup
 from rans.errors import ConfigError, brief, counted
 from rans.files import read_text
@@ -149,7 +149,7 @@ class FlightsFile:
             # Solvers end on a bound but for rounding.
             flat[:] = np.where(np.abs(flat - flat.round()) < _ROUNDING, flat.round(), flat)
             try:
-                check(craft, flat, len(flat))
+                check_commands(craft, flat, len(flat))
             except ConfigError as error:
                 raise ConfigError(f"{self.name}: {error}") from None
             return
