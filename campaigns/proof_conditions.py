@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.pretrained import pretrained_folder
 from rans.processes import Workers, nothing
 from rans.proof import trap as traps
@@ -39,7 +39,7 @@ VERDICTS = ("open", "proved", "refuted")
 
 def column(_: None, kind: str, mass: float) -> tuple[str, float, list[str], list[float]]:
     """Verdicts for a mass error, by the other error, and seconds of each proof that was tried."""
-    run = load_agent(pretrained_folder(AGENT))
+    run = load_policy(pretrained_folder(AGENT))
     loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
     values = VELOCITY if kind == "velocity" else DELAY
     sets = [

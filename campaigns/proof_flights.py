@@ -14,7 +14,7 @@ import numpy as np
 
 from campaigns.command import ended
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import load_policy
 from rans.pretrained import pretrained_folder
 from rans.proof.network import read_network
 from rans.proof.problem import read_problem
@@ -54,7 +54,7 @@ class ProofFlights:
             )
         if self.agent is None or self.certificate is None:
             raise ConfigError("name --problem and --network, or --agent and --certificate.")
-        run = load_agent(pretrained_folder(self.agent))
+        run = load_policy(pretrained_folder(self.agent))
         loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
         trap = read_trap(self.certificate)
         return sum(leaving(loop, trap, count, 1, seed) for seed, count in enumerate(batches))
