@@ -28,6 +28,7 @@ from campaigns import (
     robustness,
     safe_set,
     settled_gate_entry,
+    standings,
     throttling,
 )
 from campaigns.markdown import Table
@@ -130,6 +131,10 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "RAFT": partial(raft.in_document, spacecraft=raft.PLATFORM),
     "RAFT with a wheel": partial(raft.in_document, spacecraft=raft.WHEELED),
     "stress": stress,
+    **{
+        f"standings of {name}": partial(standings.in_document, mission=name)
+        for name in standings.MISSIONS
+    },
     "settled gate": settled_gate_entry.in_document,
     "validations": validations,
     "values": values,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import tyro
 
+from campaigns import standings
 from campaigns.command import ended
 from campaigns.markdown import Table
 from rans.episode import Guard, Setup
@@ -99,6 +100,7 @@ class Inspection:
             }
             write_json(self.docs / "validation" / "mission-inspect.json", evidence)
             in_document(self.docs).write(self.docs)
+            standings.in_document(self.docs, "inspect").write(self.docs)
         return 0
 
     def rows(self) -> Iterator[Row]:

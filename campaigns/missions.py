@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 import tyro
 
+from campaigns import standings
 from campaigns.command import ended
 from campaigns.markdown import Table
 from rans.errors import ConfigError, SolverFailed
@@ -163,6 +164,7 @@ class Missions:
                 evidence = before | {"rows": [*others, *evidence["rows"]]}
             write_json(file, evidence)
             in_document(self.docs, self.mission).write(self.docs)
+            standings.in_document(self.docs, self.mission).write(self.docs)
         return 0
 
     def _rows(self) -> Iterator[Row]:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import tyro
 
+from campaigns import standings
 from campaigns.command import ended
 from campaigns.markdown import Table
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
@@ -90,6 +91,8 @@ class Passive:
             write_json(file, evidence)
             in_document(self.docs).write(self.docs)
             percentiles_in_document(self.docs).write(self.docs)
+            for mission in standings.MISSIONS:
+                standings.in_document(self.docs, mission).write(self.docs)
         return 0
 
     def _row(self, mission: str, made: Callable[..., Controller], count: int) -> dict[str, Any]:

@@ -1,0 +1,209 @@
+"""What is known at least of every mission: ``python -m campaigns.standings --docs docs``.
+
+It measures nothing: it gathers proven bound, cheapest known flight, guidance and agent of each mission from the
+evidence of `campaigns.missions`, `campaigns.inspection` and `campaigns.passive`, into the first table of its page.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from campaigns.markdown import Table
+from rans.files import number, read_json
+from rans.terminal import Terminal
+
+_HEADINGS = (
+    "",
+    "who",
+    "starts",
+    "won, %",
+    "over the bound",
+    "mean spent",
+    "median time, s",
+    "least margin",
+    "unsafe coasts, %",
+)
+
+
+@dataclass(frozen=True)
+class Mission:
+    """Which rows of the evidence are the standings of a mission."""
+
+    condition: str
+    """The condition of `campaigns.missions`; empty: the only one."""
+    rows: tuple[tuple[str, str], ...]
+    """What each row is, and who flies it in the evidence."""
+    passive: tuple[tuple[str, str], ...] = ()
+    """Names of `campaigns.passive` for contestants, from which times, margins and coasts are."""
+    unit: str = "N s"
+
+
+_BOUND = "proven bound"
+_CHEAPEST = "cheapest known"
+_GUIDANCE = "guidance"
+_SAFE = "guidance, passively safe"
+_AGENT = "agent"
+_NONE = "none"
+"""Of a row that nobody fills."""
+_ORBITAL = (
+    (_CHEAPEST, "convex guidance"),
+    (_GUIDANCE, "mission guidance"),
+    (_AGENT, _NONE),
+)
+MISSIONS = {
+    "dock": Mission(
+        "1,000 s",
+        _ORBITAL,
+        (("mission guidance", "dock, mission"), (_SAFE, "dock, passive-entry")),
+    ),
+    "hold": Mission(
+        "1,900 s", _ORBITAL, (("mission guidance", "hold, mission"), (_SAFE, "hold, passive"))
+    ),
+    "rendezvous": Mission(
+        "5,000 s",
+        _ORBITAL,
+        (("mission guidance", "rendezvous, mission"), (_SAFE, "rendezvous, passive-entry")),
+    ),
+    "land": Mission(
+        "", ((_CHEAPEST, "landing guidance"), (_AGENT, "pretrained:land-3d")), unit="kg"
+    ),
+    "inspect": Mission(
+        "",
+        (
+            (_CHEAPEST, "circumnavigation, 12,240 s"),
+            (_GUIDANCE, "visiting"),
+            (_AGENT, "inspect-3d, filtered"),
+        ),
+        (
+            ("circumnavigation, 12,240 s", "inspect, circumnavigation"),
+            (_SAFE, "inspect, circumnavigation, safe coasts"),
+        ),
+    ),
+    "avoid": Mission(
+        "default zones", ((_AGENT, "pretrained:avoid-2d"), (_AGENT, "pretrained:avoid-3d"))
+    ),
+    "dock-port": Mission(
+        "default rates",
+        tuple((_AGENT, f"pretrained:dock-port-{name}") for name in ("2d", "2d-atmos", "3d")),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Standings:
+    """Print the tables of all missions, and write them."""
+
+    docs: Path = Path("docs")
+    """Folder of the documents, with the evidence; the tables are written into their pages."""
+
+    def run(self) -> int:
+        """Print and write."""
+        for mission in MISSIONS:
+            table = in_document(self.docs, mission)
+            Terminal().show(mission, _HEADINGS, table.rows)
+            table.write(self.docs)
+        return 0
+
+
+def in_document(docs: Path, mission: str) -> Table:
+    """The table of a mission's page, of the evidence in docs/validation."""
+    asked = MISSIONS[mission]
+    flown = {
+        row["who"]: row
+        for row in read_json(docs / "validation" / f"mission-{mission}.json")["rows"]
+        if row.get("condition", "") == asked.condition
+    }
+    safety = {row["who"]: row for row in read_json(docs / "validation/passive-safety.json")["rows"]}
+    of_safety = {who: safety[name] for who, name in asked.passive}
+    starts = read_json(docs / "validation" / f"mission-{mission}.json").get("episodes", "")
+    lines = [_bound(mission, asked, flown)]
+    for what, who in asked.rows:
+        name = f"{who}, by {asked.condition}" if asked.rows is _ORBITAL and who != _NONE else who
+        lines.append([what, name, *_cells(flown.get(who), of_safety.get(who), starts, asked.unit)])
+    if _SAFE in of_safety:
+        name = dict(asked.passive)[_SAFE].partition(", ")[2]
+        row = of_safety[_SAFE]
+        other = next(one for one in of_safety.values() if one is not row)
+        spent = _spent(row["impulse"], asked.unit)
+        if row["starts"] == other["starts"]:
+            # From the same starts, with the same deadlines.
+            spent += f", {row['impulse'] / other['impulse']:.2f} of guidance"
+        name += ", own deadlines" if asked.condition else ""
+        counts = f"{row['starts']:,}", f"{100.0 * row['won']:.1f}"
+        lines.append([_SAFE, name, *counts, "-", spent, *_safe(row)])
+    # Rows in the order of their kinds: that of safe guidance before agents.
+    order = (_BOUND, _CHEAPEST, _GUIDANCE, _SAFE, _AGENT)
+    lines.sort(key=lambda line: order.index(line[0]))
+    return Table(
+        f"missions/{mission}.md",
+        f"python -m campaigns.standings --docs docs, {mission}",
+        _HEADINGS,
+        lines,
+        "",
+    )
+
+
+def _bound(mission: str, asked: Mission, flown: dict[str, Any]) -> list[str]:
+    """The row of the bound; impulses of inspections are in the evidence."""
+    bounds = [row["bound"] for row in flown.values() if "bound" in row]
+    known = bool(bounds) or any(
+        _number(row, "ratio") == _number(row, "ratio") for row in flown.values()
+    )
+    spent = _spent(bounds[0], asked.unit) if bounds else "-"
+    return [
+        _BOUND,
+        "any flight" if known else _NONE,
+        "-",
+        "-",
+        "1" if known else "-",
+        spent,
+        *"---",
+    ]
+
+
+def _cells(row: Any, safety: Any, starts: Any, unit: str) -> list[str]:
+    """Starts, won, over the bound, spent, time, margin and coasts of a contestant."""
+    if row is None:
+        return [*"-------"]
+    won = row["won"] if "won" in row else row["succeeded"]
+    spent = _number(row, "spent") if "spent" in row else row["impulse"]
+    ratio = _number(row, "ratio") if "ratio" in row else row["impulse"] / row["bound"]
+    median = f"{row['median']:,.0f}" if "median" in row else "-"
+    rest = [median, "-", "-"] if safety is None else _safe(safety)
+    return [
+        f"{row.get('starts', starts):,}",
+        f"{100.0 * won:.1f}",
+        f"{ratio:.3f}" if ratio == ratio else "-",
+        _spent(spent, unit),
+        *rest,
+    ]
+
+
+def _safe(row: Any) -> list[str]:
+    """Median time, least margin and unsafe coasts of the flights of `campaigns.passive`."""
+    quantiles = row["percentiles"]
+    margins = [
+        f"{number(values[-1]):.3g} {name.rpartition(', ')[2]}"
+        for name, values in quantiles.items()
+        if name.startswith("margin of ")
+    ]
+    time = f"{number(quantiles['arrival, s'][0]):,.0f}"
+    return [time, margins[0] if margins else "-", f"{100.0 * row['unsafe']:.1f}"]
+
+
+def _spent(value: float, unit: str) -> str:
+    return f"{float(f'{value:.3g}'):,g} {unit}"
+
+
+def _number(row: Any, name: str) -> float:
+    """A number of a row of evidence; NaN: there is none."""
+    value = row.get(name)
+    return float("nan") if value is None else float(value)
+
+
+if __name__ == "__main__":
+    tyro.cli(Standings).run()
