@@ -33,11 +33,11 @@ class Source:
     commands: tuple[str, ...]
     """What measures them, in a folder with a copy of docs."""
     seconds: float
-    """Time of the commands, s, on two cores of an AMD EPYC; 0: nobody has measured it."""
+    """Processor time of the commands, s, on an AMD EPYC; 0: not measured."""
     quick: tuple[str, ...] = ()
     """The same with fewer flights; empty: these commands."""
     quick_seconds: float = 0.0
-    """Time of the quick commands, s."""
+    """Processor time of the quick commands, s; 0: not measured."""
     flights: tuple[int, int] = (0, 0)
     """Flights behind a share, and with ``quick``; 0: the table has no shares, or says the number in each row."""
     shares: tuple[str, ...] = ()

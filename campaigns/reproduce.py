@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -29,6 +30,7 @@ from campaigns.provenance import SOURCES, Source
 from rans.errors import ConfigError, RansError, meant
 from rans.files import environment, read_bytes, read_json, write_text
 from rans.pretrained import pretrained_folder, pretrained_names
+from rans.processes import processors
 from rans.terminal import Terminal
 
 ROOT = Path(__file__).parents[1]
@@ -102,22 +104,34 @@ class Reproduce:
                     f"--only must be of {', '.join(SOURCES)}; got {name!r}{meant(name, SOURCES)}."
                 )
         terminal = Terminal()
-        results = []
+        results: list[Result] = []
         begun = time.monotonic()
-        for name in self.only or SOURCES:
-            terminal.say(f"{name}: {_planned(SOURCES[name], self.quick)}")
-            results.append(reproduced(name, SOURCES[name], self.quick, self.output.absolute()))
-            terminal.say(f"{name}: {results[-1].verdict()}, {results[-1].seconds:.0f} s")
-            # After every row, so that an interrupt leaves the page of those until then.
-            page = report(results, self.quick, time.monotonic() - begun)
-            write_text(self.output / "differences.md", page)
+        rows = {name: SOURCES[name] for name in self.only or SOURCES}
+        planned = sum(_planned(source, self.quick) for source in rows.values())
+        terminal.say(f"{len(rows)} rows, about {planned / 60:.0f} minutes of one processor.")
+        # Most commands use one processor, so that as many run at once as there are.
+        with ThreadPoolExecutor(processors()) as pool:
+            futures = [
+                pool.submit(reproduced, name, source, self.quick, self.output.absolute())
+                for name, source in rows.items()
+            ]
+            try:
+                for future in as_completed(futures):
+                    results.append(future.result())
+                    last = results[-1]
+                    terminal.say(f"{last.name}: {last.verdict()}, {last.seconds:.0f} s")
+                    # After every row, so that an interrupt leaves the page of those until then.
+                    page = report(results, self.quick, time.monotonic() - begun)
+                    write_text(self.output / "differences.md", page)
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
         terminal.say(f"Written to {self.output / 'differences.md'}.")
         return int(any(one.beyond or _is_failure(one) for one in results))
 
 
-def _planned(source: Source, quick: bool) -> str:
-    seconds = source.quick_seconds if quick else source.seconds
-    return f"about {seconds:.0f} s on two cores" if seconds else "time not known"
+def _planned(source: Source, quick: bool) -> float:
+    return source.quick_seconds if quick and source.quick else source.seconds
 
 
 def _is_failure(result: Result) -> bool:
@@ -134,22 +148,17 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
     folder = output / name.replace(" ", "-")
     _prepare(folder, source)
     begun = time.monotonic()
-    used = _used()
     log = folder / "log.txt"
     with log.open("a", encoding="utf-8") as file:
         for command in (source.quick if quick else ()) or source.commands:
             # Codes of commands say whether targets were met, or that the page has the mark of another number of
             # flights; evidence that is missing is seen below.
-            subprocess.run(
-                _words(command),
-                cwd=folder,
-                env=_environment(),
-                stdout=file,
-                stderr=file,
-                check=False,
+            process = subprocess.Popen(
+                _words(command), cwd=folder, env=_environment(), stdout=file, stderr=file
             )
+            _, process.returncode, used = os.wait4(process.pid, 0)
+            result.processor_seconds += used.ru_utime + used.ru_stime
     result.seconds = time.monotonic() - begun
-    result.processor_seconds = _used() - used
     for written, evidence in source.moved:
         if (folder / written).exists():
             shutil.copyfile(folder / written, folder / "docs" / "validation" / evidence)
@@ -167,12 +176,6 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
             if difference is not None:
                 result.differences.append(difference._replace(table=table))
     return result
-
-
-def _used() -> float:
-    """Processor time of all commands that have ended, s."""
-    times = os.times()
-    return times.children_user + times.children_system
 
 
 def _prepare(folder: Path, source: Source) -> None:
