@@ -51,8 +51,7 @@ def column(_: None, kind: str, mass: float) -> tuple[str, float, list[str], list
     verdicts = ["open"] * len(values)
     # Larger errors include smaller ones: what is refuted stays so, and what is proved was so before.
     for k, off in enumerate(sets):
-        empty = traps.Trap(SPEED, *GRID[:2], 1, GRID[2], np.zeros((0, 6), int), off)
-        if traps.broken_flight(loop, empty, SPIN, START) is not None:
+        if traps.broken_flight(loop, (SPEED, SPIN), START, off) is not None:
             verdicts[k:] = ["refuted"] * (len(values) - k)
             break
     low, high = -1, verdicts.count("open")

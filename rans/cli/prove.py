@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shlex
 import time
 from collections.abc import Callable
@@ -101,28 +102,30 @@ class Prove:
             raise ConfigError(f"{agent} flies {type(run.task).__name__}; known is track-velocity.")
         loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
         begun = time.monotonic()
+        terminal = Terminal()
+        limits = keep["speed"], keep["spin"]
+        begin = start["speed"], start["spin"]
+        uncertainty = traps.Uncertainty(**off)
+        broken = traps.broken_flight(loop, limits, begin, uncertainty)
+        if broken is not None:
+            state, speed, spin = broken
+            flown = "" if any(off.values()) else _flown(agent, state)
+            terminal.say(
+                f"False: the flight from {np.round(state[:2], 5).tolist()} m/s in the body frame and the spin "
+                f"{state[2]:.5f} rad/s reaches {speed:.4g} m/s and {spin:.4g} rad/s.{flown}"
+            )
+            return 1
         with progress() as bars:
             task = bars.add_task("proving", total=None)
             trap = traps.trapping_set(
                 loop,
-                keep["speed"],
-                keep["spin"],
-                traps.Uncertainty(**off),
+                *limits,
+                uncertainty,
                 *(self.resolution * count for count in traps.GRID),
                 report=lambda done, left: bars.update(task, completed=done, total=done + left),
             )
-        terminal = Terminal()
-        begin = start["speed"], start["spin"]
         seconds = time.monotonic() - begun
         if not trap.contains(loop, *begin):
-            broken = traps.broken_flight(loop, trap, keep["spin"], begin)
-            if broken is not None:
-                state, speed, spin = broken
-                terminal.say(
-                    f"False: the flight from {np.round(state[:2], 5).tolist()} m/s in the body frame and the spin "
-                    f" {state[2]:.5f} rad/s reaches {speed:.4g} m/s and {spin:.4g} rad/s."
-                )
-                return 1
             largest = traps.largest_start(trap, loop, start["spin"])
             terminal.say(
                 f"Open: neither proved nor refuted, after {seconds:.1f} s. With this spin starts up to "
@@ -254,6 +257,24 @@ class Prove:
             f"{time.monotonic() - begun:.1f} s."
         )
         return 0
+
+
+def _flown(agent: str, start: np.ndarray) -> str:
+    """What a flight from a velocity and a spin reaches in the fast engine, and in Drake if it is installed."""
+    from rans.api.agent import load_agent
+    from rans.api.limits import state
+
+    pilot = load_agent(agent)
+    at_rest = state((0.0, 0.0))
+    first = state((0.0, 0.0), 0.0, start[:2].tolist(), float(start[2]))
+    results = ""
+    for name in ("fast", "drake") if importlib.util.find_spec("pydrake") else ("fast",):
+        states = pilot.fly(engine=name, start=first, goal=at_rest).states
+        speed = np.hypot(states.v.x, states.v.y).max()
+        spin = np.abs(states.w).max()
+        engine = "Drake" if name == "drake" else "the fast engine"
+        results += f" In {engine} it reaches {speed:.4g} m/s and {spin:.4g} rad/s."
+    return results
 
 
 def _files(folder: Path) -> dict[str, bytes]:

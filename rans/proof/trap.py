@@ -221,14 +221,17 @@ def velocity_loop(network: Network, craft: Spacecraft, period: float) -> Loop:
 
 
 def broken_flight(
-    loop: Loop, trap: Trap, spin: float, start: tuple[float, float], flights: int = 2000
+    loop: Loop,
+    keep: tuple[float, float],
+    start: tuple[float, float],
+    off: Uncertainty = Uncertainty(),
+    flights: int = 2000,
 ) -> tuple[np.ndarray, float, float] | None:
-    """Start, highest speed (m/s) and spin (rad/s) of a simulated flight that passes the limits, or None.
+    """Start, highest speed (m/s) and spin (rad/s) of a simulated flight that passes these limits, or None.
 
     Starts are uniform up to a speed and a spin, parameters and readings extreme; flights last 60 periods.
     """
     random = np.random.default_rng(0)
-    off = trap.uncertainty
     angle = random.uniform(0.0, 2.0 * np.pi, flights)
     speed = start[0] * np.sqrt(random.random(flights))
     velocity = speed[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
@@ -251,7 +254,7 @@ def broken_flight(
             highest = np.maximum(highest, np.linalg.norm(velocity, axis=1))
             fastest = np.maximum(fastest, np.abs(rate))
         commands = new
-    beyond = np.maximum(highest / trap.speed, fastest / spin)
+    beyond = np.maximum(highest / keep[0], fastest / keep[1])
     worst = int(beyond.argmax())
     if beyond[worst] <= 1.0:
         return None

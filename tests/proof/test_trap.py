@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -226,7 +227,7 @@ def test_what_is_false_ends_with_a_flight(loop: Loop) -> None:
     trap = trapping_set(loop, 0.07, SPIN, rings=8, sectors=32, fine=4)
     assert not trap.contains(loop, 0.069, 0.05)
     weak = trapping_set(loop, 0.03, SPIN, rings=4, sectors=32, fine=4)
-    found = broken_flight(loop, weak, 0.01, (0.03, 0.05))
+    found = broken_flight(loop, (weak.speed, 0.01), (0.03, 0.05))
     assert found is not None
     assert found[2] > 0.01
 
@@ -256,6 +257,43 @@ def test_the_shipped_agents_loop_is_its_controller() -> None:
     clear = np.abs(odds) > 1e-3
     assert clear.mean() > 0.95
     np.testing.assert_array_equal(commands.numpy()[clear] > 0.5, odds[clear] > 0)
+
+
+@pytest.mark.parametrize("engine", ["fast", "drake"])
+def test_the_shipped_agents_loop_flies_as_an_engine(engine: str) -> None:
+    """Ten periods from a velocity and a spin, of which commands are in single precision."""
+    if engine == "drake":
+        pytest.importorskip("pydrake")
+    import rans
+
+    pilot = rans.load_agent("track-velocity-2d")
+    run = pilot.run
+    assert run is not None
+    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    begin, spin = np.array([[0.13, 0.02]]), np.array([0.9])
+    start = rans.state((0.0, 0.0), 0.0, begin[0].tolist(), float(spin[0]))
+    states = pilot.fly(engine=engine, start=start, goal=rans.state((0.0, 0.0))).states  # type: ignore[arg-type]
+    velocity = begin
+    for period in range(1, 11):
+        commands = (loop.log_odds(velocity, spin) > 0).astype(float)
+        velocity, spin = loop.fly(velocity, spin, commands)
+        speed = float(np.hypot(states.v.x[period, 0], states.v.y[period, 0]))  # type: ignore[index]
+        assert np.linalg.norm(velocity) == pytest.approx(speed, abs=1e-6)
+        assert spin[0] == pytest.approx(float(states.w[period, 0]), abs=1e-6)  # type: ignore[index]
+
+
+@pytest.mark.slow
+def test_what_is_false_is_flown_in_both_engines(capsys: pytest.CaptureFixture[str]) -> None:
+    """A pulse makes 3.8 cm/s, so that a velocity above it cannot stay below."""
+    pytest.importorskip("pydrake")
+    limits = ["--property", "speed=0.05,spin=0.5", "--from", "speed=0.04,spin=0.2"]
+    assert main(["prove", "pretrained:track-velocity-2d", *limits]) == 1
+    reached = re.findall(
+        r"reaches ([\d.]+) m/s and ([\d.]+) rad/s", " ".join(capsys.readouterr().out.split())
+    )
+    assert len(reached) == 3
+    for speed, spin in reached:
+        assert float(speed) > 0.05 or float(spin) > 0.5
 
 
 def test_the_command_checks_an_agents_certificate(
@@ -347,7 +385,7 @@ def test_late_thrusters_are_in_the_errors(loop: Loop, trap: Trap) -> None:
     proved = trapping_set(loop, LIMIT, SPIN, off, rings=12, sectors=32, fine=4, start=(0.03, 0.02))
     assert proved.contains(loop, 0.03, 0.02)
     assert leaving(loop, proved, 10_000, 5, 2) == 0
-    assert broken_flight(loop, proved, SPIN, (0.03, 0.02)) is None
+    assert broken_flight(loop, (LIMIT, SPIN), (0.03, 0.02), off) is None
     # Four of eight thrusters push along x with 2 sqrt(2) N in all, or turn it with 4 times 0.31 N m.
     assert loop.strongest() == pytest.approx((2.0 * np.sqrt(2.0) / MASS, 4.0 * 0.31 / INERTIA))
     # The count can fail: a reading that is off by as much as the dead band opens no thruster in time.
