@@ -1,0 +1,71 @@
+"""Pictures of missions: what is drawn where."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rans.flight import Flight, fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.scenario import scenarios
+from rans.show.figures.flight_paths import paths_figure
+from rans.tasks import Avoid, DockPort, GoToPose, Hold, Task
+
+
+def flown(craft_name: str, task: Task, steps: int = 5, count: int = 4) -> Flight:
+    """Short flights of a coasting craft."""
+    craft = load_spacecraft(craft_name)
+    starts = scenarios(task, craft, 7, count)
+
+    class Coasting:
+        name = "coasting"
+
+        def reset(self, count: int) -> None:
+            """Nothing to reset."""
+
+        def act(self, *_: object) -> np.ndarray:
+            """No thrust."""
+            return np.zeros((count, craft.command_count))
+
+    return fly(craft, task, Coasting(), starts, Timing(episode_steps=steps))
+
+
+def test_an_orbit_has_its_ball_in_two_views() -> None:
+    """Along the track is to the right; the ball of 50 m is whole although no path goes around it."""
+    flight = flown("vbar-chaser", Hold())
+    in_plane, across = paths_figure(flight).axes
+    assert (in_plane.get_ylabel(), across.get_ylabel()) == (
+        "radially outwards, m",
+        "across the orbit, m",
+    )
+    path = in_plane.lines[0].get_xydata()
+    np.testing.assert_allclose(np.asarray(path)[0, 0], flight.states.p.y[0, 0])
+    left, right = in_plane.get_xlim()
+    assert left < -50.0
+    assert right > 50.0
+    [name] = [
+        text.get_text() for text in in_plane.get_legend().get_texts() if "zone" in text.get_text()
+    ]  # type: ignore[union-attr]
+    assert name == "keep-out zone"
+
+
+@pytest.mark.parametrize("task", [Avoid(), DockPort()])
+def test_flights_with_zones_of_their_own_have_panels(task: Task) -> None:
+    """Three of four flights are drawn, each with what is around it."""
+    figure = paths_figure(flown("floating-platform", task))
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "episode 0",
+        "episode 1",
+        "episode 2",
+    ]
+
+
+def test_flights_without_zones_share_a_panel() -> None:
+    task = GoToPose()
+    craft = load_spacecraft("floating-platform")
+    starts = scenarios(task, craft, 7, 4)
+    flight = fly(craft, task, LQR(craft, task), starts, Timing(episode_steps=5))
+    [axes] = paths_figure(flight).axes
+    assert sum(len(np.asarray(line.get_xydata())) == 6 for line in axes.lines) == 4
