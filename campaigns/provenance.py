@@ -67,7 +67,7 @@ def _mission(
     """A mission's table, whose rows say their number of flights."""
     command = f"python -m campaigns.missions {name} --docs docs"
     return Source(
-        tables=(name.replace("-", " "),),
+        tables=(name.replace("-", " "), f"standings of {name}"),
         page=f"missions/{name}.md",
         commands=(f"{command}{options}",),
         seconds=seconds,
@@ -252,7 +252,7 @@ SOURCES: dict[str, Source] = {
         evidence=("identification.json",),
     ),
     "inspect": Source(
-        tables=("inspect",),
+        tables=("inspect", "standings of inspect"),
         page="missions/inspect.md",
         commands=("python -m campaigns.inspection --docs docs",),
         seconds=900.0,
