@@ -145,7 +145,7 @@ class RestReward(Settings):
     departed_weight: float = 0.0
     """Reward lost in a control period that begins at rest within the tolerances and does not end so: an agent that
     has arrived should stay, and correct itself with pulses that leave it at rest."""
-    smooth_within: float = 1.0
+    within: float = 1.0
     """Fraction of the tolerances that counts as arrived; below 1 leaves a margin."""
     spin: float = math.radians(5.0)
     """Angular speed below which a craft counts as at rest, rad/s. Under disturbances it must exceed the change of
