@@ -146,6 +146,11 @@ def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
             centre, spread = end
         if not least > 0.0:
             break
+    ends = problem.get("end", {"lower": [], "upper": []})
+    for axis, (low, high) in enumerate(zip(ends["lower"], ends["upper"], strict=True)):
+        row = arb_mat(1, len(cell), [arb(int(i == axis)) for i in range(len(cell))])
+        most, fewest = _highest(row, (centre, spread)), -_highest(-1 * row, (centre, spread))
+        least = _least((least, (arb(high) - most).lower(), (fewest - arb(low)).lower()))
     return least
 
 

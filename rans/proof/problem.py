@@ -83,6 +83,8 @@ class Problem:
     upper: tuple[float, ...]
     """Highest start."""
     keep: SpeedLimit | Avoid | KeepOut
+    end: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    """Lowest and highest state of the box in which every flight ends; None: anywhere."""
     text: str = ""
     """Text of the file."""
 
@@ -96,6 +98,13 @@ class Problem:
         known = {f"x{i}": x for i, x in enumerate(states)}
         known |= {f"u{i}": u for i, u in enumerate(commands)}
         return [evaluate(text, known) for text in self.derivative]
+
+    def end_margins(self, states: np.ndarray) -> np.ndarray:
+        """Margins (N,) by which last states (N, n) are in the box of the end, along their worst axis."""
+        assert self.end is not None
+        return np.minimum(states - np.array(self.end[0]), np.array(self.end[1]) - states).min(
+            axis=1
+        )
 
     def linear(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one."""
@@ -205,7 +214,7 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
     """Problem of a TOML text; raises as `read_problem`."""
     table = read_toml(text)
     known = {"name", "period", "steps", "derivative", "commands", "start", "keep"}
-    if table.keys() != known:
+    if table.keys() - {"end"} != known:
         raise ConfigError(
             f"{where} must have the keys {', '.join(sorted(known))}, and has {', '.join(table)}."
         )
@@ -227,6 +236,10 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
     lower, upper = (_numbers(table["start"].get(end), count, where) for end in ("lower", "upper"))
     if any(low > high for low, high in zip(lower, upper, strict=True)):
         raise ConfigError(f"{where}: start.lower must not be above start.upper.")
+    end = None
+    if "end" in table:
+        low, high = (_numbers(table["end"].get(key), count, where) for key in ("lower", "upper"))
+        end = low, high
     problem = Problem(
         str(table["name"]),
         derivative,
@@ -236,6 +249,7 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
         lower,
         upper,
         _property(table["keep"], count, where),
+        end,
         text,
     )
     problem.rates([1.0] * count, [1.0] * commands)

@@ -184,7 +184,7 @@ def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray)
             k4 = rate(x + h * k3)
             x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
             least = np.minimum(least, problem.keep.margins(x))
-    return least
+    return least if problem.end is None else np.minimum(least, problem.end_margins(x))
 
 
 class ClosedLoop:
@@ -227,6 +227,13 @@ class ClosedLoop:
                 states = piece.end
             if not bool((least > 0.0).any()):
                 break
+        if self.problem.end is not None:
+            lower, upper = (
+                torch.tensor(x, dtype=torch.float64, device=self.device) for x in self.problem.end
+            )
+            axes = torch.eye(len(lower), dtype=torch.float64, device=self.device)[None]
+            inner = torch.minimum(upper - states.highest(axes), -lower - states.highest(-axes))
+            least = torch.minimum(least, inner.amin(dim=1))
         first = self._layers[0].weight
         worth = radius * torch.linalg.vector_norm(first, dim=0)
         return least.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()

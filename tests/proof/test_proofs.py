@@ -213,6 +213,55 @@ def test_between_instants_too() -> None:
     assert loop.margins(np.array([[0.0, 1.0]]), np.array([[0.0, 1.0]]))[0][0] < 0.0
 
 
+SETTLING = """
+name = "a mass on a line comes to rest"
+period = 0.5
+steps = 40
+commands = 1
+derivative = ["x1", "u0"]
+[start]
+lower = [-1.0, -0.2]
+upper = [1.0, 0.2]
+[keep.avoid]
+lower = [2.0, -9.0]
+upper = [9.0, 9.0]
+"""
+
+
+def test_flights_end_in_a_box(tmp_path: Path) -> None:
+    """u = tanh(-0.3 x - v) brings x = 1 to rest: 20 s later it is near 0, and 2 s later it is not."""
+    network = written([Layer(np.array([[-0.3, -1.0]]), np.zeros(1), "tanh")], tmp_path / "net.onnx")
+    layers = read_network(network)
+    end = "[end]\nlower = [-0.5, -0.1]\nupper = [0.5, 0.1]\n"
+    problem = problem_of(SETTLING + end)
+    proof = prove(problem, layers)
+    assert proof.is_whole
+    ends = np.array([[-0.5, 0.0], [0.3, 0.05], [0.0, -0.11]])
+    np.testing.assert_allclose(problem.end_margins(ends), [0.0, 0.05, -0.01], atol=1e-12)
+    # The checker finds the same, and refuses the same cells for a box that flights miss, and for a shorter time.
+    write_certificate(proof, network, tmp_path / "end.json")
+    content, file = (tmp_path / "end.json").read_text(), network.read_bytes()
+    assert verdict(content.encode(), file) == pytest.approx(proof.margins.min(), abs=1e-9)
+    from rans.proof.balls import Refused
+
+    for old, new in (("-0.5, -0.1", "0.2, -0.1"), ("steps = 40", "steps = 4")):
+        assert old in content
+        with pytest.raises(Refused, match="margin"):
+            verdict(content.replace(old, new).encode(), file)
+    assert not prove(problem_of((SETTLING + end).replace("= 40", "= 4")), layers).is_whole
+
+
+def test_the_hold_agent_stays_for_ever() -> None:
+    """The box in which its flights end is one that it comes back to, so that the ball is never entered."""
+    folder = ROOT / "examples/proofs"
+    far, near = (read_problem(folder / f"hold-agent{name}.toml") for name in ("", "-near"))
+    assert far.end == near.end == (near.lower, near.upper)
+    assert far.keep == near.keep
+    assert far.derivative == near.derivative
+    assert far.period == near.period
+    assert prove(near, read_network(folder / "hold-agent.onnx")).is_whole
+
+
 def test_what_is_false_ends_with_a_flight_that_breaks_it() -> None:
     problem = problem_of(DOCKING.replace("base = 0.2", "base = -0.01"))
     push = [Layer(np.zeros((2, 4)), np.array([5.0, 5.0]), "tanh")]
@@ -389,7 +438,9 @@ def test_the_hold_agent_from_ahead_is_refuted() -> None:
     """Its guidance knows nothing of the ball, which is then on its way."""
     folder = ROOT / "examples/proofs"
     problem = read_problem(folder / "hold-agent.toml")
-    ahead = replace(problem, steps=60, lower=(-5, 150, -5, 0, 0, 0), upper=(5, 160, 5, 0, 0, 0))
+    ahead = replace(
+        problem, steps=60, end=None, lower=(-5, 150, -5, 0, 0, 0), upper=(5, 160, 5, 0, 0, 0)
+    )
     network = read_network(folder / "hold-agent.onnx")
     proof = prove(ahead, network)
     assert proof.counterexample is not None
