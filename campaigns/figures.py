@@ -30,6 +30,7 @@ from campaigns import (
     settled_gate_entry,
     standings,
     throttling,
+    vbar,
 )
 from campaigns.markdown import Table
 from rans.files import read_json
@@ -138,6 +139,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "settled gate": settled_gate_entry.in_document,
     "validations": validations,
     "values": values,
+    "V-BAR": vbar.in_document,
 }
 """By what measured it."""
 

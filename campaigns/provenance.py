@@ -322,6 +322,14 @@ SOURCES: dict[str, Source] = {
         evidence=("settled-gate.json",),
         needs="runs/settled-gate, -1 and -2, three trainings (docs/settled_gate.md)",
     ),
+    "V-BAR": Source(
+        tables=("V-BAR",),
+        page="missions/vbar.md",
+        commands=("python -m campaigns.vbar --episodes 2 --docs docs",),
+        seconds=0.0,
+        evidence=("vbar.json",),
+        needs="vbar, an environment with Python 3.12 and V-BAR (docs/missions/vbar.md)",
+    ),
 }
 """By what is measured, the README's table first."""
 

@@ -1,0 +1,723 @@
+"""RANS's guidance in the scenarios and suites of V-BAR, scored by V-BAR: ``python -m campaigns.vbar``.
+
+V-BAR (J. Hammoudeh, "Verified Benchmark for Autonomous Rendezvous", 2026) needs Python 3.12 or later, and is no
+dependency of RANS. In an environment of its own::
+
+    python3.12 -m venv vbar
+    vbar/bin/pip install vbar==0.3.1 cattrs tyro
+    vbar/bin/python -m campaigns.vbar --episodes 4 --docs docs
+
+V-BAR flies: its environments, starts, sensors and constraints, and its composite score. Guidance receives what
+V-BAR's interface gives to every agent: the public description of the scenario, and readings.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from scipy.linalg import solve_discrete_are
+
+from campaigns.markdown import Table
+from rans.files import read_json, write_json
+from rans.model.drift import ClohessyWiltshire, velocity_to_reach
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec2, Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.mission_guidance import MissionGuidance
+from rans.optimal.control.navigation_filter import NavigationFilter
+from rans.tasks.dock import Dock
+from rans.tasks.hold import Hold
+from rans.tasks.orbital import OrbitalMission
+from rans.tasks.shapes import Shape, SpeedLimit
+
+NAV1 = (1.0, 1e-3)
+"""Standard deviations of the readings of V-BAR's track nav1, m and m/s."""
+_FAR = 1000.0
+"""Distance from a hold point from which coasts of most of an orbit are compared, m."""
+_PART_OF_TIME = 0.75
+"""Part of an episode in which these coasts must end."""
+_QUICKENING = 0.004
+"""Acceleration of a reference along an axis, m/s^2: a fifth of the thrusters'."""
+_PARTS = 64
+"""Parts of a control period by whose middles a constant acceleration is integrated: exact to 1e-6 of it."""
+Array = np.ndarray
+Route = Generator[Any, Any, None]
+"""Legs, each of which is answered by the state of the craft at its end, (6,)."""
+
+
+_FILE = "vbar.json"
+_PAGE = "missions/vbar.md"
+_COMMAND = "python -m campaigns.vbar --docs docs"
+_HEADINGS = (
+    "scenario",
+    "episodes",
+    "succeeded",
+    "limits broken",
+    "composite",
+    "spent, m/s",
+    "worst",
+    "time, s",
+    "soft limits broken",
+    "V-BAR's PD",
+)
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Fly V-BAR's episodes, print what V-BAR says of them, and keep it."""
+
+    episodes: int = 4
+    """Number of episodes of each scenario, the first ones of V-BAR's validation split. Its suites have 50."""
+    only: tuple[str, ...] = ()
+    """Scenarios to fly, such as docking:nav1; the others keep their figures. By default all."""
+    docs: Path | None = None
+    """Folder of the documents whose table and evidence are written; None: they are not."""
+
+    def run(self) -> None:
+        """Fly scenario by scenario, print a line for each, and write after each."""
+        suites: Any = importlib.import_module("vbar.scenarios.suites")
+        base: Any = importlib.import_module("vbar.scenarios.base")
+        entries = {
+            entry.scenario: suite.id for suite in suites.SUITES.values() for entry in suite.entries
+        }
+        entries["docking-afrl"] = "in no suite"
+        base.segment_minimum = _decided(base.segment_minimum)
+        file = None if self.docs is None else self.docs / "validation" / _FILE
+        rows: dict[str, Any] = read_json(file)["scenarios"] if file and file.exists() else {}
+        for name, suite in entries.items():
+            if self.only and name not in self.only:
+                continue
+            rows[name] = {"suite": suite, **self._row(name)}
+            sys.stdout.write("  ".join(_cells(name, rows[name])) + "\n")
+            sys.stdout.flush()
+            if file is not None:
+                known = {one: rows[one] for one in entries if one in rows}
+                write_json(file, {"vbar": "0.3.1", "split": "validation", "scenarios": known})
+        if self.docs is not None:
+            in_document(self.docs).write(self.docs)
+
+    def _row(self, name: str) -> dict[str, Any]:
+        """What V-BAR says of guidance and of its own controller in one scenario."""
+        agents: Any = importlib.import_module("vbar.agents")
+        row: dict[str, Any] = {"episodes": self.episodes, "rans": self._scores(name, Guidance())}
+        try:
+            row["pd"] = self._scores(name, agents.PDAgent())
+        except ValueError:
+            # V-BAR's controller flies to hold points and boxes only.
+            row["pd"] = None
+        return row
+
+    def _scores(self, name: str, agent: Any) -> dict[str, Any]:
+        """Scores of an agent over the episodes of a scenario."""
+        metrics: Any = importlib.import_module("vbar.metrics")
+        composite: Any = importlib.import_module("vbar.metrics.composite")
+        scenarios: Any = importlib.import_module("vbar.scenarios")
+        seeds: Any = importlib.import_module("vbar.scenarios.seeds")
+        environment = scenarios.make(name)
+        won, broken, soft, scores, spent, times = [], [], {}, [], [], []
+        for seed, own in seeds.SeedSplit(name, "validation", self.episodes).pairs():
+            episode = metrics.record_episode(environment, agent, seed, own)
+            inner = environment.unwrapped
+            least = inner.min_margins
+            won.append(bool(inner._success()))
+            broken.append(sorted(one for one in episode.hard if least[one] < 0.0))
+            for one in sorted(set(least) - episode.hard):
+                soft[one] = soft.get(one, 0) + int(least[one] < 0.0)
+            mission = metrics.mission.mission_metrics(episode)
+            # V-BAR judges coverage and departure in the environment, and not in this metric.
+            mission["success"] = won[-1]
+            scores.append(composite.composite_metrics(episode, mission=mission)["composite_score"])
+            spent.append(inner.dv_l2)
+            times.append(inner.t)
+        return {
+            "succeeded": sum(won),
+            "broken": sum(bool(one) for one in broken),
+            "limits": sorted({one for names in broken for one in names}),
+            "soft": {one: count for one, count in soft.items() if count},
+            "composite": float(np.mean(scores)),
+            "spent": float(np.mean(spent)),
+            "worst": float(np.max(spent)),
+            "time": float(np.mean(times)),
+        }
+
+
+def _decided(whole: Callable[..., Any]) -> Callable[..., Any]:
+    """V-BAR's least margin over a segment, without its search where V-BAR's own bound is above zero already.
+
+    The search takes nine tenths of the time. Whether a limit is broken is the same.
+    """
+
+    class Coarse:
+        """A constraint whose bound is never refined."""
+
+        resolution = math.inf
+
+        def __init__(self, constraint: Any) -> None:
+            self._constraint = constraint
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._constraint, name)
+
+    def least(constraint: Any, *segment: Any) -> Any:
+        result = whole(Coarse(constraint), *segment)
+        return result if result.lower_bound > 0.0 else whole(constraint, *segment)
+
+    return least
+
+
+def _cells(name: str, row: dict[str, Any]) -> list[str]:
+    """The cells of one scenario."""
+    own, other = row["rans"], row["pd"]
+    soft = ", ".join(f"{one.replace('_', ' ')} {count}" for one, count in own["soft"].items())
+    peer = "-"
+    if other is not None:
+        peer = f"{other['succeeded']}, {other['broken']}, {other['composite']:.2f}"
+    return [
+        name,
+        f"{row['episodes']}",
+        f"{own['succeeded']}",
+        f"{own['broken']}",
+        f"{own['composite']:.3f}",
+        f"{own['spent']:.2f}",
+        f"{own['worst']:.2f}",
+        f"{own['time']:,.0f}",
+        soft or "-",
+        peer,
+    ]
+
+
+def in_document(docs: Path) -> Table:
+    """The table of all scenarios."""
+    rows = read_json(docs / "validation" / _FILE)["scenarios"]
+    cells = [_cells(name, row) for name, row in rows.items()]
+    return Table(
+        _PAGE,
+        _COMMAND,
+        _HEADINGS,
+        cells,
+        f"The values are in [{_FILE}](../validation/{_FILE}).",
+    )
+
+
+class Guidance:
+    """An agent of V-BAR that flies every task by the legs that `route` names, from an estimate of the state."""
+
+    name = "rans"
+
+    def reset(self, view: Any, rng: np.random.Generator | None = None) -> None:
+        """Begin an episode."""
+        self._view = view
+        self._legs = route(view)
+        self._leg = next(self._legs)
+        self._filter: NavigationFilter | None = None
+        if ":nav1" in view.scenario_id:
+            drift = ClohessyWiltshire(view.n)
+            self._filter = NavigationFilter(drift, 3, view.dt, *NAV1, 0.0)
+
+    def act(self, obs: Array, info: Any) -> Array:
+        """Three numbers from -1 to 1 for the relative state that V-BAR observes, m and m/s."""
+        state = np.array(obs[:6], float)
+        if self._filter is not None:
+            state = self._filter.read(state[None])[0][0]
+        time = float(info["time_s"])
+        while self._leg.over(state, time):
+            self._leg = self._legs.send(state)
+        change = self._leg.change(state, time)
+        command = np.clip(change / (self._view.max_accel * self._view.dt), -1.0, 1.0)
+        if any(start - 1e-6 <= time < end - 1e-6 for start, end in inhibits(self._view)):
+            command = np.zeros(3)
+        if self._filter is not None:
+            self._filter.burn(command[None] * self._view.max_accel * self._view.dt)
+        return command
+
+
+class Leg:
+    """Part of a route: what velocity to change by in the next period, and whether it is over."""
+
+    def over(self, state: Array, time: float) -> bool:
+        """Whether the next leg begins."""
+        return False
+
+    def change(self, state: Array, time: float) -> Array:
+        """Change of velocity in the Hill frame in the next control period, m/s."""
+        raise NotImplementedError
+
+
+class Look(Leg):
+    """Over at once: the route goes on from the state of the craft, which is the value of its ``yield``."""
+
+    def over(self, state: Array, time: float) -> bool:
+        """See `Leg`."""
+        return True
+
+
+class Coast(Leg):
+    """Coast until a time, s."""
+
+    def __init__(self, until: float) -> None:
+        self._until = until
+
+    def over(self, state: Array, time: float) -> bool:
+        """See `Leg`."""
+        return time > self._until - 1e-6
+
+    def change(self, state: Array, time: float) -> Array:
+        """See `Leg`."""
+        return np.zeros(3)
+
+
+class Transfer(Leg):
+    """Mission guidance (`rans.MissionGuidance`) to a point at rest; over within the tolerances or at its deadline.
+
+    Args:
+        view: what V-BAR says of the scenario.
+        mission: the mission, with its tolerances and limits.
+        point: where to, m.
+        seconds: by when it plans to arrive after the leg begins, s.
+    """
+
+    def __init__(self, view: Any, mission: OrbitalMission, point: Array, seconds: float) -> None:
+        timing = replace(Hold.timing, control_period=view.dt)
+        self._guidance = MissionGuidance(load_spacecraft("vbar-chaser"), mission, timing)
+        self._mission = mission
+        self._goal_state = _state(np.concatenate([point, np.zeros(3)]))
+        self._point = np.asarray(point, float)
+        self._seconds = seconds
+        self._per_command = view.max_accel * view.dt
+        self._dt = view.dt
+        self._goal: Any = None
+
+    def over(self, state: Array, time: float) -> bool:
+        """See `Leg`."""
+        away = np.linalg.norm(state[:3] - self._point)
+        fast = np.linalg.norm(state[3:])
+        near = away < self._mission.position_tolerance and fast < self._mission.velocity_tolerance
+        return bool(near or (self._goal is not None and self._goal.notes[0][0] < -0.5 * self._dt))
+
+    def change(self, state: Array, time: float) -> Array:
+        """See `Leg`."""
+        own = _state(state)
+        if self._goal is None:
+            self._guidance.reset(1)
+            self._goal = self._mission.plan(own, self._goal_state, np.full(1, self._seconds))
+        commands = self._guidance.act(own, self._goal, np.zeros((1, 0)))[0]
+        self._goal = self._mission.later(self._goal, self._dt)
+        # Thrusters are along x, -x, y, -y, z, -z.
+        return (commands[0::2] - commands[1::2]) * self._per_command
+
+
+@dataclass(frozen=True)
+class Standoff(Hold):
+    """The mission `hold` below a speed limit that increases with the distance from the target."""
+
+    speed_base: float = 1.0
+    """Speed limit at the target, m/s."""
+    speed_slope: float = 1.0
+    """Increase of the speed limit per metre, 1/s."""
+
+    def limits(self, goal: Any) -> dict[str, Shape]:
+        """The keep-out ball, and the speed limit."""
+        speed = SpeedLimit(goal.p.scale(0.0), self.speed_base, self.speed_slope)
+        return {**super().limits(goal), "speed": speed}
+
+
+def _hold(view: Any, keep_out: float, tolerance: tuple[float, float]) -> Hold:
+    """The mission `hold` with a ball in m, tolerances in m and m/s, and a scenario's speed limit if it has one."""
+    limit = next((one for one in view.constraints if one["type"] == "speed_limit"), None)
+    # A little below it: readings have errors, and burns last for a period.
+    extra = {}
+    if limit is not None:
+        extra = {"speed_base": limit["v0"] - 0.02, "speed_slope": 0.95 * limit["v1"]}
+    return (Hold if limit is None else Standoff)(
+        mean_motion=view.n,
+        deadline=(600.0, 2200.0),
+        keep_out=keep_out,
+        position_tolerance=tolerance[0],
+        velocity_tolerance=tolerance[1],
+        shortest_aim=view.dt,
+        braking_time=view.dt,
+        fail_distance=1e6,
+        **extra,
+    )
+
+
+class Arrive(Leg):
+    """Two impulses to a state by the time with the least of both, replanned every period, then coast.
+
+    Args:
+        view: what V-BAR says of the scenario.
+        goals: states to arrive in, (6,), for a duration in s.
+        durations: durations that are compared, s.
+        keep_out: least distance of the coast from the target, m.
+        dead: correction below which it coasts on, m/s.
+    """
+
+    def __init__(
+        self,
+        view: Any,
+        goals: Callable[[float, float], Array],
+        durations: Array,
+        keep_out: float,
+        dead: float = 0.0,
+    ) -> None:
+        self._view = view
+        self._drift = ClohessyWiltshire(view.n)
+        self._goals = goals
+        self._durations = durations
+        self._keep_out = keep_out
+        self._dead = dead
+        self._end: float | None = None
+
+    def over(self, state: Array, time: float) -> bool:
+        """See `Leg`."""
+        return self._end is not None and time > self._end + 0.5 * self._view.dt
+
+    def change(self, state: Array, time: float) -> Array:
+        """See `Leg`."""
+        if self._end is None:
+            prices = [self._price(state, time, float(d)) for d in self._durations]
+            self._end = time + float(self._durations[int(np.argmin(prices))])
+            self._goal = self._goals(time, self._end - time)
+        left = self._end - time
+        if left < 0.5 * self._view.dt:
+            return self._goal[3:] - state[3:]
+        gain = self._velocity(state, self._goal, left) - state[3:]
+        # Corrections wait while they are small against the time that is left.
+        if np.linalg.norm(gain) < self._dead and left > 10 * self._view.dt:
+            return np.zeros(3)
+        return gain
+
+    def _velocity(self, state: Array, goal: Array, left: float) -> Array:
+        """Velocity with which a coast reaches the goal, m/s; across the orbit in its last half only."""
+        n = self._view.n
+        in_plane = velocity_to_reach(self._drift, Vec2(*state[:2]), Vec2(*goal[:2]), left)
+        across = state[5]
+        if n * left < 0.45 * 2.0 * math.pi:
+            across = (goal[2] - state[2] * math.cos(n * left)) * n / math.sin(n * left)
+        return np.array([in_plane.x, in_plane.y, across])
+
+    def _price(self, state: Array, time: float, duration: float) -> float:
+        """Both changes of velocity, m/s; infinite through the keep-out ball."""
+        goal = self._goals(time, duration)
+        velocity = self._velocity(state, goal, duration)
+        times = np.linspace(0.0, duration, 200)
+        p, _ = self._drift.carry(Vec3(*state[:3]), Vec3(*velocity), times)
+        least = np.sqrt(sum(np.asarray(x) ** 2 for x in p.columns())).min()
+        if least < self._keep_out:
+            return math.inf
+        _, arriving = self._drift.carry(Vec3(*state[:3]), Vec3(*velocity), duration)
+        last = np.array(arriving.columns(), float)
+        return float(np.abs(velocity - state[3:]).sum() + np.abs(goal[3:] - last).sum())
+
+
+class Track(Leg):
+    """LQR along an axis that may turn: toward its origin or away from it, at a speed for each distance.
+
+    Args:
+        view: what V-BAR says of the scenario.
+        origin: origin of the axis at a time, m.
+        axis: unit axis at a time.
+        speed: closing speed for a distance in m, m/s.
+        end: distance at which it stops, m; -inf: it goes on through the origin.
+        waits: distance at which it waits while ``free`` says no, m.
+        free: whether it may go on at a time.
+        leaves: distance from which the leg is over, m.
+        distance: where on the axis it begins, m; None: where the craft is.
+        until: the leg is over at this time, s.
+    """
+
+    def __init__(
+        self,
+        view: Any,
+        origin: Callable[[float], Array],
+        axis: Callable[[float], Array],
+        speed: Callable[[float], float],
+        end: float = -math.inf,
+        waits: float = -math.inf,
+        free: Callable[[float], bool] = lambda time: True,
+        leaves: float = math.inf,
+        distance: float | None = None,
+        until: float = math.inf,
+    ) -> None:
+        dt, n = view.dt, view.n
+        self._dt = dt
+        self._origin = origin
+        self._axis = axis
+        self._speed = speed
+        self._end = end
+        self._waits = waits
+        self._free = free
+        self._leaves = leaves
+        self._distance = distance
+        self._until = until
+        self._fastest = 0.0
+        self._past = 0.0
+        # Motion over a control period, and what a change of velocity that is spread over it adds.
+        drift = ClohessyWiltshire(n)
+        self._a = _transition(drift, dt)
+        part = np.vstack([np.zeros((3, 3)), np.eye(3) / _PARTS])
+        self._b = sum(
+            _transition(drift, dt * (1.0 - (k + 0.5) / _PARTS)) @ part for k in range(_PARTS)
+        )
+        # Errors of 1 m count as much as those of 5 cm/s, and as a change of 1.6 cm/s in a period.
+        weights = np.diag([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
+        price = 4e3 * np.eye(3)
+        cost = solve_discrete_are(self._a, self._b, weights, price)
+        gain = self._b.T @ cost
+        self._gain = np.linalg.solve(price + gain @ self._b, gain @ self._a)
+
+    def over(self, state: Array, time: float) -> bool:
+        """See `Leg`."""
+        along = (state[:3] - self._origin(time)) @ self._axis(time)
+        return bool(along > self._leaves) or time > self._until - 1e-6
+
+    def change(self, state: Array, time: float) -> Array:
+        """See `Leg`."""
+        if self._distance is None:
+            self._distance = float((state[:3] - self._origin(time)) @ self._axis(time))
+        # Its speed increases slowly enough for the thrusters to follow.
+        speed = self._speed(self._distance)
+        self._fastest = min(abs(speed), self._fastest + _QUICKENING * self._dt)
+        step = math.copysign(self._fastest, speed) * self._dt
+        after = max(self._distance - step, self._end) if step > 0 else self._distance - step
+        if self._distance >= self._waits > after and not self._free(time):
+            after = self._waits
+        now = self._reference(time, self._distance, self._past)
+        self._past = (after - self._distance) / self._dt
+        later = self._reference(time + self._dt, after, self._past)
+        self._distance = after
+        # The change that leads from reference to reference, and the feedback of the error.
+        ahead = np.linalg.lstsq(self._b, later - self._a @ now, rcond=None)[0]
+        return ahead - self._gain @ (state - now)
+
+    def _reference(self, time: float, distance: float, speed: float) -> Array:
+        """State on the axis at a time, distance (m) and speed along it (m/s), (6,)."""
+        half = 0.5
+        place = self._origin(time) + distance * self._axis(time)
+        ahead = self._origin(time + half) + distance * self._axis(time + half)
+        behind = self._origin(time - half) + distance * self._axis(time - half)
+        return np.concatenate([place, (ahead - behind) + speed * self._axis(time)])
+
+
+def route(view: Any) -> Route:
+    """The legs of a scenario, from what V-BAR says of it publicly."""
+    goal = view.goal
+    limits = {one["type"]: one for one in view.constraints}
+    routes = {
+        "hold": _to_hold,
+        "dock": _to_port,
+        "berth": _to_box,
+        "inspect": _around,
+        "depart": _away,
+    }
+    yield from routes[goal["task"]](view, goal, limits)
+
+
+def inhibits(view: Any) -> tuple[tuple[float, float], ...]:
+    """Windows in which V-BAR shuts every thruster, s."""
+    return tuple(view.goal.get("thrust_inhibit", ()))
+
+
+def _to_hold(view: Any, goal: Any, limits: Any) -> Route:
+    """To a hold point, and stay."""
+    point = np.array(goal["hold_point"], float)
+    ball = limits.get("keep_out", {}).get("radius", 0.0)
+    start = yield Look()
+    if "zone_entry" in limits:
+        yield Coast(limits["zone_entry"]["go_time"])
+    away = float(np.linalg.norm(start[:3] - point))
+    if "approach_cone" in limits:
+        yield from _into_cone(view, point, limits["approach_cone"])
+    elif not ball:
+        # The mission of V-BAR's source and of `dock`: the same speed limit.
+        limit = limits["speed_limit"]
+        dock = Dock(mean_motion=view.n, deadline=(600.0, 2500.0), fail_distance=1e6)
+        assert math.isclose(limit["v0"], dock.velocity_tolerance)
+        yield Transfer(view, dock, point, 2000.0)
+    elif away > _FAR:
+        # Coasts of most of an orbit are cheaper than those of mission guidance, which end before half of one.
+        period = 2.0 * math.pi / view.n
+        latest = min(0.9 * period, _PART_OF_TIME * view.max_steps * view.dt)
+        goals = np.concatenate([point, np.zeros(3)])
+        yield Arrive(view, lambda t, d: goals, np.arange(1000.0, latest, 100.0), 1.2 * ball)
+    elif away > 2.0 * goal["capture_radius"]:
+        tolerance = (goal["capture_radius"], goal["capture_speed"])
+        beside = min(1.4 * ball, float(np.linalg.norm(point)) - 3.0 * tolerance[0])
+        yield Transfer(view, _hold(view, beside, tolerance), point, 1900.0)
+    yield _rest(view, point)
+
+
+def _rest(view: Any, point: Array, until: float = math.inf) -> Leg:
+    """Stay at a point until a time, s."""
+    axis = np.array([1.0, 0.0, 0.0])
+    return Track(
+        view, lambda time: point, lambda time: axis, lambda s: 0.0, distance=0.0, until=until
+    )
+
+
+def _into_cone(view: Any, point: Array, cone: Any) -> Route:
+    """To a hold point that is inside a turning cone for a part of each turn.
+
+    It waits outside the range in which the cone counts, goes in as soon as the leading edge allows, and follows
+    this edge to the hold point, where it can stay for the rest of the time in which the cone passes.
+    """
+    out = point / np.linalg.norm(point)
+    end = float(np.linalg.norm(point))
+    outside = cone["active_range"] + 1.3
+    target = view.goal["target"]
+    gates = next(one["gates"] for one in view.constraints if one["type"] == "gate_table")
+    lead = math.degrees(cone["half_angle"]) - 1.5
+
+    def turn(time: float) -> float:
+        """Angle from the hold point to the cone's axis, degrees from -180 to 180."""
+        angle = math.degrees(target["phase"] + target["rate"] * time)
+        return (angle + 180.0) % 360.0 - 180.0
+
+    def axis(time: float) -> Array:
+        now = turn(time)
+        # Along the edge that comes first, from beside the hold point, where it waits for the cone.
+        ahead = np.interp(
+            now, [0.0, lead, lead + 11.5, lead + 40.0, lead + 80.0], [0, 0, 11.5, 11.5, 0]
+        )
+        return _turned(out, math.radians(float(ahead)))
+
+    yield Track(
+        view,
+        lambda time: np.zeros(3),
+        axis,
+        lambda s: min(_gate(gates, s), 0.02 if s < outside + 1.0 else 1.0, 0.02 * (s - end)),
+        end=end,
+        waits=outside,
+        free=lambda time: lead < turn(time) < lead + 11.5,
+    )
+
+
+def _gate(gates: Any, distance: float) -> float:
+    """Closing speed that is a little below the one that a table of gates allows, m/s."""
+    ranges, speeds = np.array(sorted(gates)).T
+    return 0.9 * float(np.interp(distance, ranges, speeds))
+
+
+def _to_port(view: Any, goal: Any, limits: Any) -> Route:
+    """To a point on the axis of a port outside its corridor, and along the axis into the port."""
+    origin, axis = _port(view, goal)
+    cone = limits["approach_cone"]
+    start = yield Look()
+    waits = -math.inf
+    window: Any = None
+    ahead = np.arange(0.0, 260.0, 5.0)
+    if "lighting_window" in limits:
+        targets: Any = importlib.import_module("vbar.scenarios.targets")
+        light = {k: v for k, v in limits["lighting_window"].items() if k != "type"}
+        window = targets.LightingWindow(**light)
+        waits = light["active_range"] + 1.5
+    low, high = goal["axial_speed_window"]
+    contact = 0.5 * (low + high)
+    gates = limits.get("gate_table")
+
+    def free(time: float) -> bool:
+        # The way from where it waits to the contact takes less than all these times.
+        return window is None or bool(np.min(window.window_margin(time + ahead)) > 0.02)
+
+    def speed(distance: float) -> float:
+        fastest = min(contact + 0.0025 * max(distance, 0.0), 0.2)
+        if gates is not None:
+            gate = _gate(gates["gates"], distance + float(np.linalg.norm(goal["port"])))
+            # The mechanism asks for more than the last gate allows.
+            fastest = max(min(fastest, gate), low + 0.15 * (high - low))
+        return fastest
+
+    reach = float(np.linalg.norm(goal["port"])) + cone["active_range"] + 1.0
+    apart = start[:3] - origin(0.0)
+    inside = np.linalg.norm(apart) < cone["active_range"]
+    if not inside:
+        arrival = 2500.0 if ":nav1" not in view.scenario_id else 4000.0
+        point = origin(arrival) + axis(arrival) * (reach + 8.0)
+        yield Transfer(view, _hold(view, reach, (2.0, 0.04)), point, 2200.0)
+        yield _rest(view, point, arrival)
+    yield Track(view, origin, axis, speed, waits=waits, free=free)
+
+
+def _port(view: Any, goal: Any) -> tuple[Callable[[float], Array], Callable[[float], Array]]:
+    """Position of the port, m, and its axis, at a time; both turn with an inertially pointing target."""
+    rate = goal["target"].get("rate", 0.0)
+    port, axis = np.array(goal["port"], float), np.array(goal["port_axis"], float)
+    return (lambda time: _turned(port, rate * time)), (lambda time: _turned(axis, rate * time))
+
+
+def _to_box(view: Any, goal: Any, limits: Any) -> Route:
+    """Along the axis of the corridor into the box."""
+    box = np.array(goal["hold_point"], float)
+    out = box / np.linalg.norm(box)
+    # Slower than the box asks for from its edge on, so that the thrusters shut on a craft at rest.
+    yield Track(
+        view, lambda time: box, lambda time: out, lambda s: min(0.01 * max(s, 0.0), 0.06), 0.0
+    )
+
+
+def _around(view: Any, goal: Any, limits: Any) -> Route:
+    """Onto an ellipse that goes around the target as the Sun does, on the Sun's side, and coast."""
+    n = view.n
+    sun = goal["sun_direction"]
+    first = math.atan2(sun[1], sun[0])
+    radius = 0.45 * goal["max_range"]
+
+    def ellipse(time: float, duration: float) -> Array:
+        angle = first - n * (time + duration)
+        c, s = math.cos(angle), math.sin(angle)
+        return np.array([radius * c, 2 * radius * s, 0.0, n * radius * s, -2 * n * radius * c, 0.0])
+
+    ball = limits["keep_out"]["radius"]
+    yield Arrive(view, ellipse, np.arange(300.0, 2500.0, 50.0), 2.0 * ball)
+    yield Coast(math.inf)
+
+
+def _away(view: Any, goal: Any, limits: Any) -> Route:
+    """Out of the corridor along its axis, and onto an orbit below the target's, which leads away for ever."""
+    origin, axis = _port(view, goal)
+    cone = limits["approach_cone"]
+    yield Track(
+        view,
+        origin,
+        axis,
+        lambda s: -min(0.06 + 0.002 * s, 0.25),
+        leaves=cone["active_range"] + 3.0,
+    )
+    below = 100.0
+    clear = math.hypot(below, 1.05 * goal["clear_range"])
+    there = np.array([-below, clear, 0.0, 0.0, 1.5 * view.n * below, 0.0])
+    yield Arrive(view, lambda t, d: there, np.arange(600.0, 2500.0, 50.0), 60.0)
+    yield Coast(math.inf)
+
+
+def _turned(vector: Array, angle: float) -> Array:
+    """A vector turned about z by an angle, rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
+
+
+def _transition(drift: ClohessyWiltshire, time: float) -> Array:
+    """Transition matrix of position and velocity after a time, (6, 6)."""
+    basis = np.eye(6)
+    p, v = drift.carry(Vec3(*basis[:3]), Vec3(*basis[3:]), time)
+    return np.array([np.broadcast_to(x, 6) for x in (*p.columns(), *v.columns())])
+
+
+def _state(row: Array) -> SpatialState:
+    """One craft at a position and velocity, (6,), without rotation."""
+    zero = np.zeros(1)
+    still = Vec3(zero, zero, zero)
+    place, speed = (Vec3(*(zero + float(x) for x in half)) for half in (row[:3], row[3:]))
+    return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), speed, still)
+
+
+if __name__ == "__main__":
+    tyro.cli(Scored).run()

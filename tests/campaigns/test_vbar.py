@@ -1,0 +1,96 @@
+"""The agent for V-BAR flies from V-BAR's public descriptions. SciPy moves it here: V-BAR is no dependency."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from campaigns.vbar import Guidance
+
+N = 0.0011067834463349404
+"""Mean motion at 500 km, rad/s, as V-BAR gives it."""
+
+
+def flown(view: Any, state: np.ndarray, steps: int, noise: float = 0.0) -> np.ndarray:
+    """States (steps + 1, 6) at the beginnings of control periods, with the equations of motion written here."""
+    rates = np.zeros((9, 9))
+    rates[:3, 3:6] = np.eye(3)
+    rates[3, [0, 4]] = 3.0 * N * N, 2.0 * N
+    rates[4, 3] = -2.0 * N
+    rates[5, 2] = -N * N
+    rates[3:6, 6:] = np.eye(3)
+    step = expm(rates * view.dt)
+    random = np.random.default_rng(3)
+    agent = Guidance()
+    agent.reset(view)
+    states = [state]
+    for k in range(steps):
+        errors = noise * np.repeat([1.0, 1e-3], 3) * random.standard_normal(6)
+        command = agent.act(states[-1] + errors, {"time_s": k * view.dt})
+        assert np.abs(command).max() <= 1.0
+        full = np.concatenate([states[-1], command * view.max_accel])
+        states.append((step @ full)[:6])
+    return np.array(states)
+
+
+def described(task: str, dt: float, constraints: Any, scenario: str = "vbar:x", **goal: Any) -> Any:
+    """What V-BAR tells agents of a scenario."""
+    return SimpleNamespace(
+        scenario_id=scenario,
+        dt=dt,
+        n=N,
+        max_accel=0.02,
+        max_steps=360,
+        goal={"task": task, "target": {"mode": "passive"}, **goal},
+        constraints=constraints,
+    )
+
+
+def test_the_corridor_of_the_berthing_box_is_kept_to_its_end() -> None:
+    """The apex of the corridor of 10 degrees is 0.5 m / tan(10 degrees) behind the box 15 m below the target."""
+    view = described("berth", 10.0, (), hold_point=(-15.0, 0.0, 0.0))
+    states = flown(view, np.array([-70.0, 4.0, -4.0, 0.01, -0.01, 0.01]), 160)
+    behind = -15.0 + 0.5 / np.tan(np.radians(10.0)) - states[:, 0]
+    beside = np.linalg.norm(states[:, 1:3], axis=1)
+    assert (np.arctan2(beside, behind) < np.radians(10.0)).all()
+    assert np.linalg.norm(states[-1, :3] - [-15.0, 0.0, 0.0]) < 0.1
+    assert np.linalg.norm(states[-1, 3:]) < 0.005
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_contact_with_a_port_is_slow_and_centred(noise: float) -> None:
+    """From inside the corridor, with and without the noise of V-BAR's track nav1 (1 m and 1 mm/s)."""
+    cone = {"type": "approach_cone", "half_angle": 0.1745, "active_range": 200.0}
+    goal = {"port": (0.0, -2.0, 0.0), "port_axis": (0.0, -1.0, 0.0)}
+    name = "vbar:docking:cw:box:dv:v2:nav1" if noise else "vbar:docking"
+    view = described("dock", 5.0, (cone,), name, axial_speed_window=(0.05, 0.1), **goal)
+    states = flown(view, np.array([1.0, -152.0, 1.0, 0.0, 0.0, 0.0]), 300, noise)
+    contact = states[np.flatnonzero(states[:, 1] > -2.0)[0]]
+    # V-BAR's reception is 0.1 m and 3 cm/s; with noise the estimate of 300 readings is good to 6 cm an axis.
+    assert np.linalg.norm(contact[[0, 2]]) < (0.25 if noise else 0.01)
+    assert np.linalg.norm(contact[[3, 5]]) < 0.03
+    assert 0.05 < contact[4] < 0.1
+
+
+def test_a_departing_craft_never_comes_back() -> None:
+    """It leaves along the axis, and a coast of two orbits keeps 300 m away; V-BAR asks for 30 m."""
+    cone = {"type": "approach_cone", "half_angle": 0.1745, "active_range": 122.0}
+    goal = {"port": (0.0, 30.0, 0.0), "port_axis": (0.0, 1.0, 0.0), "clear_range": 610.0}
+    view = described("depart", 10.0, (cone,), **goal)
+    states = flown(view, np.array([0.0, 30.2, 0.0, 0.0, 0.05, 0.0]), 330)
+    away = np.linalg.norm(states[:, :3], axis=1)
+    assert away.min() > 30.0
+    assert away[-1] > 610.0
+    x, y, _, vx, vy, _ = states[-1]
+    times = np.linspace(0.0, 4.0 * np.pi / N, 2000)
+    s, c = np.sin(N * times), np.cos(N * times)
+    # The closed form of the in-plane motion.
+    across = (4.0 - 3.0 * c) * x + s * vx / N + 2.0 * (1.0 - c) * vy / N
+    along = (
+        y + 6.0 * (s - N * times) * x - 2.0 * (1.0 - c) * vx / N + (4.0 * s / N - 3.0 * times) * vy
+    )
+    assert np.hypot(across, along).min() > 300.0
