@@ -6,7 +6,7 @@ from rans_attention.backbone import EffectorAttention
 from rans_gradient.learner import Gradient
 from rans_imitation.learner import Imitation
 
-from rans.fast.learn.algorithms import LEARNERS
+from rans.fast.learn.learners import LEARNERS
 from rans.policy.backbone_registry import BACKBONES
 
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from rans.errors import ConfigError, brief
-from rans.registry import Registry
-from rans.structure import structure
+from rans.fast.learn.learners import LEARNERS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rans.fast.learn.config import TrainConfig
     from rans.fast.learn.learner import Making
     from rans.model.spacecraft import Spacecraft
@@ -64,40 +60,6 @@ class PPOAlgorithm(Algorithm):
     def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making | None:
         """See `Algorithm`."""
         return None
-
-
-def _checked(loaded: Any) -> type[Algorithm]:
-    """The class, checked to be an algorithm."""
-    if not (isinstance(loaded, type) and issubclass(loaded, Algorithm)):
-        raise ConfigError(
-            "a learner must be a class derived from rans.fast.learn.algorithms.Algorithm, got "
-            f"{brief(loaded)}."
-        )
-    return loaded
-
-
-LEARNERS = Registry(
-    "learner",
-    "rans.learners",
-    {"ppo": "rans.fast.learn.algorithms:PPOAlgorithm"},
-    _checked,
-    "; gradient and imitation are packages of the repository, pip install ./examples/plugins/NAME",
-)
-"""Class of every learning algorithm by its name in ``rans train --set algorithm=NAME``."""
-
-
-def own_settings(algorithm: str, table: Mapping[str, Any]) -> Any:
-    """Settings of an algorithm from a table of them, with defaults for those that it lacks.
-
-    Raises:
-        ConfigError: there is no such algorithm, or it has no such setting.
-    """
-    return structure(dict(table), LEARNERS[algorithm].settings, "learner")
-
-
-def complete(algorithm: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Table of all settings of an algorithm; see `own_settings`."""
-    return asdict(own_settings(algorithm, table))
 
 
 def with_algorithm(config: TrainConfig, algorithm: str) -> TrainConfig:

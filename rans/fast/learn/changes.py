@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rans.errors import ConfigError, brief
-from rans.fast.learn.algorithms import complete
 from rans.fast.learn.config import Failures, PPOSettings
+from rans.fast.learn.learners import complete
 from rans.model.timing import Timing
 from rans.registry import typed
 from rans.renamed import drop_constant, is_former_value, present_name

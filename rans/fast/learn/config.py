@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, brief, fits
-from rans.fast.learn.algorithms import complete
 from rans.fast.learn.curriculum import Ramp, check_ramps, with_present_settings
+from rans.fast.learn.learners import complete
 from rans.model.timing import Timing
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.backbone_registry import ATTENTION, trainable

@@ -15,12 +15,12 @@ from rans.errors import ConfigError, NonFiniteState, WorkerLost, is_installed
 from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
-from rans.fast.learn.algorithms import LEARNERS, own_settings
 from rans.fast.learn.any_craft import imitate, teacher
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.failures import FailedStarts
 from rans.fast.learn.graph import as_written, calls_until_recorded
+from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.loggers import Events
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.policy_file import begin_from, write_learner
