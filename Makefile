@@ -23,13 +23,14 @@ override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup demo test test-slow lint docs release clean
+.PHONY: help setup demo test test-slow test-all lint docs release clean
 
 help:
 	@echo "make demo    set everything up, then validate, train two agents, evaluate, compare and report into"
 	@echo "             a new folder under runs/, in minutes (another one: RUN=folder; seconds: QUICK=1)"
 	@echo "make test    set everything up, then lint, types and tests"
 	@echo "make test-slow  run the tests that take seconds each, which make test leaves out"
+	@echo "make test-all  both"
 	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.12)"
 	@echo "make lint    ruff, pyright and the words of the pages only"
 	@echo "make docs    build the documentation site into build/site, and run its tutorials"
@@ -49,6 +50,10 @@ test: lint
 
 test-slow: .venv/installed-dev
 	pytest -n 2 --dist worksteal -m slow
+
+# Both at once: every process collects and imports for 20 s.
+test-all: lint
+	pytest -n 2 --dist worksteal -m ""
 
 lint: .venv/installed-dev
 	ruff format --check --quiet

@@ -174,39 +174,48 @@ rans_command.run()
 
 
 MISSING = [
-    ("pydrake", "evaluate lqr:go-to-pose-2d --engine drake --episodes 2"),
-    ("pydrake", "view go-to-pose-2d"),
-    ("pydrake", "validate --quick"),
-    ("casadi", "optimal go-to-pose"),
-    ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),
-    ("clarabel", "optimal dock"),
-    ("numba", "optimal go-to-pose --certify"),
-    ("matplotlib", "report ."),
-    ("matplotlib", "stress go-to-pose-2d --episodes 2"),
-    ("onnx", "export go-to-pose-2d --format onnx --output out --margins 0"),
-    ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
-    ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out --margins 0"),
-    ("rans_agents", "evaluate pretrained:dock-port-2d --episodes 2"),
-    ("rans_agents", "view go-to-pose-2d-robust"),
-    ("rans_agents", "list go-to-pose-2d-robust"),
-    ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
+    [
+        ("pydrake", "evaluate lqr:go-to-pose-2d --engine drake --episodes 2"),
+        ("pydrake", "view go-to-pose-2d"),
+        ("pydrake", "validate --quick"),
+    ],
+    [
+        ("casadi", "optimal go-to-pose"),
+        ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),
+        ("clarabel", "optimal dock"),
+        ("numba", "optimal go-to-pose --certify"),
+    ],
+    [
+        ("matplotlib", "report ."),
+        ("matplotlib", "stress go-to-pose-2d --episodes 2"),
+        ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
+    ],
+    [
+        ("onnx", "export go-to-pose-2d --format onnx --output out --margins 0"),
+        ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
+        ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out --margins 0"),
+    ],
+    [
+        ("rans_agents", "evaluate pretrained:dock-port-2d --episodes 2"),
+        ("rans_agents", "view go-to-pose-2d-robust"),
+        ("rans_agents", "list go-to-pose-2d-robust"),
+    ],
 ]
-"""Modules, and commands that need them before anything else that is not of the core."""
+"""Modules, and commands that need them before anything else that is not of the core, a process each."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("module", dict(MISSING))
-def test_a_missing_package_is_a_sentence(module: str, tmp_path: Path) -> None:
-    """A process imports torch for seconds, so that one runs all commands that need a module."""
-    lines = [line for needed, line in MISSING if needed == module]
-    code_of_exit, text = said(RUN_EACH, module, *lines, folder=tmp_path)
+@pytest.mark.parametrize("missing", MISSING, ids=lambda missing: missing[0][0])
+def test_a_missing_package_is_a_sentence(missing: list[tuple[str, str]], tmp_path: Path) -> None:
+    """A process imports torch for seconds, so that one lacks several modules and runs several commands."""
+    modules = ",".join({module for module, _ in missing})
+    code_of_exit, text = said(RUN_EACH, modules, *(line for _, line in missing), folder=tmp_path)
     assert code_of_exit == 0, text
-    first, *said_of = text.split("code of exit: ")
-    for line, before, after in zip(lines, (first, *said_of), said_of, strict=False):
-        assert after.startswith("2\n"), (line, text)
-        assert "Traceback" not in before, line
-        assert f"pip install 'rans[{EXTRAS[module]}]'" in " ".join(before.split()), line
-    assert len(said_of) == len(lines)
+    *said_of, rest = text.split("code of exit: 2\n")
+    assert not rest.strip(), text
+    for (module, line), sentence in zip(missing, said_of, strict=True):
+        assert "Traceback" not in sentence, line
+        assert f"pip install 'rans[{EXTRAS[module]}]'" in " ".join(sentence.split()), line
 
 
 def test_extras_install_what_they_are_for() -> None:

@@ -142,11 +142,11 @@ NAMING = ".task", ".spacecraft", ".algorithm", ".learner.expert", ".begin_from"
 
 
 def check_run(trained: Path, asks: list[Callable[[], object]], every: int) -> None:
-    """Ask with every changed text, by turns: each so manieth question, or each second where code can be named."""
+    """Ask with every changed text, by turns: each so manieth question, or each third where code can be named."""
     base = json.loads(json.dumps(to_table(IMITATION))) | {"about": {"command": "rans train"}}
     count = 0
     for number, (where, changed) in enumerate(texts(base)):
-        apart = min(2, every) if where in NAMING else every
+        apart = min(3, every) if where in NAMING else every
         for ask in asks[number % apart :: apart]:
             for folder in ("run", "out", "shipped"):
                 shutil.rmtree(folder, ignore_errors=True)

@@ -117,7 +117,7 @@ for line in sys.argv[2:]:
 @pytest.mark.slow
 def test_a_fork_says_what_a_process_started_from_nothing_says(tmp_path: Path) -> None:
     """The parent is a process of its own: forks of this one would also list what other tests have registered."""
-    lines = ("list", "evaluate nobody", "list --help")
+    lines = ("evaluate nobody", "list --help")
     folder = _new(tmp_path / "folder")
     done = subprocess.run(
         [sys.executable, "-c", COMMANDS_TWICE, folder, *lines],

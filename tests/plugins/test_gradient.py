@@ -268,6 +268,7 @@ def test_what_is_passed_back_through_many_periods_is_bounded() -> None:
     assert norm(100.0, 16) == norm(unbounded, 16)
 
 
+@pytest.mark.slow
 def test_forty_iterations_triple_the_reward() -> None:
     """Of the craft that does nothing, from half a metre to a metre away; 40,960 steps."""
     learner = gradient_learner(

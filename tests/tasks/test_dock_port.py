@@ -112,8 +112,9 @@ def test_contact_between_two_commands(speed: float, docked: bool) -> None:
     assert float(outcome.terms["done"]) == (400.0 if docked else 0.0)
 
 
-@pytest.mark.parametrize("flying", [fly, fly_in_drake])
-@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("flying", "craft"), [(fly, PLATFORM), (fly, FLYER), (fly_in_drake, PLATFORM)]
+)
 def test_flights_dock_in_both_engines(flying: Any, craft: Any) -> None:
     """A craft that moves along the port's axis at 4 cm/s and keeps its attitude docks where the port rests."""
     pilot: Any = type("Shut", (), {"name": "shut"})()

@@ -22,11 +22,10 @@ pytestmark = needs_compiler
 @pytest.mark.parametrize(
     ("effect", "remember", "craft"),
     [
+        # By turns in the plane and in space.
         *(
-            (effect, False, craft)
-            for effect in EFFECTS
-            if effect != "all"
-            for craft in (PLATFORM, FLYER)
+            (effect, False, (PLATFORM, FLYER)[number % 2])
+            for number, effect in enumerate(one for one in EFFECTS if one != "all")
         ),
         *((effect, False, PLATFORM) for effect in ("all", "pairs")),
         ("all", True, PLATFORM),

@@ -34,9 +34,7 @@ from rans.scenario import scenarios
         }
     ),
 )
-@pytest.mark.parametrize(
-    "env_id", ["rans/GoToPose2D-v0", "rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0"]
-)
+@pytest.mark.parametrize("env_id", ["rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0"])
 def test_flies_as_in_a_batch(name: str, env_id: str) -> None:
     env = gymnasium.make(env_id, disable_env_checker=False)
     pilot: Any = Pilot(name, env)

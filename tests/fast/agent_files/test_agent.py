@@ -30,7 +30,8 @@ from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import network_of
 from rans.policy.network import Network
-from rans.pretrained import pretrained_folder, pretrained_names
+from rans.pretrained import pretrained_folder
+from tests.support.shipped import shipped_agents
 from tests.support.strangers import older, rewritten, trapped, trapped_weights
 
 
@@ -58,7 +59,7 @@ def zipped(name: str, folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", pretrained_names())
+@pytest.mark.parametrize("name", shipped_agents())
 def test_it_is_the_agent_that_sb3_unpickles(name: str, tmp_path: Path) -> None:
     """Every bit of it."""
     folder = zipped(name, tmp_path / "agent")

@@ -149,8 +149,15 @@ def settled(craft: Spacecraft, task: Any, timing: Timing, **given: Any) -> Fligh
     return flight
 
 
-@pytest.mark.parametrize("name", ["floating-platform", "floating-platform-shared", "free-flyer"])
-@pytest.mark.parametrize("task", [GoToPosition(), GoToPose()], ids=["place", "pose"])
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [
+        ("floating-platform", GoToPosition()),
+        ("floating-platform-shared", GoToPose()),
+        ("free-flyer", GoToPose()),
+    ],
+    ids=lambda x: getattr(x, "name", x if isinstance(x, str) else type(x).__name__),
+)
 def test_on_off_craft_settle_near_the_deadline(name: str, task: Any) -> None:
     craft = load_spacecraft(name)
     flight = settled(craft, task.for_evaluation(), Timing(), deadline=12.0)

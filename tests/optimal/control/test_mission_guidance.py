@@ -58,7 +58,7 @@ def test_it_docks_in_a_hurry_below_the_speed_limit(hurried: Row) -> None:
 def test_later_burns_save_impulse() -> None:
     """By 2,000 s there is time for burns where they do most; whoever burns all at once spends more."""
     task = Dock(deadline=(2000.0, 2000.0))
-    starts = scenarios(task, DEPUTY, 7, 64)
+    starts = scenarios(task, DEPUTY, 7, 16)
     ours, theirs = (
         row_of("", fly(DEPUTY, task, kind(DEPUTY, task), starts, task.timing))
         for kind in (MissionGuidance, VelocityToGain)
@@ -171,7 +171,7 @@ def test_a_mission_with_limits_that_are_not_kept_is_refused() -> None:
 def test_it_docks_inside_the_cone(deadline: float) -> None:
     """Whoever takes the cheapest transfer leaves the cone from a tenth to a half of the starts."""
     task = Rendezvous(deadline=(deadline, deadline))
-    starts = scenarios(task, APPROACHING, 7, 8)
+    starts = scenarios(task, APPROACHING, 7, 4)
     guidance = MissionGuidance(APPROACHING, task)
     row = row_of("", fly(APPROACHING, task, guidance, starts, task.timing))
     assert row.docked.all()
@@ -182,7 +182,7 @@ def test_it_docks_inside_the_cone(deadline: float) -> None:
 @pytest.mark.filterwarnings("ignore:.* does not know the constraints")
 def test_inside_the_cone_it_spends_less_than_two_burns() -> None:
     task = Rendezvous(deadline=(5000.0, 5000.0))
-    starts = scenarios(task, APPROACHING, 7, 24)
+    starts = scenarios(task, APPROACHING, 7, 8)
     ours, theirs = (
         row_of("", fly(APPROACHING, task, kind(APPROACHING, task), starts, task.timing))
         for kind in (MissionGuidance, VelocityToGain)
@@ -206,7 +206,7 @@ def test_drake_docks_inside_the_cone() -> None:
 def test_it_holds_around_the_ball_and_brakes_into_the_tolerance() -> None:
     """From all sides by the shortest deadline; some of the starts are behind the ball."""
     task = Hold(deadline=(600.0, 600.0))
-    starts = scenarios(task, CHASER, 7, 48)
+    starts = scenarios(task, CHASER, 7, 24)
     flight = fly(CHASER, task, MissionGuidance(CHASER, task), starts, task.timing)
     row = row_of("", flight)
     assert row.docked.all()

@@ -109,10 +109,9 @@ def test_controllers_hold_long_after_the_last_deadline(name: str, mission: str) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mission", ["hold", "dock"])
-def test_a_missed_deadline_is_followed_by_a_new_plan(mission: str) -> None:
+def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
     """From far away with no time left: the craft comes, within the limits, and without haste."""
-    setup = setup_of(MISSIONS[mission])
+    setup = setup_of(MISSIONS["dock"])
     task = setup.task
     assert isinstance(task, OrbitalMission)
     drawn: Any = scenarios(task, setup.craft, 3, 1)
@@ -141,7 +140,7 @@ def test_inspections_end_where_nothing_pulls(name: str) -> None:
     setup = setup_of(Inspect())
     starts = scenarios(setup.task, setup.craft, 90210, 4)
     latest = setup.timing.episode_steps * setup.timing.control_period
-    continued = flown_on(setup, made(name, setup), starts, latest + 1500.0)
+    continued = flown_on(setup, made(name, setup), starts, latest + 1000.0)
     rest = continued.after(latest)
     assert rest.reached.all()
     assert rest.margin.min() > 0.0

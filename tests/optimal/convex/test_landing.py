@@ -178,6 +178,7 @@ def test_less_propellant_than_it_takes_is_out_of_reach() -> None:
     assert landing(LANDER, EXACT, PUBLISHED, 75.0, 1.0, propellant=300.0) is None
 
 
+@pytest.mark.slow
 def test_what_is_found_flies_in_our_engine_and_in_drake() -> None:
     """From the published start, within the tolerances; exactly it costs a little more."""
     one = scenarios(Land(), CRAFT, 0, 1)

@@ -17,9 +17,9 @@ def test_craft_without_orbital_missions_have_no_checks() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["afrl-deputy", "arpod-chaser"])
-def test_missions_are_won_in_two_body_gravity(name: str) -> None:
-    found = list(orbit_checks(load_spacecraft(name), 1))
+def test_a_mission_is_won_in_two_body_gravity() -> None:
+    """Of the craft that docks; `rans validate` flies the others too."""
+    found = list(orbit_checks(load_spacecraft("afrl-deputy"), 1))
     assert len(found) == 3
     assert [check.name for check in found if not check.passed] == []
 
