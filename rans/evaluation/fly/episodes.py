@@ -45,7 +45,8 @@ def fly_episodes(
     """Fly consecutive episodes of a seed.
 
     Args:
-        controller: controller, which can be pickled; an attribute ``slow`` says that it is slow for every episode.
+        controller: controller, which can be pickled; an attribute ``slow`` says that it is slow for every episode,
+            and ``together`` that its commands belong to the numbers of episodes, which then fly in one process.
         setup: spacecraft, task with its starts, and timing.
         seed: seed of starts and goals, which are those of `rans.scenario.scenarios`.
         episodes: number of episodes.
@@ -60,6 +61,8 @@ def fly_episodes(
     """
     slow = getattr(controller, "slow", False)
     episodes_in_part = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
+    if getattr(controller, "together", False):
+        episodes_in_part = episodes
     end = first + episodes
     jobs = [
         (seed, begin, min(episodes_in_part, end - begin))

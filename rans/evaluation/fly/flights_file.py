@@ -42,6 +42,9 @@ class FlightsFile:
             spacecraft cannot give a command or a change of velocity; the message names the line.
     """
 
+    together = True
+    """Commands belong to the numbers of episodes (`rans.evaluation.fly.episodes.fly_episodes`)."""
+
     def __init__(self, file: str | Path, setup: Setup) -> None:
         self.name = Path(file).name
         self._setup = setup

@@ -29,9 +29,9 @@ def motion(n: float, time: float) -> np.ndarray:
     return expm(rates * time)
 
 
-def short(steps: int) -> Contest:
-    """One start of dock, for the first control periods only."""
-    contest = contest_of("mission:dock-3d", 1)
+def short(steps: int, count: int = 1) -> Contest:
+    """The first starts of dock, for the first control periods only."""
+    contest = contest_of("mission:dock-3d", count)
     return replace(contest, timing=replace(contest.timing, episode_steps=steps))
 
 
@@ -75,6 +75,17 @@ def test_a_flight_that_is_too_fast_breaks_the_limit(tmp_path: Path) -> None:
     header = "start,time," + ",".join(f"command.{k}" for k in range(6))
     file = written(tmp_path, "\n".join([header, *rows]))
     assert contest.fly(enlist(str(file), contest).controller).flight.violated()[0]
+
+
+def test_every_start_flies_its_own_flight_however_many_there_are(tmp_path: Path) -> None:
+    """Controllers that say that they are slow fly eight episodes at a time, numbered from 0 each time."""
+    contest = short(1, 9)
+    file = written(tmp_path, "\n".join([DV.strip(), *(f"{k},0,{0.01 * k},0,0" for k in range(9))]))
+    controller = enlist(str(file), contest).controller
+    controller.slow = True  # pyright: ignore[reportAttributeAccessIssue]
+    flight = contest.fly(controller, workers=1).flight
+    # A full command of 1 N changes the velocity of 12 kg by 1 / 1.2 m/s in 10 s.
+    assert flight.commands[0, :, 0] == pytest.approx(0.012 * np.arange(9))
 
 
 DV = "start,time,dv.x,dv.y,dv.z\n"
