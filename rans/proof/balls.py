@@ -179,7 +179,7 @@ def value_at(p: dict[Any, Any], values: Sequence[Any]) -> Any:
     total = arb(0)
     for key, value in p.items():
         for exponent, x in zip(key, values, strict=True):
-            if exponent:
-                value = value * x**exponent
+            for _ in range(exponent):  # a power of a ball round 0 is no number
+                value = value * x
         total += value
     return total

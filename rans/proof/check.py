@@ -146,11 +146,11 @@ def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
             centre, spread = end
         if not least > 0.0:
             break
-    ends = problem.get("end", {"lower": [], "upper": []})
-    for axis, (low, high) in enumerate(zip(ends["lower"], ends["upper"], strict=True)):
-        row = arb_mat(1, len(cell), [arb(int(i == axis)) for i in range(len(cell))])
-        most, fewest = _highest(row, (centre, spread)), -_highest(-1 * row, (centre, spread))
-        least = _least((least, (arb(high) - most).lower(), (fewest - arb(low)).lower()))
+    if "end" in problem:
+        last = centre, spread
+        least = _least(
+            (least, _margin({"within": problem["end"]}, last, last, [arb(0)] * len(cell)))
+        )
     return least
 
 
@@ -165,14 +165,15 @@ def _highest(row: Any, state: tuple[Any, Any]) -> Any:
 
 def _margin(keep: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]) -> float:
     ((kind, limit),) = keep.items()
-    if kind == "avoid":
+    if kind in ("avoid", "within"):
         margins = []
         for axis, (low, high) in enumerate(zip(limit["lower"], limit["upper"], strict=True)):
             row = arb_mat(1, len(sag), [arb(int(i == axis)) for i in range(len(sag))])
-            above = [arb(low) - _highest(row, state) - sag[axis] for state in (begin, end)]
-            below = [-_highest(-1 * row, state) - sag[axis] - arb(high) for state in (begin, end)]
-            margins += [_least(x.lower() for x in side) for side in (above, below)]
-        return max(margins)
+            ends = (arb(low), -arb(high)) if kind == "avoid" else (arb(high), -arb(low))
+            for sign, edge in zip((1, -1), ends, strict=True):
+                reach = [_highest(sign * row, state) + sag[axis] for state in (begin, end)]
+                margins.append(_least((edge - x).lower() for x in reach))
+        return max(margins) if kind == "avoid" else _least(margins)
     # Along any unit vector a position is no longer than it is.
     ahead = [float((begin[0][i, 0] + end[0][i, 0]).mid()) for i in limit["position"]]
     norm = sum((arb(x) ** 2 for x in ahead), arb(0)).sqrt()
@@ -258,11 +259,12 @@ def _taylor(problem: dict[str, Any]) -> Any:
                 arb(c.mid(), (r + c.rad()).upper())
                 for c, r in zip(middle, row_sums(wide), strict=True)
             ]
-            grown = [
-                x + arb(0, (3 * h * abs(value_at(f, balls))).upper())
-                for x, f in zip(balls, rates, strict=False)
-            ]
-            grown += balls[count:]
+            grown = balls
+            for _ in range(3):  # as Picard's iteration, with some room
+                grown = [
+                    x + arb(0, (2 * h * abs(value_at(f, grown))).upper())
+                    for x, f in zip(balls, rates, strict=False)
+                ] + balls[count:]
             for x, big, f in zip(balls, grown, rates, strict=False):
                 if not big.contains(x + (arb(0).union(h)) * value_at(f, grown)):
                     raise Refused("its motion has no bound within a Taylor step.")

@@ -53,6 +53,18 @@ class Avoid:
 
 
 @dataclass(frozen=True)
+class Within:
+    """The state is always in a box."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def margins(self, states: np.ndarray) -> np.ndarray:
+        """Margins (N,) of states (N, n) along their worst axis; negative outside."""
+        return np.minimum(states - np.array(self.lower), np.array(self.upper) - states).min(axis=1)
+
+
+@dataclass(frozen=True)
 class KeepOut:
     """|position| >= radius at all times; position is of any number of states."""
 
@@ -82,9 +94,9 @@ class Problem:
     """Lowest start."""
     upper: tuple[float, ...]
     """Highest start."""
-    keep: SpeedLimit | Avoid | KeepOut
-    end: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    """Lowest and highest state of the box in which every flight ends; None: anywhere."""
+    keep: SpeedLimit | Avoid | KeepOut | Within
+    end: Within | None = None
+    """Box in which every flight ends; None: anywhere."""
     text: str = ""
     """Text of the file."""
 
@@ -98,13 +110,6 @@ class Problem:
         known = {f"x{i}": x for i, x in enumerate(states)}
         known |= {f"u{i}": u for i, u in enumerate(commands)}
         return [evaluate(text, known) for text in self.derivative]
-
-    def end_margins(self, states: np.ndarray) -> np.ndarray:
-        """Margins (N,) by which last states (N, n) are in the box of the end, along their worst axis."""
-        assert self.end is not None
-        return np.minimum(states - np.array(self.end[0]), np.array(self.end[1]) - states).min(
-            axis=1
-        )
 
     def linear(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one."""
@@ -238,8 +243,7 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
         raise ConfigError(f"{where}: start.lower must not be above start.upper.")
     end = None
     if "end" in table:
-        low, high = (_numbers(table["end"].get(key), count, where) for key in ("lower", "upper"))
-        end = low, high
+        end = Within(*(_numbers(table["end"].get(key), count, where) for key in ("lower", "upper")))
     problem = Problem(
         str(table["name"]),
         derivative,
@@ -256,7 +260,9 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
     return problem
 
 
-def _property(table: dict[str, Any], count: int, where: object) -> SpeedLimit | Avoid | KeepOut:
+def _property(
+    table: dict[str, Any], count: int, where: object
+) -> SpeedLimit | Avoid | KeepOut | Within:
     match table:
         case {"speed_limit": dict() as limit} if limit.keys() == {
             "position",
@@ -272,12 +278,14 @@ def _property(table: dict[str, Any], count: int, where: object) -> SpeedLimit | 
             return SpeedLimit(indices[0], indices[1], base, slope)
         case {"avoid": dict() as box} if box.keys() == {"lower", "upper"}:
             return Avoid(_numbers(box["lower"], count, where), _numbers(box["upper"], count, where))
+        case {"within": dict() as box} if box.keys() == {"lower", "upper"}:
+            return Within(*(_numbers(box[key], count, where) for key in ("lower", "upper")))
         case {"keep_out": dict() as ball} if ball.keys() == {"position", "radius"}:
             _check_states(ball["position"], count, where)
             return KeepOut(tuple(ball["position"]), *_numbers([ball["radius"]], 1, where))
     raise ConfigError(
         f"{where}: keep is speed_limit with position, velocity, base and slope, keep_out with position and radius, "
-        "or avoid with lower and upper."
+        "or avoid or within with lower and upper."
     )
 
 

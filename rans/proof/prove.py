@@ -12,7 +12,7 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.proof.network import Layer, apply
 from rans.proof.plants import LinearPlant, Piece, Plant
-from rans.proof.problem import Avoid, KeepOut, Problem, SpeedLimit
+from rans.proof.problem import Avoid, KeepOut, Problem, SpeedLimit, Within
 from rans.proof.relaxation import TorchLayer, Zonotope, enclose
 
 _DIRECTIONS = 64
@@ -184,7 +184,7 @@ def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray)
             k4 = rate(x + h * k3)
             x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
             least = np.minimum(least, problem.keep.margins(x))
-    return least if problem.end is None else np.minimum(least, problem.end_margins(x))
+    return least if problem.end is None else np.minimum(least, problem.end.margins(x))
 
 
 class ClosedLoop:
@@ -228,12 +228,8 @@ class ClosedLoop:
             if not bool((least > 0.0).any()):
                 break
         if self.problem.end is not None:
-            lower, upper = (
-                torch.tensor(x, dtype=torch.float64, device=self.device) for x in self.problem.end
-            )
-            axes = torch.eye(len(lower), dtype=torch.float64, device=self.device)[None]
-            inner = torch.minimum(upper - states.highest(axes), -lower - states.highest(-axes))
-            least = torch.minimum(least, inner.amin(dim=1))
+            still = Piece(states, states, torch.zeros_like(centre))
+            least = torch.minimum(least, self._within(still, self.problem.end))
         first = self._layers[0].weight
         worth = radius * torch.linalg.vector_norm(first, dim=0)
         return least.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()
@@ -243,6 +239,8 @@ class ClosedLoop:
         keep = self.problem.keep
         if isinstance(keep, Avoid):
             return self._apart(piece, keep)
+        if isinstance(keep, Within):
+            return self._within(piece, keep)
         ends = (piece.begin, piece.end)
         position = list(keep.position)
         middle = ends[0].centre[:, position] + ends[1].centre[:, position]
@@ -261,6 +259,19 @@ class ClosedLoop:
         most = torch.stack([end.highest(axes) for end in ends]).amax(dim=0) + piece.sag
         least = -torch.stack([end.highest(-axes) for end in ends]).amax(dim=0) - piece.sag
         return torch.maximum(lower - most, least - upper).amax(dim=1)
+
+    def _within(self, piece: Piece, keep: Within) -> Tensor:
+        """Distance from the faces of a box, from inside."""
+        lower, upper = (
+            torch.tensor(x, dtype=torch.float64, device=self.device)
+            for x in (keep.lower, keep.upper)
+        )
+        axes = torch.eye(len(lower), dtype=torch.float64, device=self.device)[None]
+        inner = [
+            torch.minimum(upper - end.highest(axes), -lower - end.highest(-axes))
+            for end in (piece.begin, piece.end)
+        ]
+        return (torch.minimum(*inner) - piece.sag).amin(dim=1)
 
     def _out(self, piece: Piece, keep: KeepOut, ahead: Tensor) -> Tensor:
         """Distance from a ball: |p| >= d p in any direction d, least at an end of the chord."""

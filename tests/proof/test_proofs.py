@@ -19,7 +19,7 @@ from rans.cli import main
 from rans.errors import ConfigError
 from rans.proof.certificate import write_certificate
 from rans.proof.network import Layer, apply, read_network
-from rans.proof.problem import Avoid, Problem, problem_of, read_problem
+from rans.proof.problem import Avoid, Problem, Within, problem_of, read_problem
 from rans.proof.prove import ClosedLoop, lowest_margins, prove
 from rans.proof.relaxation import TorchLayer, Zonotope, enclose, parallel_lines
 from tests.support.processes import ROOT
@@ -58,6 +58,14 @@ upper = [0.31, -0.19, 0.11]
 lower = [-1.0, 0.5, -1.0]
 upper = [1.0, 1.0, 1.0]
 """
+INSIDE = (
+    SPINNING.split("[keep")[0]
+    + """
+[keep.within]
+lower = [0.0, -1.0, 0.0]
+upper = [0.9, 0.4, 2.4]
+"""
+)
 HOLDING = """
 name = "hold outside of a ball"
 period = 5.0
@@ -179,10 +187,11 @@ def test_a_network_lies_between_its_planes(activation: str, sizes: tuple[int, ..
         (DOCKING, damping(4, (2, 3), 3)),
         (DOCKING, layers([4, 8, 2], 5, scale=0.01)),
         (SPINNING, layers([3, 8, 8, 3], 4, "sigmoid")),
+        (INSIDE, layers([3, 8, 8, 3], 4, "sigmoid")),
         (HOLDING, damping(4, (2, 3), 3)),
         (HOLDING, layers([4, 8, 2], 5, "relu", scale=0.01)),
     ],
-    ids=["brakes", "pushes", "spins", "stays out", "drifts"],
+    ids=["brakes", "pushes", "spins", "stays in", "stays out", "drifts"],
 )
 def test_no_flight_has_less_than_its_cells_margin(text: str, network: list[Layer]) -> None:
     """Margins of flights by Runge-Kutta, whose own error is far below the distance seen here."""
@@ -236,8 +245,9 @@ def test_flights_end_in_a_box(tmp_path: Path) -> None:
     problem = problem_of(SETTLING + end)
     proof = prove(problem, layers)
     assert proof.is_whole
+    assert problem.end is not None
     ends = np.array([[-0.5, 0.0], [0.3, 0.05], [0.0, -0.11]])
-    np.testing.assert_allclose(problem.end_margins(ends), [0.0, 0.05, -0.01], atol=1e-12)
+    np.testing.assert_allclose(problem.end.margins(ends), [0.0, 0.05, -0.01], atol=1e-12)
     # The checker finds the same, and refuses the same cells for a box that flights miss, and for a shorter time.
     write_certificate(proof, network, tmp_path / "end.json")
     content, file = (tmp_path / "end.json").read_text(), network.read_bytes()
@@ -255,7 +265,7 @@ def test_the_hold_agent_stays_for_ever() -> None:
     """The box in which its flights end is one that it comes back to, so that the ball is never entered."""
     folder = ROOT / "examples/proofs"
     far, near = (read_problem(folder / f"hold-agent{name}.toml") for name in ("", "-near"))
-    assert far.end == near.end == (near.lower, near.upper)
+    assert far.end == near.end == Within(near.lower, near.upper)
     assert far.keep == near.keep
     assert far.derivative == near.derivative
     assert far.period == near.period
@@ -419,9 +429,9 @@ def test_a_wrong_problem_is_a_sentence(old: str, new: str, sentence: str) -> Non
 
 @pytest.mark.parametrize(("name", "parts"), [("docking-agent", 4), ("hold-agent", 8)])
 def test_the_agents_of_the_page_keep_their_property(name: str, parts: int) -> None:
-    """A random cell of the page's proof, and flights from it, of which none has less than its margin."""
+    """A random cell, 30 periods long, and flights from it, of which none has less than its margin."""
     folder = ROOT / "examples/proofs"
-    problem = read_problem(folder / f"{name}.toml")
+    problem = replace(read_problem(folder / f"{name}.toml"), steps=30, end=None)
     network = read_network(folder / f"{name}.onnx")
     low, high = np.array(problem.lower), np.array(problem.upper)
     random = np.random.default_rng(5)
@@ -432,6 +442,41 @@ def test_the_agents_of_the_page_keep_their_property(name: str, parts: int) -> No
     for margin, begin, end in zip(margins, *ends, strict=True):
         start = random.uniform(begin, end, (50, problem.states))
         assert margin <= lowest_margins(problem, network, start).min()
+
+
+def test_the_pose_agent_stays_for_ever() -> None:
+    """It comes back to the box of its starts, and the limits of 5 cm and 5 degrees are around it."""
+    problem = read_problem(ROOT / "examples/proofs/pose-agent.toml")
+    network = read_network(ROOT / "examples/proofs/pose-agent.onnx")
+    assert problem.end == Within(problem.lower, problem.upper)
+    assert isinstance(problem.keep, Within)
+    assert np.hypot(*problem.keep.upper[:2]) <= 0.05
+    assert problem.keep.upper[4] <= np.deg2rad(5.0)
+    start = np.random.default_rng(4).uniform(problem.lower, problem.upper, (200, 6))
+    least = lowest_margins(problem, network, start).min()
+    assert least > 0.0
+    # A part of the proof; all of it takes two seconds.
+    short = replace(problem, steps=4, end=None)
+    loop = ClosedLoop(short, network, torch.device("cpu"))
+    margin = loop.margins(np.array([problem.lower]), np.array([problem.upper]))[0][0]
+    assert 0.0 < margin <= lowest_margins(short, network, start).min()
+
+
+@pytest.mark.slow
+def test_the_pose_agent_is_proved() -> None:
+    problem = read_problem(ROOT / "examples/proofs/pose-agent.toml")
+    assert prove(problem, read_network(ROOT / "examples/proofs/pose-agent.onnx")).is_whole
+
+
+def test_powers_of_balls_round_zero() -> None:
+    """Spins and heading near zero: products and squares of them are numbers."""
+    flint = pytest.importorskip("flint")
+    from rans.proof.balls import polynomial, value_at
+
+    ball = flint.arb(0, 0.5)
+    value = value_at(polynomial("x0 * x0 * x1 - 2 * x0", 2, 2), [ball, flint.arb(3)])
+    assert value.contains(0)
+    assert 1.0 <= float(value.upper()) < 2.0
 
 
 def test_the_hold_agent_from_ahead_is_refuted() -> None:
