@@ -91,7 +91,7 @@ def train(
     """
     from rans.evaluation.fly.agent import load_policy as trained
     from rans.evaluation.fly.controllers import guard_of
-    from rans.fast.learn.loggers import check_loggers, loggers
+    from rans.fast.learn.loggers import loggers, require_loggers
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer
     from rans.show.progress import watched_training
@@ -110,7 +110,7 @@ def train(
     config = replace(config, guard=guard or config.guard, plain=plain or config.plain)
     config = changed(config, settings)
     check_loggers(log)
-    check_loggers(log)
+    require_loggers(log)
     craft = (
         stored_spacecraft(config.spacecraft) if spacecraft is None else load_spacecraft(spacecraft)
     )
@@ -202,14 +202,14 @@ def sweep(
     Raises:
         ConfigError: one of these does not exist, or the folder exists.
     """
-    from rans.fast.learn.loggers import check_loggers
+    from rans.fast.learn.loggers import require_loggers
     from rans.fast.learn.run_folder import unused_path
     from rans.fast.learn.sweep import Sweep
     from rans.show.progress import watched
     from rans.show.sweep_files import save_sweep
 
     check_loggers(log)
-    check_loggers(log)
+    require_loggers(log)
     base = _config(
         task, spacecraft, device, None, conditions, algorithm, None, total_timesteps=total_timesteps
     )

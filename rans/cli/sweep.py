@@ -70,10 +70,10 @@ class Sweep:
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
-        from rans.fast.learn.loggers import check_loggers
+        from rans.fast.learn.loggers import require_loggers
 
         compile_in_this_process()
-        check_loggers(self.log)
+        require_loggers(self.log)
         sweep = self._trainings()
         folder = sweep.path
         first = sweep.processes.is_first

@@ -266,10 +266,10 @@ class Train:
             return self._train(curve)
 
     def _train(self, curve: Callable[[Rows], str] | None) -> int:
-        from rans.fast.learn.loggers import LoggerName, check_loggers, loggers
+        from rans.fast.learn.loggers import LoggerName, loggers, require_loggers
 
         elsewhere: list[LoggerName] = [name for name in self.log if name != "terms"]
-        check_loggers(elsewhere)
+        require_loggers(elsewhere)
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
         begun = trainer.steps

@@ -37,7 +37,7 @@ class SheetQuantity(NamedTuple):
     nominal: float
     path: tuple[str, ...]
     """Names of the setting and of what holds it, from the outside."""
-    applicable_effects: tuple[str, ...]
+    effects: tuple[str, ...]
     """Effects of `rans stress` whose sizes are flown."""
 
 

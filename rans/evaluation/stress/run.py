@@ -38,14 +38,14 @@ class Stress:
     """Spacecraft, task and starts, under nominal conditions."""
     named: Sequence[Level]
     """Conditions without a size: nominal ones, conditions by name or file, and failed thrusters."""
-    applicable_effects: Sequence[Effect]
+    effects: Sequence[Effect]
     slow_episodes: int
     """Number of episodes of slow controllers, in place of the contest's."""
     contestants: dict[str, Contestant] = field(default_factory=dict)
     """Contestants by the text that named them; others are compared with the first."""
     outcomes: dict[tuple[str, str], StressOutcome] = field(default_factory=dict)
     """Outcomes by the names of level and contestant."""
-    failure_levels: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
     """Failures of contestants, a sentence each."""
     stopped: dict[str, int] = field(default_factory=dict)
     """Number of times that the solver of each contestant found no solution."""

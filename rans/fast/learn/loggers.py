@@ -26,7 +26,7 @@ class Logger(Protocol):
         """Finish the log."""
 
 
-def check_loggers(names: Sequence[LoggerName]) -> None:
+def require_loggers(names: Sequence[LoggerName]) -> None:
     """Reject (`ConfigError`) loggers whose library is not installed."""
     for name in names:
         if name != "hparams":

@@ -11,7 +11,7 @@ from typing import Any, cast
 import pytest
 
 from rans.errors import ConfigError
-from rans.fast.learn.loggers import LoggerName, check_loggers, loggers
+from rans.fast.learn.loggers import LoggerName, loggers, require_loggers
 from tests.support.training import CONFIG
 
 ROWS: list[dict[str, Any]] = [
@@ -87,4 +87,4 @@ def test_what_is_not_installed_is_told(name: str) -> None:
         pytest.skip("it is installed")
     said = f"--log {name} needs the package {name} .No module .* pip install {name}"
     with pytest.raises(ConfigError, match=said):
-        check_loggers([cast("LoggerName", name)])
+        require_loggers([cast("LoggerName", name)])
