@@ -168,6 +168,7 @@ def write_ccsds(
     count = flight.commands.shape[1]
     if not 0 <= episode < count:
         raise ConfigError(f"the flight has episodes 0 to {count - 1}, got {episode}.")
+    # States up to the end of the episode, in the Hill frame.
     start = _instant(epoch, "epoch")
     steps = len(flight.commands) if flight.lengths is None else int(flight.lengths[episode])
     times = flight.times[: steps + 1]
@@ -179,6 +180,7 @@ def write_ccsds(
         )
     instants = [_text(start + timedelta(seconds=float(t))) for t in times]
     target = np.zeros((len(times), 3))
+    # Ephemerides of craft and target in the inertial frame, km and km/s.
     folder = Path(folder)
     names = (f"episode-{episode}{suffix}" for suffix in (".oem", "-target.oem", ".aem"))
     of_craft, of_target, of_attitude = (folder / name for name in names)
@@ -193,6 +195,7 @@ def write_ccsds(
         ]
         meta = {"CENTER_NAME": "EARTH", "REF_FRAME": FRAME, "TIME_SYSTEM": "UTC"}
         write_text(file, _message("CCSDS_OEM_VERS", "3.0", name, meta, instants, rows))
+    # Attitude: that of the Hill frame, then that of the craft in it; the scalar is last.
     attitude = orbit.attitude(times).times(
         map_leaves(lambda x: x[: steps + 1, episode], flight.states.attitude)
     )

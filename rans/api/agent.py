@@ -108,6 +108,7 @@ class Agent(AgentData):
         from rans.policy.predict import predict
 
         controller = self.run.controller
+        # A tensor or an array, in float32 as the network was trained.
         if hasattr(observation, "detach"):
             observation = observation.detach().cpu().numpy()
         try:
@@ -117,6 +118,7 @@ class Agent(AgentData):
                 f"an observation is an array of numbers, (width,) or (N, width), got {brief(observation)}."
             ) from error
         dtype = action_space(self.craft).dtype
+        # A network of RANS has a memory; exported agents decide from the observation alone.
         if isinstance(controller, Network):
             output, memory = predict(
                 controller.network, observation, state, episode_start, deterministic
@@ -303,6 +305,7 @@ def load_agent(
     from rans.evaluation.fly.contestants import contestant
     from rans.evaluation.fly.controllers import ObjectPolicy
 
+    # The task that a policy or a name is flown on; agents of RANS have their own.
     setup = None
     if task is not None:
         craft = load_spacecraft(USUAL[2] if spacecraft is None else spacecraft)
@@ -316,6 +319,7 @@ def load_agent(
     run = run_of(agent)
     if run is not None:
         return Agent(run)
+    # A policy made elsewhere, which needs a task.
     is_policy = callable(getattr(agent, "predict", None)) or callable(agent)
     if not is_policy or isinstance(agent, type):
         raise ConfigError(

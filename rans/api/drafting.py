@@ -154,6 +154,7 @@ def init_spacecraft(
     settings: dict[str, Any] = {"name": name}
     if dimension is not None and dimension not in (2, 3):
         raise ConfigError(f"dimension must be 2 (plane) or 3 (space), got {brief(dimension)}.")
+    # The base: a spacecraft, or a file of other software whose values fill what is not given.
     start = begun(base)
     origin = "Written by rans init."
     if isinstance(start, Foreign):
@@ -179,6 +180,7 @@ def init_spacecraft(
             f"{start.name} has dimension {start.dimension}: another one needs other thrusters; leave out base."
         )
     flat = start.dimension if start is not None else dimension
+    # Without a base everything that a craft cannot do without must be given.
     if start is None:
         lacking = {
             "dimension": dimension is None,
@@ -192,6 +194,7 @@ def init_spacecraft(
                 f"a spacecraft needs {', '.join(missing)}; or name a base to begin from."
             )
     assert flat is not None
+    # Each given value replaces that of the base.
     if mass is not None:
         settings["mass"] = float(mass)
     heavy = settings.get("mass", start.mass if start is not None else 0.0)
@@ -219,6 +222,7 @@ def init_spacecraft(
         settings["radius"] = float(radius)
     if thrust_sharing is not None:
         settings["thrust_sharing"] = thrust_sharing
+    # The text is read again, so that a draft is what its file will be.
     craft = Spacecraft(dimension=flat, **settings) if start is None else replace(start, **settings)
     text = commented(craft, origin)
     return Draft(parse_spacecraft(text, name), text)

@@ -149,6 +149,7 @@ def optimal_trajectory(
     limits = None if limits == PathLimits() else limits
     usual = max(usual_guesses(craft, judged, objective_value), 3 if balls else 1)
     tried = usual if guesses is None else whole("guesses", guesses)
+    # Solve from several guesses, and fly the best in Drake.
     (optimum,) = optima(craft, judged, objective_value, scenario, tried, workers=1, limits=limits)
     number = _OWN if isinstance(start, State) else start
     return OptimalTrajectory(

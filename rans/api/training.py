@@ -96,6 +96,7 @@ def train(
     from rans.fast.learn.trainer import Trainer
     from rans.show.progress import watched_training
 
+    # The config is complete before a folder is made.
     config = _config(
         task,
         spacecraft,
@@ -122,6 +123,7 @@ def train(
     run_folder.begin(
         config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else ""
     )
+    # Train, and give every report to the progress bar, the loggers and the caller.
     others = loggers(log, config, folder)
     with watched_training(config.total_timesteps, progress) as show:
 

@@ -114,6 +114,7 @@ class Compare:
             trade_off_positions(spec, self.positions) if self.front else [spec]
             for spec in self.contestants
         ]
+        # The first contestant sets task, craft, starts and conditions for all.
         contest = contest_of(
             named[0][0],
             self.episodes,
@@ -142,6 +143,7 @@ class Compare:
         )
         cache = inside(folder, "compare-bounds.json")
         show = partial(_write, comparison, folder, self.full)
+        # Quick opponents first; results so far are written even after an interrupt.
         with writing_at_end(show), progress() as bars:
             try:
                 quick, rest = self._quick(contest)

@@ -182,6 +182,7 @@ class Evaluate:
         from rans.verdict import Failure
 
         assert isinstance(run.controller, Agent)
+        # Flights are judged as they fly; none is stored.
         device = "cuda" if torch.cuda.is_available() else "cpu"
         flights = Flights(
             run.controller.network, run.judged, device, listed=_LISTED, plain=self.plain
@@ -194,6 +195,7 @@ class Evaluate:
         if run.conditions is not None:
             console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
         console.print(metrics.table(console.width, self.full))
+        # Of failed flights the file has numbers and kinds, with which `rans view` shows them.
         listed = [
             {"episode": int(number), "failure": Failure(kind).name}
             for number, kind in zip(statistics.numbers, statistics.kinds, strict=True)

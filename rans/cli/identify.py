@@ -54,6 +54,7 @@ class Identify:
         if not self.spacecraft:
             raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
         console = Terminal()
+        # Identify, and write the data sheet with its intervals.
         with doing("identifying: the flights are predicted for every candidate"):
             result = identify(self.logs, self.spacecraft, self.robot, self.window)
         folder = result.write(self.output or Path("identified"))
@@ -68,6 +69,7 @@ class Identify:
             for row in result.rows()
         ]
         console.show("Identified", ("quantity", "data sheet", "value", "95 %", "unit"), rows)
+        # How much better the identified craft predicts the same logs.
         predictions = [
             [channel.name, f"{channel.before:.4g}", f"{channel.after:.4g}", UNITS[channel.name]]
             for channel in result.channels()

@@ -180,6 +180,7 @@ class Prove:
                 "--cells must be from 1 to 1000 and --smallest above 0 and at most 1, got "
                 f"{self.cells} and {self.smallest:g}."
             )
+        # Prove: cells are split until each holds or a flight breaks the property.
         problem = read_problem(self.problem)
         layers = read_network(self.onnx)
         output = self.output or self.problem.with_suffix(".certificate.json")
@@ -196,6 +197,7 @@ class Prove:
                 lambda done, left: bars.update(task, completed=done, total=done + left),
             )
         seconds = time.monotonic() - begun
+        # False, open or proved; only a proof has a certificate.
         if proof.counterexample is not None:
             start = np.round(proof.counterexample, 6).tolist()
             least = lowest_margins(problem, layers, proof.counterexample[None])[0]

@@ -78,6 +78,7 @@ class Sweep:
         folder = sweep.path
         first = sweep.processes.is_first
         plain = NowAndThen()
+        # Train; the first of torchrun's processes reports and writes.
         with StopGently() as stop:
             sweep.train(
                 lambda batch: (

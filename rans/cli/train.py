@@ -273,6 +273,7 @@ class Train:
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
         begun = trainer.steps
+        # Other processes of torchrun only train.
         if not trainer.processes.is_first:
             with StopGently() as stop:
                 trainer.train(lambda _: None, lambda: stop.requested)
@@ -292,6 +293,7 @@ class Train:
             )
         for other in others:
             other.close()
+        # Result: curve, summary, and a warning where the training left the nominal craft out.
         rows = trainer.run.metrics()
         if rows and curve is not None:
             write_text(trainer.run.path / "learning_curve.svg", curve(rows))

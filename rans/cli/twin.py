@@ -67,6 +67,7 @@ class Twin:
 
         say = Terminal().say
         craft = load_spacecraft(self.spacecraft)
+        # A run folder stands for the conditions of its training.
         conditions = None
         if self.conditions is not None and Path(self.conditions).is_dir():
             conditions = RunFolder(Path(self.conditions)).config().conditions
@@ -87,6 +88,7 @@ class Twin:
             episode=self.episode,
             seconds=self.seconds,
         )
+        # Simulate until the time is up or a signal comes; the bus is closed in any event.
         stop = stop_on_signals()
         bus = opened_bus(self.bus, self.domain, self.address, self.ros)
         try:

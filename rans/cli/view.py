@@ -85,6 +85,7 @@ class View:
             raise ConfigError(
                 f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}."
             )
+        # The ending of the file decides what is written.
         kind = None if self.save is None or self.play else _kind(self.save)
         video = self.save if kind == "film" else self.video
         frames = self.save if kind == "picture" else self.frames
@@ -103,6 +104,7 @@ class View:
             if (Path(contestant) / "optimal.npz").is_file()
         ]
         others = tuple(contestant for contestant in self.contestants if contestant not in folders)
+        # Fly, and show or write the flights.
         runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
         if (self.start or self.goal) and (page is not None or self.play or folders):
             what = "an optimum" if folders else "a page or a view to fly in"

@@ -115,6 +115,8 @@ def write_c(
     Raises:
         ConfigError: the program has an operation that is not known in C, or the disk refuses.
     """
+    # What the frame of the source is filled with: sizes, comments from the contract, tables and
+    # steps.
     about = json.loads(contract) if contract else {}
     columns = about.get("observation", [])
     commands = about.get("command", {}).get("ranges", [])
@@ -158,6 +160,7 @@ def write_c(
     }
     write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": _STACK_UNKNOWN}))
     write_text(folder / "agent.c", _filled(_SOURCE, names))
+    # The stack is measured by compiling what was written; the header then states it.
     if stack := _measured_stack(folder):
         stack_note = _filled(_STACK, {"BYTES": stack, "MACHINE": platform.machine()})
         write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": stack_note}))

@@ -105,6 +105,7 @@ class Engine:
         guard: Guard | None = None,
         plain: bool = False,
     ) -> None:
+        # What is flown: names become values, and nothing later reads a file.
         if plain and compiled:
             raise ConfigError(
                 "plain=True steps by single operations of torch, and compiled=True by a "
@@ -123,6 +124,7 @@ class Engine:
             warn_of_obstacles(craft, task, self.timing)
         if are_conditions_named and conditions is not None:
             warn_of_implausible(conditions, craft)
+        # How it is stepped: device, precision, and whether a step is compiled.
         self.num_envs = num_envs
         self.dtype = dtype
         self.device = backend.device
@@ -140,6 +142,7 @@ class Engine:
         self.processes = processes
         self.members = len(seeds)
         each = num_envs // len(seeds)
+        # The world and its buffers, one row for every environment.
         self.layout = layout(task, craft.dimension)
         nominal = Body.of(craft)
         self.observation_width = self.layout.width
@@ -160,6 +163,7 @@ class Engine:
             backend.fields,
         )
         buffers = self._world, self.body, num_envs, draws
+        # A generated kernel steps on a GPU where it can; any other step needs episodes that remember.
         self.episode = backend.episodes(*buffers, remember)
         self._kernel = None
         if generated and self.compiled and self.device.type == "cuda":

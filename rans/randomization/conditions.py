@@ -206,6 +206,7 @@ class Conditions(Settings):
                 not component.others, "others", "others of others", "without others of their own"
             )
             _check_alike(self, component, "")
+        # Bounds other than "finite and not negative" of single ranges.
         thrusters = self.thrusters
         pushes = self.disturbances
         for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):

@@ -69,6 +69,7 @@ def tuned_settings(
     results: list[tuple[float, dict[str, float]]] = []
     random = np.random.default_rng(TUNING_SEED)
     begun = _processor_time()
+    # Candidates: the defaults first, then samples that close in on the best as the budget is spent.
     for number in range(candidates):
         spent = _processor_time() - begun
         if results and spent >= seconds:

@@ -133,6 +133,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     rows = list(csv.reader(io.StringIO(read_text(file, LARGEST_LOG, "the log "))))
     if not rows:
         raise ConfigError(f"the log {file} is empty.")
+    # The header names the columns, in any order.
     header = [name.strip().lower() for name in rows[0]]
     needed = ["time", *POSE_COLUMNS[craft.dimension]]
     inputs = sorted(
@@ -144,6 +145,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
             f"the log {file} must have the columns {', '.join(needed)} and u0 to u{craft.command_count - 1}, "
             f"got {brief(', '.join(header))}."
         )
+    # Cells: an empty one is NaN, since commands and readings have lines of their own.
     numbers = np.full((len(rows) - 1, len(header)), np.nan)
     for k, row in enumerate(rows[1:]):
         if len(row) != len(header):
@@ -166,6 +168,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
             [numbers[:, header.index(name)] if name in header else empty for name in names]
         )
 
+    # Lines with a command, and lines with a reading.
     d = craft.dimension
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])

@@ -302,6 +302,8 @@ class Circumnavigation:
         task = self.task
         n = task.mean_motion
         times = np.arange(0.0, left + 1e-9, _STEP)[:, None]
+        # The path in three parts: coast to the first burn, transfer to the second, closed ellipse about
+        # the target after it (Clohessy and Wiltshire: v_x = n y / 2, v_y = -2 n x closes it).
         before = self._coasted(state_now.p, state_now.v, times)
         at_first = task.drift.carry(state_now.p, state_now.v, first)
         begin = velocity_to_reach(
@@ -325,8 +327,10 @@ class Circumnavigation:
                 )
             )
         )
+        # Clear of the ball and of the outer limit, with a margin, at all times until the inspection is done.
         clear = _nearest(p) > task.keep_out + 0.9 * _CLEAR
         clear &= p.norm() < task.fail_distance - _CLEAR
+        # Points inspected so far at each time; the sun turns backwards in the Hill frame.
         notes = (target_now.notes[0] - n * times, *target_now.notes[1:])
         coasting = replace(state_now, p=p)
         inspected = np.array(task.visible(replace(target_now, notes=notes), coasting))

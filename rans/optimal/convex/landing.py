@@ -103,12 +103,14 @@ class Lander:
                 f"spacecraft {craft.name!r} is no lander: it needs throttled engines and propellant, in space "
                 '(dimension = 3, [actuators] kind = "throttle", [propellant]).'
             )
+        # All engines together must push along z of B, so that thrust follows attitude.
         along = full_thrust(craft)
         if np.linalg.norm(along[:2]) > 1e-6 * along[2]:
             raise ConfigError(
                 f"the engines of {craft.name!r} push along {along.round(3).tolist()} N together, and a lander's "
                 "along z of B."
             )
+        # Mass flow at full thrust is the sum over engines of force by exhaust speed.
         full = float(np.linalg.norm(full_thrust(craft, dead)))
         live = [t for k, t in enumerate(craft.thrusters) if k not in dead]
         flow = sum(t.force for t in live) / tank.exhaust_speed
@@ -125,6 +127,8 @@ class Lander:
             raise ConfigError(
                 f"at most {_MOST_APART} engines can be throttled one by one, and {craft.name!r} has {len(live)}."
             )
+        # Corners of what engines throttled one by one can give: propellant, push along z, push
+        # across it.
         limits = craft.actuators.least, craft.actuators.most
         throttles = np.array([*itertools.product(limits, repeat=len(live))])
         used = throttles @ [t.force for t in live] * (lander.exhaust_speed / tank.exhaust_speed)
