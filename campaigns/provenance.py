@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
 
 from campaigns.figures import TABLES
@@ -32,7 +33,7 @@ class Source:
     """Page that has them, from docs."""
     commands: tuple[str, ...]
     """What measures them, in a folder with a copy of docs."""
-    seconds: float
+    seconds: float = 0.0
     """Processor time of the commands, s, on an AMD EPYC; 0: not measured."""
     quick: tuple[str, ...] = ()
     """The same with fewer flights; empty: these commands."""
@@ -60,9 +61,7 @@ def _mission(
     name: str,
     options: str,
     quick: str,
-    seconds: float,
-    quick_seconds: float,
-    deterministic: bool = True,
+    quick_seconds: float = 0.0,
 ) -> Source:
     """A mission's table, whose rows say their number of flights."""
     command = f"python -m campaigns.missions {name} --docs docs"
@@ -70,12 +69,10 @@ def _mission(
         tables=(name.replace("-", " "), f"standings of {name}"),
         page=f"missions/{name}.md",
         commands=(f"{command}{options}",),
-        seconds=seconds,
         quick=(f"{command}{quick}",),
         quick_seconds=quick_seconds,
         uncompared=("starts", "worst"),
         evidence=(f"mission-{name}.json",),
-        deterministic=deterministic,
     )
 
 
@@ -84,13 +81,12 @@ SOURCES: dict[str, Source] = {
         tables=("stress",),
         page="../README.md",
         commands=(f"rans stress {_AGENTS} lqr switching --output runs/stress",),
-        seconds=300.0,
         quick=("python -m campaigns.named_conditions --docs docs --episodes 64",),
-        quick_seconds=30.0,
         flights=(256, 64),
         shares=("go-to-pose", "lqr", "switching"),
         evidence=("stress.json",),
         moved=(("runs/stress/stress.json", "stress.json"),),
+        quick_seconds=75.0,
     ),
     "validate": Source(
         tables=("validations", "values"),
@@ -98,11 +94,9 @@ SOURCES: dict[str, Source] = {
         commands=tuple(
             f"rans validate {name} --output runs/{name}" for name in (*_STUDIED, *_IN_SPACE)
         ),
-        seconds=330.0,
         quick=tuple(
             f"rans validate {name} --quick --output runs/{name}" for name in (*_STUDIED, *_IN_SPACE)
         ),
-        quick_seconds=100.0,
         # Rounding errors differ by a factor; what counts is that each is below its tolerance.
         tolerance=(30.0, 100.0),
         uncompared=("time", "checks"),
@@ -119,13 +113,11 @@ SOURCES: dict[str, Source] = {
             "python -m campaigns.robustness pretrained:go-to-pose-3d-robust --episodes 1000 --output "
             "docs/validation/robustness-space.json",
         ),
-        seconds=240.0,
         quick=(
             "python -m campaigns.robustness pretrained:go-to-pose-2d-robust --episodes 200",
             "python -m campaigns.robustness pretrained:go-to-pose-3d-robust --episodes 100 --output "
             "docs/validation/robustness-space.json",
         ),
-        quick_seconds=60.0,
         flights=(1000, 100),
         shares=("held",),
         evidence=("robustness.json", "robustness-space.json"),
@@ -139,14 +131,12 @@ SOURCES: dict[str, Source] = {
             "python -m campaigns.faults pretrained:go-to-pose-3d-faults --episodes 2000 --bounded 400 --output "
             "docs/validation/faults-space.json",
         ),
-        seconds=1800.0,
         quick=(
             "python -m campaigns.faults pretrained:go-to-pose-2d-faults --episodes 100 --bounded 8 "
             "--certified 2",
             "python -m campaigns.faults pretrained:go-to-pose-3d-faults --episodes 100 --bounded 8 --output "
             "docs/validation/faults-space.json",
         ),
-        quick_seconds=120.0,
         flights=(2000, 100),
         shares=("start", "by 15 s", "moment"),
         evidence=("faults.json", "faults-space.json"),
@@ -156,9 +146,7 @@ SOURCES: dict[str, Source] = {
         tables=("rest",),
         page="agents.md",
         commands=("python -m campaigns.rest",),
-        seconds=1200.0,
         quick=("python -m campaigns.rest --episodes 256",),
-        quick_seconds=90.0,
         flights=(16384, 256),
         uncompared=("steps of the cycles", "in a cycle", "opposite"),
         evidence=("rest.json",),
@@ -167,9 +155,7 @@ SOURCES: dict[str, Source] = {
         tables=("assurances",),
         page="assurances.md",
         commands=("python -m campaigns.assurances",),
-        seconds=0.0,
         quick=("python -m campaigns.assurances --flights 2048 --no-replay",),
-        quick_seconds=180.0,
         uncompared=("flights", "failed", "probability", "how they fail", "flown again"),
         evidence=("assurance",),
     ),
@@ -177,9 +163,7 @@ SOURCES: dict[str, Source] = {
         tables=("craft", "agents of craft"),
         page="craft.md",
         commands=("python -m campaigns.craft",),
-        seconds=900.0,
         quick=("python -m campaigns.craft --drake 4",),
-        quick_seconds=180.0,
         flights=(1024, 1024),
         uncompared=("in Drake",),
         evidence=("craft.json",),
@@ -189,41 +173,32 @@ SOURCES: dict[str, Source] = {
         tables=("controllers of craft",),
         page="craft.md",
         commands=("python -m campaigns.craft_rivals",),
-        seconds=120.0,
         quick=("python -m campaigns.craft_rivals --episodes 8",),
-        quick_seconds=45.0,
         flights=(16, 8),
         uncompared=("flights",),
         evidence=("craft_rivals.json",),
     ),
-    "avoid": _mission("avoid", "", " --episodes 64", 60.0, 15.0),
-    "dock port": _mission("dock-port", "", " --episodes 64", 60.0, 15.0),
-    "dock": _mission("dock", " --episodes 10000", " --episodes 64 --bounded 4", 1800.0, 90.0),
-    "hold": _mission(
-        "hold", " --episodes 48 --bounded 4", " --episodes 8 --bounded 1", 900.0, 120.0
-    ),
-    "rendezvous": _mission(
-        "rendezvous", " --episodes 256", " --episodes 16 --bounded 2", 900.0, 60.0
-    ),
-    "land": _mission("land", " --drake 8", " --episodes 64 --bounded 4 --drake 1", 900.0, 90.0),
+    "avoid": _mission("avoid", "", " --episodes 64", 14.0),
+    "dock port": _mission("dock-port", "", " --episodes 64"),
+    "dock": _mission("dock", " --episodes 10000", " --episodes 64 --bounded 4"),
+    "hold": _mission("hold", " --episodes 48 --bounded 4", " --episodes 8 --bounded 1"),
+    "rendezvous": _mission("rendezvous", " --episodes 256", " --episodes 16 --bounded 2"),
+    "land": _mission("land", " --drake 8", " --episodes 64 --bounded 4 --drake 1"),
     "dock with errors": Source(
         tables=("dock with errors",),
         page="missions/dock.md",
         commands=("python -m campaigns.dock_errors --docs docs",),
-        seconds=240.0,
         quick=("python -m campaigns.dock_errors --docs docs --episodes 48 --bounded 4",),
-        quick_seconds=45.0,
         flights=(1024, 48),
         uncompared=("worst",),
         evidence=("dock-errors.json",),
+        quick_seconds=99.0,
     ),
     "docking with contact": Source(
         tables=("docking with contact",),
         page="missions/dock-port.md",
         commands=("python -m campaigns.dock_contact --docs docs",),
-        seconds=600.0,
         quick=("python -m campaigns.dock_contact --docs docs --episodes 4",),
-        quick_seconds=60.0,
         flights=(64, 4),
         uncompared=("at most",),
         evidence=("dock-contact.json",),
@@ -232,32 +207,28 @@ SOURCES: dict[str, Source] = {
         tables=("safe states",),
         page="missions/guard.md",
         commands=("python -m campaigns.safe_set --docs docs",),
-        seconds=300.0,
         quick=("python -m campaigns.safe_set --docs docs --states 128",),
-        quick_seconds=45.0,
         flights=(500, 60),  # about half of the states lie within another zone
         shares=(" m",),
         evidence=("safe-set.json",),
+        quick_seconds=5.0,
     ),
     "identification": Source(
         tables=("identification",),
         page="identify.md",
         commands=("python -m campaigns.identification --docs docs --count 128",),
-        seconds=420.0,
         quick=("python -m campaigns.identification --docs docs --count 12",),
-        quick_seconds=45.0,
         flights=(128, 12),
         tolerance=(0.02, 1.0),
         uncompared=("95 % of errors below",),
         evidence=("identification.json",),
+        quick_seconds=37.0,
     ),
     "inspect": Source(
         tables=("inspect", "standings of inspect"),
         page="missions/inspect.md",
         commands=("python -m campaigns.inspection --docs docs",),
-        seconds=900.0,
         quick=("python -m campaigns.inspection --docs docs --episodes 4",),
-        quick_seconds=90.0,
         flights=(64, 4),
         tolerance=(0.02, 0.6),
         evidence=("mission-inspect.json",),
@@ -266,7 +237,6 @@ SOURCES: dict[str, Source] = {
         tables=("passive safety", "percentiles"),
         page="missions/passive_safety.md",
         commands=("python -m campaigns.passive --docs docs",),
-        seconds=0.0,
         flights=(32, 32),
         evidence=("passive-safety.json",),
     ),
@@ -274,19 +244,16 @@ SOURCES: dict[str, Source] = {
         tables=("published optima",),
         page="optimal.md",
         commands=("python -m campaigns.published_optima --docs docs",),
-        seconds=120.0,
-        quick_seconds=120.0,
         tolerance=(0.001, 0.001),
         uncompared=("guesses", "optima"),
         evidence=("published-optima.json",),
+        seconds=15.0,
     ),
     "throttling": Source(
         tables=("throttling",),
         page="missions/land.md",
         commands=("python -m campaigns.throttling --docs docs",),
-        seconds=240.0,
         quick=("python -m campaigns.throttling --docs docs --episodes 3",),
-        quick_seconds=30.0,
         uncompared=("starts", "with a landing", "one by one", "other starts"),
         evidence=("throttling.json",),
     ),
@@ -294,7 +261,6 @@ SOURCES: dict[str, Source] = {
         tables=("agents",),
         page="agents.md",
         commands=("python -m campaigns.agents runs/agents",),
-        seconds=0.0,
         flights=(1024, 1024),
         evidence=("agents.json",),
         needs="runs/agents, three trainings of each row (docs/agents.md)",
@@ -303,7 +269,6 @@ SOURCES: dict[str, Source] = {
         tables=("RAFT", "RAFT with a wheel"),
         page="raft.md",
         commands=("python -m campaigns.raft",),
-        seconds=0.0,
         flights=(5120, 5120),
         shares=("PPO", "oracle", "LQR", "switching", "MPC"),
         evidence=("raft.json",),
@@ -316,7 +281,6 @@ SOURCES: dict[str, Source] = {
             "python -m campaigns.settled_gate_entry fly runs/settled-gate runs/settled-gate-1 "
             "runs/settled-gate-2",
         ),
-        seconds=0.0,
         flights=(500, 500),
         shares=("bias",),
         evidence=("settled-gate.json",),
@@ -334,9 +298,46 @@ SOURCES: dict[str, Source] = {
 """By what is measured, the README's table first."""
 
 
+PICTURES: dict[str, str] = {
+    "agents.gif": "rans view go-to-pose-2d go-to-pose-3d --seed 5 --save docs/pictures/agents.gif",
+    "frames.jpg": "rans view go-to-pose-3d --seed 5 --save docs/pictures/frames.jpg",
+    "layouts.svg": "python -m campaigns.any_craft picture",
+    "craft/*.svg": "python -m campaigns.craft",
+    "missions/*.svg": "python -m campaigns.pictures",
+    "proof-conditions.svg": "python -m campaigns.proof_conditions docs/validation/proof-conditions.json "
+    "docs/pictures/proof-conditions.svg",
+    "tradeoff*.svg": "python -m campaigns.speed.tradeoff",
+    "trapping-set.svg": "python -m campaigns.proofs CERTIFICATE docs/pictures/trapping-set.svg",
+}
+"""Files in docs/pictures, and what draws them."""
+RECORDS: dict[str, tuple[str, str]] = {
+    "bounds.json": (
+        "certificate.md",
+        "python -m campaigns.bounds --craft 2000 --output docs/validation/bounds.json",
+    ),
+    "breaking.json": ("verification.md", "python -m campaigns.breaking"),
+    "exports.json": ("export.md", "python -m campaigns.exports"),
+    "floating-platform.html": (
+        "validation.md",
+        "rans validate floating-platform --output FOLDER",
+    ),
+    "mixed-integer.json": (
+        "certificate.md",
+        "python -m campaigns.mixed_integer --starts 16 --output docs/validation/mixed-integer.json",
+    ),
+    "proof-conditions.json": (
+        "proofs.md",
+        "python -m campaigns.proof_conditions docs/validation/proof-conditions.json PICTURE.svg",
+    ),
+    "robots.json": ("robots.md", "python -m campaigns.robots"),
+    "tradeoff*.json": ("speed.md", "python -m campaigns.speed.tradeoff"),
+}
+"""Other files in docs/validation: the page of their figures, and what writes them."""
+
+
 def page() -> str:
     """Text of docs/provenance.md."""
-    return "\n".join([_HEAD, *_rows(), _TAIL]) + "\n"
+    return "\n".join([_HEAD, *_rows(), _TAIL, *_records(), _DRAWN, *_pictures()]) + "\n"
 
 
 _HEAD = """# Provenance
@@ -365,7 +366,18 @@ expected beyond three standard deviations.
 
 The page of differences, `runs/reproduce/differences.md`, has every cell that differs, the time of each row,
 versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
-fails."""
+fails.
+
+## Other figures
+
+Figures in sentences come from these files, and figures of speed from the command beside each. `rans reproduce` does
+not measure them again.
+
+| page | evidence | measured by |
+|---|---|---|"""
+_DRAWN = """
+| picture | drawn by |
+|---|---|"""
 
 
 def _rows() -> Iterator[str]:
@@ -378,9 +390,28 @@ def _rows() -> Iterator[str]:
         yield f"| {link} | {commands} | {files} | {counts} |"
 
 
-def unlisted() -> set[str]:
-    """Tables of `campaigns.figures` that no source has."""
-    return TABLES.keys() - {name for source in SOURCES.values() for name in source.tables}
+def _pictures() -> Iterator[str]:
+    yield from (f"| `pictures/{name}` | `{command}` |" for name, command in PICTURES.items())
+
+
+def _records() -> Iterator[str]:
+    for name, (where, command) in RECORDS.items():
+        yield f"| [{Path(where).stem}]({where}) | `{name}` | `{command}` |"
+
+
+def unlisted(docs: Path) -> set[str]:
+    """Tables of `campaigns.figures`, and files of evidence and pictures, of which nothing says what makes them."""
+    tables = TABLES.keys() - {name for source in SOURCES.values() for name in source.tables}
+    evidence = {name for source in SOURCES.values() for name in source.evidence}
+    files = {file.name for file in (docs / "validation").iterdir()} - evidence
+    pictures = {
+        file.relative_to(docs / "pictures").as_posix() for file in (docs / "pictures").rglob("*.*")
+    }
+    return {
+        *tables,
+        *(name for name in files if not any(fnmatch(name, known) for known in RECORDS)),
+        *(name for name in pictures if not any(fnmatch(name, known) for known in PICTURES)),
+    }
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from campaigns.command import ended
 from campaigns.figures import TABLES
 from campaigns.markdown import Table
 from campaigns.provenance import SOURCES, Source
-from rans.errors import ConfigError, RansError, meant
+from rans.errors import ConfigError, RansError, counted, meant
 from rans.files import environment, read_bytes, read_json, write_text
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.processes import processors
@@ -107,8 +107,12 @@ class Reproduce:
         results: list[Result] = []
         begun = time.monotonic()
         rows = {name: SOURCES[name] for name in self.only or SOURCES}
-        planned = sum(_planned(source, self.quick) for source in rows.values())
-        terminal.say(f"{len(rows)} rows, about {planned / 60:.0f} minutes of one processor.")
+        planned = [_planned(source, self.quick) for source in rows.values()]
+        measured = sum(1 for seconds in planned if seconds)
+        terminal.say(
+            f"{counted(len(rows), 'row')}; {measured} of them took {sum(planned):.0f} s of one processor before, "
+            "and the time of others is not known."
+        )
         # Most commands use one processor, so that as many run at once as there are.
         with ThreadPoolExecutor(processors()) as pool:
             futures = [
