@@ -40,11 +40,14 @@ def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     return request.param
 
 
-@both_crafts
 @pytest.mark.parametrize(
-    ("task", "together"),
-    [*((task, 1) for task in ANY_CRAFT), ("multi-task", 2)],
+    ("task", "together", "craft"),
+    [  # by turns in the plane and in space
+        *((task, 1, (PLATFORM, FLYER)[number % 2]) for number, task in enumerate(ANY_CRAFT)),
+        ("multi-task", 2, FLYER),
+    ],
     indirect=["together"],
+    ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_every_task_steps_and_restarts_as_on_numpy(
     on_host: Any, task: str, craft: Spacecraft, together: int
