@@ -280,31 +280,10 @@ def fly(
     draws: Draws | None = None,
     guard: Guard | None = None,
 ) -> Flight:
-    """Simulate a controller from a batch of scenarios, in float64; `rans.fly` takes names too.
-
-    Episodes run for the full time even after a failure, so that no flight is missing in statistics. The states of
-    an episode are NaN after a state that is not finite, and the controller then receives its start. The state of an
-    episode is constant after a success. Warns if the craft is too fast for its control period, or spins too fast
-    for its substeps before it fails.
-
-    Args:
-        craft: spacecraft.
-        task: task.
-        controller: controller, which receives all N episodes at once.
-        starts: scenarios with float64 arrays (N,), as `rans.scenario.scenarios` returns them.
-        timing: control period, substeps, checks and number of periods.
-        engine: name of the engine for `Flight.engine`.
-        move: function that moves the spacecraft; None: the equations of `rans.model.dynamics`.
-        body: body of numbers or arrays (N,); None: as designed.
-        conditions: domain randomization, disturbances, faults and sensors; None: everything is nominal. Under
-            conditions the controller receives measured states.
-        draws: random numbers of the scenarios (`rans.scenario.draws`); needed under conditions.
-        guard: safety filter between controller and effectors; None: every command is executed.
+    """Simulate a controller from a batch of scenarios, in float64, as `rans.fly` says, which takes names too.
 
     Raises:
-        ConfigError: the starts are not a batch of its dimension, the
-            controller is not a `Controller` or belongs to another dimension, number of commands or width of
-            the observation, or there are conditions without ``draws``.
+        ConfigError: see `rans.fly`.
     """
     _check_starts(checked("starts", starts, Scenario), craft)
     _check_controller(controller, craft)

@@ -38,7 +38,10 @@ def fly(
     >>> rans.fly("atmos", "go-to-pose", rans.Switching("atmos", "go-to-pose"), starts, rans.Timing())
     <Flight of switching: 3 episodes of 25 s with atmos (fast engine)>
 
-    Episodes run for the full time even after a failure, see `rans.flight.fly`.
+    Episodes run for the full time even after a failure, so that no flight is missing in statistics. The states of
+    an episode are NaN after a state that is not finite, and the controller then receives its start. The state of an
+    episode is constant after a success. Warns if the craft is too fast for its control period, or spins too fast
+    for its substeps before it fails.
 
     Args:
         craft: spacecraft, by name, TOML file or object.

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
@@ -22,6 +21,7 @@ from rans.randomization.conditions import (
 )
 from rans.scenario import scenarios
 from rans.tasks import Inspect
+from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")
 TASK = Inspect()
@@ -33,15 +33,7 @@ STEP = 10.0
 END = 12_240.0
 """Length of an episode, s."""
 
-# The Clohessy-Wiltshire equations with an acceleration that is held, for a matrix exponential.
-_RATES = np.zeros((9, 9))
-_RATES[:3, 3:6] = np.eye(3)
-_RATES[3:6, 6:] = np.eye(3)
-_RATES[3, 0] = 3.0 * N**2
-_RATES[3, 4] = 2.0 * N
-_RATES[4, 3] = -2.0 * N
-_RATES[5, 2] = -(N**2)
-MOVE = expm(_RATES * STEP)
+MOVE = transition(N, STEP)
 
 
 class Flown(NamedTuple):

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.optimal.control.passive_approach import PassiveApproach
 from rans.tasks import Hold
+from tests.support.clohessy_wiltshire import transition
 
 TASK = Hold()
 N = TASK.mean_motion
@@ -26,15 +26,8 @@ STARTS = np.array([[-172.0, 46.0, 1.0], [-92.0, -238.0, -35.0], [5.0, 30.0, 180.
 GOAL = np.array([0.0, -100.0, 0.0])
 DEADLINE = 1200.0
 
-_RATES = np.zeros((9, 9))
-_RATES[:3, 3:6] = np.eye(3)
-_RATES[3:6, 6:] = np.eye(3)
-_RATES[3, 0] = 3.0 * N**2
-_RATES[3, 4] = 2.0 * N
-_RATES[4, 3] = -2.0 * N
-_RATES[5, 2] = -(N**2)
-STEP = expm(_RATES * (PERIOD / PARTS))
-COAST = expm(_RATES[:6, :6] * (2.0 * math.pi / N / 200.0))
+STEP = transition(N, PERIOD / PARTS)
+COAST = transition(N, 2.0 * math.pi / N / 200.0)[:6, :6]
 
 
 def state_of(x: np.ndarray) -> SpatialState:

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.optimal.control.passive_entry import PassiveEntry
 from rans.tasks import Dock
+from tests.support.clohessy_wiltshire import transition
 
 TASK = Dock()
 N = TASK.mean_motion
@@ -23,15 +23,8 @@ MASS = 12.0
 STARTS = np.array([[28.0, -7.0, 120.0, 0.0, 0.1, 0.0], [-90.0, 60.0, -40.0, 0.1, 0.0, 0.05]])
 DEADLINE = 800.0
 
-_RATES = np.zeros((9, 9))
-_RATES[:3, 3:6] = np.eye(3)
-_RATES[3:6, 6:] = np.eye(3)
-_RATES[3, 0] = 3.0 * N**2
-_RATES[3, 4] = 2.0 * N
-_RATES[4, 3] = -2.0 * N
-_RATES[5, 2] = -(N**2)
-STEP = expm(_RATES * (PERIOD / PARTS))
-COAST = expm(_RATES[:6, :6] * (2.0 * math.pi / N / 400.0))
+STEP = transition(N, PERIOD / PARTS)
+COAST = transition(N, 2.0 * math.pi / N / 400.0)[:6, :6]
 
 
 def state_of(x: np.ndarray) -> SpatialState:
