@@ -115,13 +115,16 @@ class Prove:
                 f"{state[2]:.5f} rad/s reaches {speed:.4g} m/s and {spin:.4g} rad/s.{flown}"
             )
             return 1
+        rings, sectors, fine = (self.resolution * count for count in traps.GRID)
         with progress() as bars:
             task = bars.add_task("proving", total=None)
             trap = traps.trapping_set(
                 loop,
                 *limits,
                 uncertainty,
-                *(self.resolution * count for count in traps.GRID),
+                rings,
+                sectors,
+                fine,
                 report=lambda done, left: bars.update(task, completed=done, total=done + left),
             )
         seconds = time.monotonic() - begun
