@@ -179,7 +179,7 @@ SOURCES: dict[str, Source] = {
         evidence=("craft_rivals.json",),
     ),
     "avoid": _mission("avoid", "", " --episodes 64", 14.0),
-    "dock port": _mission("dock-port", "", " --episodes 64"),
+    "dock port": _mission("dock-port", "", " --episodes 64", 60.0),
     "dock": _mission("dock", " --episodes 10000", " --episodes 64 --bounded 4"),
     "hold": _mission("hold", " --episodes 48 --bounded 4", " --episodes 8 --bounded 1"),
     "rendezvous": _mission("rendezvous", " --episodes 256", " --episodes 16 --bounded 2"),
@@ -211,6 +211,7 @@ SOURCES: dict[str, Source] = {
         flights=(500, 60),  # about half of the states lie within another zone
         shares=(" m",),
         evidence=("safe-set.json",),
+        seconds=7.0,
         quick_seconds=5.0,
     ),
     "identification": Source(

@@ -109,10 +109,8 @@ class Reproduce:
         rows = {name: SOURCES[name] for name in self.only or SOURCES}
         planned = [_planned(source, self.quick) for source in rows.values()]
         measured = sum(1 for seconds in planned if seconds)
-        terminal.say(
-            f"{counted(len(rows), 'row')}; {measured} of them took {sum(planned):.0f} s of one processor before, "
-            "and the time of others is not known."
-        )
+        before = f"; {measured} of them took {sum(planned):.0f} s of one processor before"
+        terminal.say(f"{counted(len(rows), 'row')}{before if measured else ''}.")
         # Most commands use one processor, so that as many run at once as there are.
         with ThreadPoolExecutor(processors()) as pool:
             futures = [
