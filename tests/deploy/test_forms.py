@@ -57,7 +57,7 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 250))
-    forms = [form for form in FORMS if form != "c" or name in COMPILED]
+    forms: list[Form] = [form for form in FORMS if form != "c" or name in COMPILED]
     if name == "go-to-pose-2d-robust":
         forms.append("sb3")
     written(tmp_path, network, *forms)
