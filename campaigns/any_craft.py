@@ -1,8 +1,9 @@
-"""The agent for any craft: its training, and its figures on craft that it has never flown.
+"""The agents for any craft: their training, and their figures on craft that they have never flown.
 
-``python -m campaigns.any_craft train --seconds 1500`` trains it and writes it into the package;
+``python -m campaigns.any_craft train --seconds 1500`` trains that of the plane and writes it into the package;
 ``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts, ``dead`` that of
-a dead thruster, all of docs/any_craft.md; ``picture`` draws its layouts.
+a dead thruster, ``mass`` that of a mass that the agent is not given, all of docs/any_craft.md; ``picture`` draws
+layouts. ``--dimension 3`` does the same in space.
 """
 
 from __future__ import annotations
@@ -43,29 +44,46 @@ from rans.files import environment, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
+from rans.policy.any_craft import AGENTS
 from rans.pretrained import FOLDER
 from rans.randomization.layouts import authority_margin, layouts
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPose
 
-AGENT = "any-craft-2d"
-SPECIALISTS = (
-    "go-to-pose-2d",
-    "go-to-pose-2d-shared",
-    "go-to-pose-2d-atmos",
-    "go-to-pose-2d-pingu",
-    "go-to-pose-2d-freeflyer2",
-    "go-to-pose-2d-astrobee-granite",
-    "go-to-pose-2d-roboran-platform",
-)
+SPECIALISTS = {
+    2: (
+        "go-to-pose-2d",
+        "go-to-pose-2d-shared",
+        "go-to-pose-2d-atmos",
+        "go-to-pose-2d-pingu",
+        "go-to-pose-2d-freeflyer2",
+        "go-to-pose-2d-astrobee-granite",
+        "go-to-pose-2d-roboran-platform",
+    ),
+    3: (
+        "go-to-pose-3d",
+        "go-to-pose-3d-spheres",
+        "go-to-pose-3d-astrobee-iss",
+        "go-to-pose-3d-atmos-orbit-12",
+        "go-to-pose-3d-atmos-orbit-16",
+        "go-to-pose-3d-cubesat-3u",
+        "go-to-pose-3d-cubesat-6u",
+        "go-to-pose-3d-afrl-12kg",
+        "go-to-pose-3d-apollo-csm",
+    ),
+}
 """Agents of a single craft each, whose task, starts, conditions and control period are the protocol."""
+_OWN = {2: ("floating-platform", Timing(0.2, 1, 125)), 3: ("free-flyer", Timing(0.2, 1, 125))}
+"""Craft and timing of an agent without a craft's name."""
+_MASSES = 0.5, 0.7, 1.5, 2.0
+"""Masses and moments of inertia over those of the file that the agent is given."""
 _LAYOUT_SEED = 1_000_003
 """Seed of layouts that no training has drawn: trainings draw from even seeds below."""
 _BINS = 0.25, 0.35, 0.5, 0.75, 1.0, 1.5, np.inf
 """Bounds of the authority margin, by which random layouts are listed."""
 
 
-def shipped(episodes: int, names: Sequence[str] = SPECIALISTS) -> Iterator[str]:
+def shipped(episodes: int, names: Sequence[str]) -> Iterator[str]:
     """Rows of the table of shipped craft, as Markdown."""
     yield "| craft | flown by | settled | lower end | settling time, s | impulse, N s |"
     yield "|---|---|---|---|---|---|"
@@ -73,13 +91,28 @@ def shipped(episodes: int, names: Sequence[str] = SPECIALISTS) -> Iterator[str]:
         own = contestant(f"pretrained:{name}")
         for label, run in (
             ("specialist", own),
-            (AGENT, _in_setup_of(own)),
+            (AGENTS[own.craft.dimension], _in_setup_of(own)),
             ("LQR", _classical("lqr", own)),
         ):
             yield f"| {own.craft.name} | {label} | {_figures(run, episodes)} |"
 
 
-def dead(episodes: int, names: Sequence[str] = SPECIALISTS) -> Iterator[str]:
+def heavier(episodes: int, names: Sequence[str]) -> Iterator[str]:
+    """Rows of the table of craft whose mass and inertia are not those of the file that the agent is given."""
+    yield f"| craft | {' | '.join(f'{mass:g} times' for mass in _MASSES)} |"
+    yield f"|---|{'---|' * len(_MASSES)}"
+    for name in names:
+        run = _in_setup_of(contestant(f"pretrained:{name}"))
+        cells = []
+        for mass in _MASSES:
+            inertia = tuple(tuple(mass * x for x in row) for row in run.craft.inertia)
+            craft = replace(run.craft, mass=mass * run.craft.mass, inertia=inertia)
+            solved = _rows(run._replace(craft=craft), episodes)["solved"]
+            cells.append(f"{solved.value:.1f} %")
+        yield f"| {run.craft.name} | {' | '.join(cells)} |"
+
+
+def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
     """Rows of the table of craft that have lost one thruster, each in turn, and know it."""
     yield "| craft | dead thrusters that leave every axis | settled, the worst | flights of each |"
     yield "|---|---|---|---|"
@@ -98,11 +131,12 @@ def dead(episodes: int, names: Sequence[str] = SPECIALISTS) -> Iterator[str]:
         yield f"| {own.craft.name} | {count} of {len(own.craft.thrusters)} | {result} | {episodes} |"
 
 
-def random_layouts(count: int) -> Iterator[str]:
+def random_layouts(count: int, dimension: int) -> Iterator[str]:
     """Rows of the table of random layouts, by their authority margin."""
-    network = contestant(f"pretrained:{AGENT}").controller.network  # type: ignore[attr-defined]
-    settings = DemandSettings(crafts=count, steps=320)
-    pool = draw_pool(count, _LAYOUT_SEED)
+    agent = f"pretrained:{AGENTS[dimension]}"
+    network = contestant(agent).controller.network  # type: ignore[attr-defined]
+    settings = DemandSettings(dimension, crafts=count, steps=320)
+    pool = draw_pool(count, _LAYOUT_SEED, dimension)
     generator = torch.Generator().manual_seed(EVALUATION_SEED)
     yield "| authority margin | layouts | on/off: settled | continuous: settled |"
     yield "|---|---|---|---|"
@@ -151,12 +185,12 @@ def write_agent(folder: Path, settings: DemandSettings) -> None:
 def save(
     folder: Path, weights: dict[str, torch.Tensor], settings: DemandSettings, seconds: float
 ) -> None:
-    """Write trained weights as the agent of the floating platform, which flies others by `for_spacecraft`."""
-    network = DemandNetwork(settings.channels, torch.Generator())
+    """Write trained weights as the agent of one craft, which flies others by `for_spacecraft`."""
+    network = DemandNetwork(settings.channels, torch.Generator(), settings.dimension)
     network.load_state_dict(weights)
-    craft = load_spacecraft("floating-platform")
+    name, timing = _OWN[settings.dimension]
+    craft = load_spacecraft(name)
     task = GoToPose()
-    timing = Timing(0.2, 1, 125)
     policy = as_policy(network, craft, task, timing.control_period)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "agent.safetensors").write_bytes(
@@ -173,7 +207,7 @@ def save(
             "seed": settings.seed,
             "steps": 0,
             "seconds": round(seconds, 1),
-            "device": "cpu",
+            "device": settings.device,
             "settings": asdict(settings),
             "environment": environment(),
         },
@@ -186,7 +220,8 @@ def save(
 
 def _in_setup_of(own: LoadedRun, craft: Spacecraft | None = None) -> LoadedRun:
     """The agent for any craft in the setup of a specialist, or with another craft in its place."""
-    run = for_spacecraft(contestant(f"pretrained:{AGENT}"), craft or own.craft, own.timing)
+    agent = contestant(f"pretrained:{AGENTS[own.craft.dimension]}")
+    run = for_spacecraft(agent, craft or own.craft, own.timing)
     return run._replace(task=own.task, conditions=own.conditions)
 
 
@@ -223,23 +258,27 @@ def _without(craft: Spacecraft, number: int) -> Spacecraft:
 def main() -> None:
     """Run a part of the campaign."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", choices=("train", "craft", "dead", "layouts", "picture"))
+    parser.add_argument("part", choices=("train", "craft", "dead", "mass", "layouts", "picture"))
+    parser.add_argument("--dimension", type=int, choices=(2, 3), default=2)
     parser.add_argument("--episodes", type=int, default=256)
     parser.add_argument("--layouts", type=int, default=1024)
     parser.add_argument("--seconds", type=float, default=1500.0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="*", default=SPECIALISTS)
+    parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
     given = parser.parse_args()
+    names = given.only or SPECIALISTS[given.dimension]
     if given.part == "train":
-        write_agent(FOLDER / AGENT, DemandSettings(seconds=given.seconds, seed=given.seed))
+        settings = DemandSettings(given.dimension, seconds=given.seconds, seed=given.seed)
+        write_agent(FOLDER / AGENTS[given.dimension], settings)
         return
     if given.part == "picture":
         picture(Path("docs/pictures/layouts.svg"))
         return
     rows = {
-        "craft": lambda: shipped(given.episodes, given.only),
-        "dead": lambda: dead(given.episodes, given.only),
-        "layouts": lambda: random_layouts(given.layouts),
+        "craft": lambda: shipped(given.episodes, names),
+        "dead": lambda: dead(given.episodes, names),
+        "mass": lambda: heavier(given.episodes, names),
+        "layouts": lambda: random_layouts(given.layouts, given.dimension),
     }
     for row in rows[given.part]():
         print(row, flush=True)  # noqa: T201

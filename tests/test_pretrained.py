@@ -13,7 +13,7 @@ from rans.cli import help, main
 from rans.errors import EXTRAS, ConfigError, MissingPackage
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import read_policy
-from rans.policy.any_craft import is_for_any_craft
+from rans.policy.any_craft import AGENTS, is_for_any_craft
 from rans.pretrained import (
     FOLDER,
     PACKAGE,
@@ -62,11 +62,11 @@ def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:
     core = {file.name for file in FOLDER.iterdir()}
     others = {file.name for file in (ROOT / "agents" / PACKAGE).iterdir() if file.is_dir()}
     others.discard("__pycache__")
-    assert len(core) == 6
+    assert len(core) == 7
     assert not core & others
     assert pretrained_names() == sorted(core | others)
-    # The agent for any craft is trained by campaigns.any_craft.
-    assert agent_recipes() == sorted((core | others) - {"any-craft-2d"})
+    # The agents for any craft are trained by campaigns.any_craft.
+    assert agent_recipes() == sorted((core | others) - set(AGENTS.values()))
     assert missing_agents() == []
 
 
@@ -85,10 +85,10 @@ def test_the_core_has_the_agents_of_commands_that_a_newcomer_types() -> None:
 def test_without_the_second_distribution(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Five agents are left; any other is a sentence with the command that installs it."""
+    """Seven agents are left; any other is a sentence with the command that installs it."""
     monkeypatch.setattr("rans.pretrained.PACKAGE", "rans_agents_of_nobody")
     monkeypatch.setitem(EXTRAS, "rans_agents_of_nobody", "agents")
-    assert len(pretrained_names()) == 6
+    assert len(pretrained_names()) == 7
     assert len(missing_agents()) == len(agent_recipes()) - 5
     with pytest.raises(MissingPackage, match=r"^The agent avoid-2d needs .*'rans\[agents\]'$"):
         contestant("pretrained:avoid-2d")

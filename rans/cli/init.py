@@ -219,6 +219,7 @@ class Init:
     def _show(self, draft: Draft, picture: Path) -> None:
         """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
+        from rans.policy.any_craft import AGENTS
         from rans.terminal import table
 
         craft = draft.spacecraft
@@ -244,9 +245,10 @@ class Init:
                 f"{', '.join(map(str, others))}."
             )
         console.say(f"Written: {self.file} and {picture}")
-        flown = draft.spacecraft.dimension == 2 and _fly(console, draft.spacecraft)
+        agent = AGENTS[draft.spacecraft.dimension]
+        flown = _fly(console, draft.spacecraft, agent)
         console.suggest(
-            *([f"rans view any-craft-2d@{self.file}"] if flown else []),
+            *([f"rans view {agent}@{self.file}"] if flown else []),
             f"rans list {self.file}",
             f"rans validate {self.file} --quick",
             f"rans train go-to-pose --spacecraft {self.file}",
@@ -257,8 +259,8 @@ _FLIGHTS = 32
 """Flights of a new craft by the agent for any craft."""
 
 
-def _fly(console: Terminal, craft: Spacecraft) -> bool:
-    """Fly a new planar craft with the agent for any craft and print how; returns whether it can be flown."""
+def _fly(console: Terminal, craft: Spacecraft, agent: str) -> bool:
+    """Fly a new craft with an agent for any craft and print how; returns whether it can be flown."""
     from rans.evaluation.fly.any_craft import for_spacecraft
     from rans.evaluation.fly.contestants import contestant
     from rans.evaluation.fly.episodes import fly_episodes
@@ -266,16 +268,16 @@ def _fly(console: Terminal, craft: Spacecraft) -> bool:
     from rans.scenario import EVALUATION_SEED
 
     try:
-        run = for_spacecraft(contestant("pretrained:any-craft-2d"), craft)
+        run = for_spacecraft(contestant(f"pretrained:{agent}"), craft)
     except ConfigError as error:
-        console.say(f"any-craft-2d does not fly it: {error}")
+        console.say(f"{agent} does not fly it: {error}")
         return False
     flight = fly_episodes(run.controller, run.judged, EVALUATION_SEED, _FLIGHTS, workers=1).flight
     rows = {row.name: row for row in measure(flight).rows}
     settling = rows["settling time"].value
     median = f", the median after {settling:.1f} s" if math.isfinite(settling) else ""
     console.say(
-        f"any-craft-2d flies it without training: {rows['solved'].value:.0f} % of {_FLIGHTS} flights from 3 to 4 m "
+        f"{agent} flies it without training: {rows['solved'].value:.0f} % of {_FLIGHTS} flights from 3 to 4 m "
         f"settle at the goal{median}."
     )
     return True

@@ -1,7 +1,8 @@
 """The network of an agent for any craft, and what it becomes for one craft: weights stay, constants change.
 
 Constants are the authority (`rans.policy.authority`) and what each effector does to the twist in a control period
-(`rans.policy.allocated`). In the plane nothing else of a rigid body matters: mass, inertia and radius are in them.
+(`rans.policy.allocated`). Mass, inertia and radius are in them. In space the torque of a fast spin about other than
+the principal axes is left to feedback.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import torch
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
-from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL
-from rans.policy.allocation import balanced
+from rans.model.twists import balanced
+from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans
 from rans.policy.architecture import Architecture
+from rans.policy.authority import Authority
 from rans.policy.network import Network
 from rans.randomization.layouts import LayoutRanges, authority_margin
 
@@ -37,14 +39,25 @@ class Range(NamedTuple):
         return f"above {self.low:g}" if math.isinf(self.high) else bounded
 
 
-RANGES = (
-    Range("control period", "s", 0.1, 0.2),
-    Range("least linear authority", "m/s^2", 0.015, 0.7),
-    Range("least angular authority", "rad/s^2", 0.15, 8.0),
-)
-"""Ranges of the craft that the shipped agent was trained on (`rans.fast.learn.demands.DemandSettings`)."""
 MARGIN = Range("authority margin", "", LayoutRanges.least_authority, math.inf)
 """Range of `rans.randomization.layouts.authority_margin`."""
+RANGES = {
+    2: (
+        Range("control period", "s", 0.1, 0.2),
+        Range("least linear authority", "m/s^2", 0.015, 0.7),
+        Range("least angular authority", "rad/s^2", 0.15, 8.0),
+        MARGIN,
+    ),
+    3: (
+        Range("control period", "s", 0.1, 1.0),
+        Range("least linear authority", "m/s^2", 0.008, 0.7),
+        Range("least angular authority", "rad/s^2", 0.012, 6.0),
+        MARGIN,
+    ),
+}
+"""Ranges of the craft that the shipped agents were trained on (`rans.fast.learn.demands`), by dimension."""
+AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
+"""Agents for any craft that come with RANS, by dimension."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
@@ -55,24 +68,22 @@ def is_for_any_craft(architecture: Architecture) -> bool:
 
 
 def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
-    """Control period and accelerations of the craft's thrusters, as `Architecture.authority`; wheels do not count.
+    """Control period and accelerations of the craft, as `Architecture.authority`.
+
+    Wheels count only where thrusters alone do not push and turn the craft every way.
 
     Raises:
-        ConfigError: the craft is not one of the plane, has effectors that cannot be allocated, or its thrusters do
-            not push and turn it every way.
+        ConfigError: the craft has effectors that cannot be allocated, or they do not push and turn it every way.
     """
-    if craft.dimension != 2:
-        raise ConfigError(
-            f"the agent for any craft flies in the plane, and {craft.name} moves in space: train an agent of its "
-            "own with rans train."
-        )
     if craft.further_effectors or (craft.actuators.low, craft.actuators.high) != (0.0, 1.0):
         raise ConfigError(
             f"the agent for any craft commands thrusters from 0 to 1 and wheels, but {craft.name} has others: "
             "train an agent of its own with rans train."
         )
-    ways = balanced(_accelerations(craft), craft.thrust_sharing == "split")
-    names = "along +x", "along -x", "along +y", "along -y", "about +z", "about -z"
+    ways = balanced(columns_of(craft), craft.thrust_sharing == "split")
+    axes = {2: "z"}.get(craft.dimension, "xyz")
+    names = [f"along {sign}{axis}" for axis in "xyz"[: craft.dimension] for sign in "+-"]
+    names += [f"about {sign}{axis}" for axis in axes for sign in "+-"]
     if weak := [name for name, way in zip(names, ways, strict=True) if way <= 0.0]:
         raise ConfigError(
             f"the thrusters of {craft.name} cannot accelerate it {weak[0]} without turning or pushing it another "
@@ -83,19 +94,21 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
 
 def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
     """Token of each command: change of the twist in a period, in units of the authority, and kind of effector."""
-    ways = authority(craft, period)[1:]
-    scale = np.array([min(ways[:4]), min(ways[:4]), min(ways[4:])])
+    own = Authority.of_numbers(authority(craft, period))
+    scale = np.repeat(
+        [own.least_linear, own.least_angular], [len(own.linear) // 2, len(own.angular) // 2]
+    )
     kind = CONTINUOUS
     if not craft.actuators.is_continuous:
         kind = SHARED if craft.thrust_sharing == "split" else ON_OFF
     rows = [(*map(float, row / scale), kind) for row in _accelerations(craft)]
-    moment = craft.inertia[2][2]
-    rows += [(0.0, 0.0, torque / moment / float(scale[2]), WHEEL) for (torque,) in craft.wheel_map]
+    count = len(craft.wheels)
+    rows += [(*map(float, row / scale), WHEEL) for row in _turning(craft)[:count]]
     return tuple(rows)
 
 
 def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
-    """Policy for one craft and control period (s) by a network for any; warns outside of `RANGES` and `MARGIN`.
+    """Policy for one craft and control period (s) by a network for any; warns outside of `RANGES`.
 
     Raises:
         ConfigError: see `authority`; or the network is that of one craft only.
@@ -103,12 +116,18 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     old = network.architecture
     if not is_for_any_craft(old):
         raise ConfigError(
-            "the agent flies its own spacecraft only: name any-craft-2d for another one."
+            f"the agent flies its own spacecraft only: name {AGENTS[craft.dimension]} for another one."
         )
-    own = authority(craft, period)
-    margin = authority_margin(_accelerations(craft))
-    numbers = (period, min(own[1:5]), min(own[5:]), margin)
-    for number, allowed in zip(numbers, (*RANGES, MARGIN), strict=True):
+    numbers = authority(craft, period)
+    own = Authority.of_numbers(numbers)
+    if len(numbers) != len(old.authority):
+        raise ConfigError(
+            f"the agent flies craft {'in the plane' if craft.dimension == 3 else 'in space'} only: name "
+            f"{AGENTS[craft.dimension]} for {craft.name}."
+        )
+    margin = authority_margin(columns_of(craft))
+    reached = (period, own.least_linear, own.least_angular, margin)
+    for number, allowed in zip(reached, RANGES[craft.dimension], strict=True):
         if not allowed.low * (1 - _LEEWAY) <= number <= allowed.high * (1 + _LEEWAY):
             figure = f"{number:.3g} {allowed.unit}".rstrip()
             warnings.warn(
@@ -123,7 +142,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         thrusters=len(craft.commands),
         head="gaussian" if craft.is_continuous else "on-off",
         tokens=effects(craft, period),
-        authority=own,
+        authority=numbers,
     )
     tensors = {
         name: x
@@ -137,7 +156,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
 def last_layer(
     architecture: Architecture, weight: torch.Tensor, bias: torch.Tensor
 ) -> dict[str, torch.Tensor]:
-    """Tensors of the last layer whose outputs are demands (3, features) and (3,), for the architecture's head."""
+    """Tensors of the last layer whose outputs are demands (d, features) and (d,), for the architecture's head."""
     if architecture.last.weights == 1:
         spread = torch.zeros(architecture.thrusters)
         return {"action_net.weight": weight, "action_net.bias": bias, "log_std": spread}
@@ -149,7 +168,30 @@ def last_layer(
     }
 
 
+def columns_of(craft: Spacecraft) -> np.ndarray:
+    """Layout (n, d) of a craft: accelerations by thrusters, and by wheels where thrusters are not enough."""
+    columns = _accelerations(craft)
+    if craft.wheels and not spans(columns):
+        return np.vstack([columns, _turning(craft)])
+    return columns
+
+
 def _accelerations(craft: Spacecraft) -> np.ndarray:
-    """Accelerations (n, 3) by each thruster, m/s^2 and rad/s^2."""
-    moment = craft.inertia[2][2]
-    return np.array(craft.wrench_map) / np.array([craft.mass, craft.mass, moment])
+    """Accelerations (n, d) by each thruster, m/s^2 and rad/s^2."""
+    wrenches = np.array(craft.wrench_map)
+    forces, torques = np.split(wrenches, [craft.dimension], axis=1)
+    return np.column_stack([forces / craft.mass, _angular(craft, torques)])
+
+
+def _turning(craft: Spacecraft) -> np.ndarray:
+    """Accelerations (2 k, d) by each of k wheels one way, then the other way."""
+    turning = _angular(craft, np.array(craft.wheel_map).reshape(-1, 2 * craft.dimension - 3))
+    columns = np.column_stack([np.zeros((len(turning), craft.dimension)), turning])
+    return np.vstack([columns, -columns])
+
+
+def _angular(craft: Spacecraft, torques: np.ndarray) -> np.ndarray:
+    """Angular accelerations (n, 1 or 3) by torques."""
+    if craft.dimension == 2:
+        return torques / craft.inertia[2][2]
+    return np.linalg.solve(np.array(craft.inertia), torques.T).T

@@ -1,8 +1,8 @@
 """What a policy for any craft is given: errors in B beside the craft's authority, the same for every craft.
 
-The columns are a formula on fields with constants of the craft: its largest accelerations either way along the
-axes of B and about z, and its control period. They contain the stopping distance and the braking curve, so that a
-network need not learn what a double integrator is.
+The columns are a formula on fields with constants of the craft: its largest accelerations either way along the axes
+of B, and about z or in space about all of them, and its control period. They contain the stopping distance and the
+braking curve, so that a network need not learn what a double integrator is.
 """
 
 from __future__ import annotations
@@ -21,41 +21,53 @@ from rans.tasks.observation_terms import (
     RelativeRotation,
     Scalar,
     VectorInW,
+    matrix_rows,
 )
 
 VECTORS = 6
-"""Number of vectors among the columns, which come first: each has two columns."""
+"""Number of vectors among the columns, which come first: each has a column for every axis."""
 TURNS = 6
-"""Number of columns that a mirror image reverses, which come next."""
+"""Number of axial vectors, next, each with one column in the plane and three in space; mirrors reverse them."""
 SCALARS = 6
 """Number of columns that a turn or a mirror image of B leaves as they are, which come next."""
-WIDTH = 2 * VECTORS + TURNS + SCALARS + 6
-"""Number of columns. The last are logarithms of the authority along +x, -x, +y, -y and about +z, -z."""
 _BRAKING = 0.7
 """Part of the acceleration that the braking curve counts on: the rest is for steering."""
 _PERIODS = 3.0
 """Time in which the braking curve lets a small error vanish, control periods."""
 
 
-_PLANAR_POSE = [
-    (OwnRotation, 2),
-    (VectorInW, 2),
-    (AngularVelocity, 1),
-    (Scalar, 1),
-    (VectorInW, 2),
-    (RelativeRotation, 2),
-]
+_POSE = {
+    dimension: [
+        (OwnRotation, rotation),
+        (VectorInW, dimension),
+        (AngularVelocity, axes),
+        (Scalar, 1),
+        (VectorInW, dimension),
+        (RelativeRotation, rotation),
+    ]
+    for dimension, rotation, axes in ((2, 2, 1), (3, 6, 3))
+}
+"""Kinds and widths of the first blocks of observations of go-to-pose."""
+
+
+def width(dimension: int) -> int:
+    """Number of columns.
+
+    The last are logarithms of the authority along +x, -x, +y and so on, then about +z, -z or about all axes.
+    """
+    turning = 2 * dimension - 3
+    return (VECTORS + 2) * dimension + (TURNS + 2) * turning + SCALARS
 
 
 class Authority(NamedTuple):
-    """Authority of a craft in the plane; numbers, or tensors with an entry for each craft."""
+    """Authority of a craft; numbers, or tensors with an entry for each craft."""
 
     period: Field
     """Control period, s."""
     linear: Sequence[Field]
-    """Largest acceleration along +x, -x, +y and -y of B, m/s^2, without turning."""
+    """Largest acceleration along +x, -x, +y, -y (and +z, -z) of B, m/s^2, without turning."""
     angular: Sequence[Field]
-    """Largest angular acceleration about +z and -z, rad/s^2, without pushing."""
+    """Largest angular acceleration about +z and -z, in space about +x, -x and so on, rad/s^2, without pushing."""
     least_linear: Field
     """Least of the linear ones."""
     least_angular: Field
@@ -63,37 +75,44 @@ class Authority(NamedTuple):
 
     @classmethod
     def of_numbers(cls, numbers: Sequence[float]) -> Authority:
-        """From the control period, four linear and two angular accelerations."""
-        period, *rest = numbers
-        return cls(period, rest[:4], rest[4:], min(rest[:4]), min(rest[4:]))
+        """From the control period, four linear and two angular accelerations, or six of each."""
+        period, *ways = numbers
+        linear = ways[: 2 * DIMENSIONS[len(ways)]]
+        angular = ways[len(linear) :]
+        return cls(period, linear, angular, min(linear), min(angular))
+
+
+DIMENSIONS = {6: 2, 12: 3}
+"""Dimension by the number of accelerations."""
 
 
 def columns(
     error: Sequence[Field],
-    turn: tuple[Field, Field],
+    turn: tuple[Field, Sequence[Field]],
     velocity: Sequence[Field],
-    spin: Field,
+    spin: Sequence[Field],
     authority: Authority,
 ) -> list[Field]:
     """Columns of a state.
 
     Args:
         error: vector to the goal in B, m.
-        turn: cosine and sine of the angle to the goal's heading.
+        turn: cosine of the angle to the goal's attitude, and its sine times the axis in B: one number in the plane,
+            three in space.
         velocity: in B, relative to the goal, m/s.
-        spin: rad/s.
+        spin: one number or three, rad/s.
         authority: of the craft.
     """
     period, linear, angular, a, alpha = authority
-    angle = heading_error(*turn)
-    distance = sqrt(at_least(error[0] * error[0] + error[1] * error[1], 1e-12))
+    cosine, sines = turn
+    angles = rotation_vector(cosine, sines)
+    distance = sqrt(at_least(_square(error), 1e-12))
     push = a * period
     kick = alpha * period
     # Vectors: error, speed in periods of thrust, place of rest, missing velocity, error near and at the goal.
-    forth_back = ((linear[0], linear[1]), (linear[2], linear[3]))
     rest = [
         e - 0.5 * v * absolute(v) / where(v > 0.0, back + 0.0 * v, forth + 0.0 * v) - v * period
-        for e, v, (forth, back) in zip(error, velocity, forth_back, strict=True)
+        for e, v, forth, back in zip(error, velocity, linear[::2], linear[1::2], strict=True)
     ]
     approach = braking(distance, a, period) / distance
     vectors = [
@@ -105,61 +124,111 @@ def columns(
         [tanh(20.0 * e) for e in error],
     ]
     # The same of the turn.
-    size = absolute(angle)
-    rate = braking(size, alpha, period) * _sign(angle)
-    lean = where(spin > 0.0, angular[1] + 0.0 * spin, angular[0] + 0.0 * spin)
-    turns = [
-        _wide(10.0 * angle),
-        turn[1],
-        _wide(spin / kick),
-        _wide(10.0 * (angle - 0.5 * spin * absolute(spin) / lean - spin * period)),
-        tanh((rate - spin) / (3.0 * kick)),
-        tanh(12.0 * angle),
+    speed = braking(_length(angles), alpha, period)
+    rates = [speed * x for x in _direction(angles)]
+    leaning = [
+        where(w > 0.0, back + 0.0 * w, forth + 0.0 * w)
+        for w, forth, back in zip(spin, angular[::2], angular[1::2], strict=True)
     ]
-    zero = 0.0 * spin
+    turns = [
+        [_wide(10.0 * x) for x in angles],
+        list(sines),
+        [_wide(w / kick) for w in spin],
+        [
+            _wide(10.0 * (x - 0.5 * w * absolute(w) / lean - w * period))
+            for x, w, lean in zip(angles, spin, leaning, strict=True)
+        ],
+        [tanh((rate - w) / (3.0 * kick)) for rate, w in zip(rates, spin, strict=True)],
+        [tanh(12.0 * x) for x in angles],
+    ]
+    zero = 0.0 * spin[0]
     scalars = [
-        turn[0],
+        cosine,
         _wide(20.0 * distance) - 1.0,
         zero + 0.5 * _log(a / 0.1),
         zero + 0.5 * _log(alpha),
         zero + 1.5 * _log(period / 0.14),
-        tanh(_speed(velocity) * period * 4.0),
+        tanh(sqrt(at_least(_square(velocity), 1e-12)) * period * 4.0),
     ]
     ratios = [zero + _log(x / a) for x in linear] + [zero + _log(x / alpha) for x in angular]
-    return [x for vector in vectors for x in vector] + turns + scalars + ratios
+    return [x for vector in (*vectors, *turns) for x in vector] + scalars + ratios
 
 
 def layout(observed: Layout) -> Layout:
-    """Layout of the columns, of observations of go-to-pose in the plane.
+    """Layout of the columns, of observations of go-to-pose.
 
     Raises:
-        ConfigError: the observations are those of another task, or of space.
+        ConfigError: the observations are those of another task.
     """
+    return Layout((Block(Scalar, width(_dimension(observed))),))
+
+
+def _dimension(observed: Layout) -> int:
     kinds = [(block.kind, block.width) for block in observed.blocks]
-    if kinds[:6] != _PLANAR_POSE or any(width for _, width in kinds[6:]):
-        raise ConfigError(
-            "a policy for any craft flies to a pose in the plane, and the observations are those of another task: "
-            "give it a go-to-pose task and a spacecraft of two dimensions."
-        )
-    return Layout((Block(Scalar, WIDTH),))
+    for dimension, pose in _POSE.items():
+        if kinds[: len(pose)] == pose and not any(width for _, width in kinds[len(pose) :]):
+            return dimension
+    raise ConfigError(
+        "a policy for any craft flies to a pose, and the observations are those of another task: give it a "
+        "go-to-pose task."
+    )
 
 
 def of_observation(observed: Layout, row: Sequence[Field], authority: Authority) -> list[Field]:
     """Columns of an observation."""
-    x, y, spin, _, along, across, cosine, sine = observed.in_body(row)
-    return columns((along, across), (cosine, sine), (x, y), spin, authority)
+    dimension = _dimension(observed)
+    axes = 2 * dimension - 3
+    body = observed.in_body(row)
+    velocity, spin = body[:dimension], body[dimension : dimension + axes]
+    # Then come the task flag, the vector to the goal and the rotation to its attitude.
+    start = dimension + axes + 1
+    error, rotation = body[start : start + dimension], body[start + dimension :]
+    turn = (rotation[0], [rotation[1]]) if dimension == 2 else _cosine_and_sines(rotation)
+    return columns(error, turn, velocity, spin, authority)
 
 
-def heading_error(cosine: Field, sine: Field) -> Field:
-    """The angle of a cosine and a sine, rad: within 0.2 percent up to 1 rad and 8 percent at a half turn.
+def _cosine_and_sines(rows: Sequence[Field]) -> tuple[Field, list[Field]]:
+    """Cosine of the angle, and sine times the axis, of a rotation by the first two rows of its matrix."""
+    first, second, third = matrix_rows(rows)
+    cosine = 0.5 * (first[0] + second[1] + third[2]) - 0.5
+    sines = (third[1] - second[2], first[2] - third[0], second[0] - first[1])
+    return cosine, [0.5 * x for x in sines]
 
-    From the chord 2 sin(angle / 2), by a polynomial, because not every executor has an arc tangent.
+
+def rotation_vector(cosine: Field, sines: Sequence[Field]) -> list[Field]:
+    """Rotation vector of a cosine and of a sine times the axis, rad: one number in the plane, three in space.
+
+    The angle is within 0.2 percent up to 1 rad and 8 percent at a half turn. It comes from the chord
+    2 sin(angle / 2), by a polynomial, because not every executor has an arc tangent.
     """
-    ahead = sine / sqrt(at_least(0.5 + 0.5 * cosine, 0.25))
-    behind = sqrt(at_least(2.0 - 2.0 * cosine, 1e-12)) * _sign(sine)
-    chord = where(cosine > 0.0, ahead, behind)
-    square = chord * chord
-    return chord * (1.0 + square * (1.0 / 24.0 + square * (3.0 / 640.0 + square * 0.0032)))
+    half = sqrt(at_least(0.5 + 0.5 * cosine, 0.25))
+    behind = sqrt(at_least(2.0 - 2.0 * cosine, 1e-12))
+    chord = [
+        where(cosine > 0.0, sine / half, behind * way)
+        for sine, way in zip(sines, _direction(sines), strict=True)
+    ]
+    square = _square(chord)
+    factor = 1.0 + square * (1.0 / 24.0 + square * (3.0 / 640.0 + square * 0.0032))
+    return [x * factor for x in chord]
+
+
+def _square(vector: Sequence[Field]) -> Field:
+    """Sum of squares."""
+    first, *others = (x * x for x in vector)
+    return sum(others, first)
+
+
+def _length(vector: Sequence[Field]) -> Field:
+    """Length of a vector of one number or three."""
+    return absolute(vector[0]) if len(vector) == 1 else sqrt(at_least(_square(vector), 1e-12))
+
+
+def _direction(vector: Sequence[Field]) -> list[Field]:
+    """Unit vector along a vector of one number or three; a single zero counts as positive."""
+    if len(vector) == 1:
+        return [_sign(vector[0])]
+    length = _length(vector)
+    return [x / length for x in vector]
 
 
 def braking(way: Field, acceleration: Field, period: Field) -> Field:
@@ -176,10 +245,6 @@ def _wide(x: Field) -> Field:
 
 def _sign(x: Field) -> Field:
     return where(x < 0.0, 0.0 * x - 1.0, 0.0 * x + 1.0)
-
-
-def _speed(velocity: Sequence[Field]) -> Field:
-    return sqrt(at_least(velocity[0] * velocity[0] + velocity[1] * velocity[1], 1e-12))
 
 
 def _log(x: Field) -> Field:

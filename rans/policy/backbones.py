@@ -25,8 +25,8 @@ class Backbone(ABC):
     has_tokens: bool = False
     """Whether it is given the effectors of the craft, as `Architecture.tokens`."""
 
-    token_width: int = 8
-    """Numbers of such a token: of `effector_tokens`, unless it has its own."""
+    token_widths: tuple[int, ...] = (8,)
+    """Possible numbers of such a token: of `effector_tokens`, unless it has its own."""
 
     is_traced: bool = False
     """Whether `traced` writes it down; without, torch alone computes it."""

@@ -1,29 +1,38 @@
-"""Random layouts of thrusters in the plane: what an agent for any craft is trained on.
+"""Random layouts of thrusters in the plane and in space: what an agent for any craft is trained on.
 
 A layout is drawn in the frame B of a craft with unit mass and unit radius of gyration, so that a thruster is three
-numbers: what it does to the velocity along x and y, and to the spin. For a rigid body nothing else matters.
+numbers in the plane, what it does to the velocity along x and y and to the spin, and six in space. For a rigid
+body in the plane nothing else matters; in space the ratios of the moments of inertia enter once more, where it
+spins fast. A reaction wheel is two columns that push nowhere, one for each way.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from rans.model.twists import directions, normals, thrust
+
 FAMILIES = "quarters", "pairs", "free"
-"""Where thrusters are: in pairs at quarter turns about the centre, in pairs anywhere, or each anywhere."""
+"""Positions in the plane: in pairs at quarter turns about the centre, in pairs anywhere, or each anywhere."""
+FAMILIES_IN_SPACE = "opposed", "mirrored", "free"
+"""Positions in space: two opposite thrusters at each, mirror images of a few, or each anywhere."""
 DIRECTIONS = "tangential", "slanted", "axes", "any"
-"""Where they push: along the rim, up to 60 degrees off it, along two axes of a turned frame, or anywhere."""
+"""Forces: along the rim, up to 60 degrees off it, along the axes of a frame, or along any direction."""
 
 
 @dataclass(frozen=True)
 class LayoutRanges:
     """Ranges that layouts are drawn from."""
 
+    dimension: int = 2
+    """2: the plane; 3: space."""
     fewest: int = 4
-    """Smallest number of thrusters: three unbounded directions of twist need four that only push."""
+    """Smallest number of thrusters. They only push: three numbers of a twist need four of them, six need seven."""
     most: int = 12
     """Largest number of thrusters."""
     unequal: tuple[float, float] = (0.5, 1.5)
@@ -32,19 +41,28 @@ class LayoutRanges:
     """Smallest accepted `authority_margin`."""
     dead: float = 0.15
     """Probability that a layout has lost one thruster, which then is not a part of it."""
+    wheels: float = 0.0
+    """Probability of three reaction wheels about the axes of B, in space."""
+
+
+IN_SPACE = LayoutRanges(dimension=3, fewest=8, most=16, wheels=0.25)
+"""Ranges of layouts in space."""
 
 
 def sample_layout(random: np.random.Generator, ranges: LayoutRanges | None = None) -> np.ndarray:
-    """Draw a layout that can push and turn every way: columns (n, 3) of F_x, F_y and torque.
+    """Draw a layout that can push and turn every way: columns (n, 3) of F_x, F_y and torque, or (n, 6) in space.
 
-    Mass and inertia are 1, the mean force is 1, and the root mean square of the lever arms is 1.
+    Mass and inertia are 1 (in space the mean of the principal moments), the mean force is 1, and the root mean
+    square of the lever arms is 1. Columns of wheels come last.
     """
     ranges = ranges or LayoutRanges()
+    drawn = _drawn if ranges.dimension == 2 else _drawn_in_space
     while True:
-        columns = _drawn(random, ranges)
+        columns = drawn(random, ranges)
         if len(columns) > ranges.fewest and random.random() < ranges.dead:
-            columns = np.delete(columns, random.integers(len(columns)), axis=0)
-        if authority_margin(columns) > ranges.least_authority:
+            thrusters = int((thrust(columns) > 0.0).sum())
+            columns = np.delete(columns, random.integers(thrusters), axis=0)
+        if authority_margin(columns, ranges.least_authority) > ranges.least_authority:
             return columns
 
 
@@ -54,31 +72,41 @@ def layouts(count: int, seed: int, ranges: LayoutRanges | None = None) -> Iterat
         yield sample_layout(np.random.default_rng((seed, number)), ranges)
 
 
-def authority_margin(columns: np.ndarray) -> float:
+def authority_margin(columns: np.ndarray, least: float = 0.0) -> float:
     """Least support of the twists that thrusters can give, over all directions of twist.
 
-    The support in a direction is the sum of what every thruster gives along it if it helps. Columns (n, 3) are
+    The support in a direction is the sum of what every thruster gives along it if it helps. Columns (n, d) are
     first divided by the mean force and by the root mean square of the torques, so that the result has no unit;
     0 means that some direction cannot be given at all. The least support is along the normal of a facet of the
-    polytope of twists, and every such normal is that of a plane along two thrusters' columns.
+    polytope of twists, and every such normal is that of a hyperplane along d - 1 thrusters' columns.
+
+    Args:
+        columns: of thrusters, and of wheels either way.
+        least: margin below which any number below it may be returned, sooner.
     """
-    force = np.hypot(columns[:, 0], columns[:, 1]).mean()
-    torque = math.sqrt(np.square(columns[:, 2]).mean())
-    if not (force > 0.0 and torque > 0.0):
+    pushing = directions(columns.shape[1])
+    forces = thrust(columns)
+    torques = np.linalg.norm(columns[:, pushing:], axis=1)
+    if not (forces.max(initial=0.0) > 0.0 and torques.max(initial=0.0) > 0.0):
         return 0.0
-    scaled = columns / np.array([force, force, torque])
-    first, second = np.triu_indices(len(scaled), 1)
-    normals = np.cross(scaled[first], scaled[second])
-    lengths = np.linalg.norm(normals, axis=1)
-    if lengths.max() < _PARALLEL:
-        return 0.0
-    normals = normals[lengths > _PARALLEL] / lengths[lengths > _PARALLEL, None]
-    along = normals @ scaled.T
-    return float(min(np.maximum(side * along, 0.0).sum(axis=1).min() for side in (1.0, -1.0)))
+    force = forces[forces > 0.0].mean()
+    torque = math.sqrt(np.square(torques[torques > 0.0]).mean())
+    scaled = columns / np.repeat([force, torque], [pushing, columns.shape[1] - pushing])
+
+    def support(ways: np.ndarray) -> float:
+        return float(np.maximum(ways @ scaled.T, 0.0).sum(axis=1).min(initial=math.inf))
+
+    # Directions against the sum of all columns bound it from above.
+    some = -scaled - scaled.sum(axis=0)
+    some = np.vstack([some, -scaled, np.eye(len(scaled[0])), -np.eye(len(scaled[0]))])
+    length = np.linalg.norm(some, axis=1)
+    bound = support(some[length > 0.0] / length[length > 0.0, None])
+    if bound <= least:
+        return bound
+    facets = normals(scaled)
+    return support(facets) if len(facets) else 0.0
 
 
-_PARALLEL = 1e-9
-"""Sine of the angle up to which two columns count as parallel."""
 Shape = tuple[tuple[float, ...], ...]
 """A layout's columns, sorted, in units of its own."""
 
@@ -86,23 +114,44 @@ Shape = tuple[tuple[float, ...], ...]
 def canonical(columns: np.ndarray, digits: int = 3) -> frozenset[Shape]:
     """All sorted tables of a layout's columns and of its mirror image, turned so that any thruster comes first.
 
-    Two layouts are equal up to the order of their thrusters, a turn of the axes, a mirror, and the units of mass,
-    inertia and force if the sets have a member in common. Numbers are rounded to so many digits.
+    In space a second thruster then lies in the plane of the first two axes. Two layouts are equal up to the order
+    of their thrusters, a turn of the axes, a mirror, and the units of mass, inertia and force if the sets have a
+    member in common. Numbers are rounded to so many digits. Wheels, which push nowhere, do not count.
     """
-    force = np.hypot(columns[:, 0], columns[:, 1]).mean()
-    torque = math.sqrt(np.square(columns[:, 2]).mean()) or 1.0
-    scaled = columns / np.array([force, force, torque])
+    columns = columns[thrust(columns) > 0.0]
+    pushing = directions(columns.shape[1])
+    force = thrust(columns).mean()
+    torque = math.sqrt(np.square(columns[:, pushing:]).sum(axis=1).mean()) or 1.0
+    forces = columns[:, :pushing] / force
+    torques = columns[:, pushing:] / torque
     tables = set()
-    for hand in (1.0, -1.0):
-        image = scaled * np.array([1.0, hand, hand])
-        for x, y, _ in image:
-            size = math.hypot(x, y)
-            turn = np.array([[x, -y], [y, x]]) / size
-            rows = np.column_stack([image[:, :2] @ turn, image[:, 2]])
-            # Zero has one sign only.
-            rows = np.round(rows, digits) + 0.0
-            tables.add(tuple(sorted(map(tuple, rows.tolist()))))
+    for frame in _frames(forces):
+        # A mirror image reverses torques as seen in the mirrored axes.
+        hand = np.linalg.det(frame)
+        turned = torques * hand if pushing == 2 else hand * torques @ frame.T
+        # Zero has one sign only.
+        rows = np.round(np.column_stack([forces @ frame.T, turned]), digits) + 0.0
+        tables.add(tuple(sorted(map(tuple, rows.tolist()))))
     return frozenset(tables)
+
+
+def _frames(forces: np.ndarray) -> Iterator[np.ndarray]:
+    """Orthogonal matrices of both hands, which turn each thruster's force, and in space a second one, to axes."""
+    for force in forces:
+        first = force / np.linalg.norm(force)
+        if len(first) == 2:
+            across = np.array([-first[1], first[0]])
+            yield np.stack([first, across])
+            yield np.stack([first, -across])
+            continue
+        for other in forces:
+            across = other - first * (first @ other)
+            # Nearly parallel forces do not give a frame.
+            if (length := np.linalg.norm(across)) > 0.1 * np.linalg.norm(other):
+                second = across / length
+                third = np.cross(first, second)
+                yield np.stack([first, second, third])
+                yield np.stack([first, second, -third])
 
 
 def _drawn(random: np.random.Generator, ranges: LayoutRanges) -> np.ndarray:
@@ -149,3 +198,69 @@ def _drawn(random: np.random.Generator, ranges: LayoutRanges) -> np.ndarray:
     place = place / math.sqrt(np.square(radius).mean())
     torque = place[:, 0] * push[:, 1] - place[:, 1] * push[:, 0]
     return np.column_stack([push, torque])
+
+
+def _drawn_in_space(random: np.random.Generator, ranges: LayoutRanges) -> np.ndarray:
+    """Columns of one layout in space, which may not be able to push and turn every way."""
+    family = FAMILIES_IN_SPACE[random.integers(len(FAMILIES_IN_SPACE))]
+    kind = DIRECTIONS[random.integers(len(DIRECTIONS))]
+    has_wheels = random.random() < ranges.wheels
+    count = int(random.integers(ranges.fewest, ranges.most + 1))
+
+    # Positions in a box: a few, whose images are added below.
+    images = [np.eye(3)]
+    if family == "mirrored":
+        signs = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
+        # All eight octants, or the four with an even number of mirrors.
+        if random.random() < 0.5:
+            signs = signs[signs.prod(axis=1) > 0.0]
+        images = [np.diag(sign) for sign in signs]
+    size = random.uniform(0.4, 1.0, 3)
+    seeds = max(1, count // (2 if family == "opposed" else len(images)))
+    position = random.uniform(-1.0, 1.0, (seeds, 3)) * size
+
+    # Forces.
+    unit = _unit(random.normal(size=(seeds, 3)))
+    if kind in ("tangential", "slanted"):
+        along = _unit(np.cross(position, unit))
+        if kind == "slanted":
+            off = random.uniform(0.0, math.pi / 3.0)
+            along = math.cos(off) * along - math.sin(off) * _unit(position)
+    elif kind == "axes":
+        axis = random.integers(3, size=seeds)
+        along = np.eye(3)[axis] * random.choice([-1.0, 1.0], (seeds, 1))
+    else:
+        along = unit
+    if family == "opposed":
+        position = np.vstack([position, position])
+        along = np.vstack([along, -along])
+    position = np.vstack([position @ image for image in images])
+    along = np.vstack([along @ image for image in images])
+
+    # A craft with wheels may have thrusters that hardly turn it, or not at all.
+    if has_wheels:
+        position = position * random.choice([0.0, 0.3, 1.0])
+    number = len(position)
+    force = random.uniform(*ranges.unequal, number) if random.random() < 0.5 else np.ones(number)
+
+    # Columns, in units of the mean force and of the root mean square of the arms; unequal moments of inertia.
+    push = (force / force.mean())[:, None] * along
+    arm = math.sqrt(np.square(position).sum(axis=1).mean()) or 1.0
+    moments = np.exp(random.uniform(-0.6, 0.6, 3))
+    torque = np.cross(position / arm, push) / (moments / moments.mean())
+    columns = np.column_stack([push, torque])
+    if has_wheels:
+        wheel = np.column_stack([np.zeros((3, 3)), np.diag(np.exp(random.uniform(-1.0, 1.0, 3)))])
+        columns = np.vstack([columns, wheel, -wheel])
+
+    # In every second layout the axes of B are not those of the layout.
+    if random.random() < 0.5:
+        turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        turn *= np.sign(np.linalg.det(turn))
+        columns = np.column_stack([columns[:, :3] @ turn.T, columns[:, 3:] @ turn.T])
+    return columns
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) of length 1."""
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

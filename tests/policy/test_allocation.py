@@ -11,7 +11,8 @@ from scipy.optimize import lsq_linear
 
 from rans.model.authority import authorities
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.allocation import PRICE, balanced, shares, subsets
+from rans.model.twists import balanced
+from rans.policy.allocation import PRICE, shares, subsets
 from rans.randomization.layouts import LayoutRanges, sample_layout
 
 
@@ -75,11 +76,26 @@ def test_continuous_shares_are_near_bounded_least_squares(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["astrobee-granite", "floating-platform", "floating-platform-shared", "freeflyer2"]
+    "name",
+    [
+        "astrobee-granite",
+        "floating-platform",
+        "floating-platform-shared",
+        "freeflyer2",
+        "atmos-orbit-16",
+        "free-flyer-shared",
+        "spheres",
+        "cubesat-3u",
+    ],
 )
 def test_balanced_authority_is_that_of_linear_programs(name: str) -> None:
     craft = load_spacecraft(name)
-    found = balanced(np.array(craft.wrench_map), craft.thrust_sharing == "split")
+    columns = np.array(craft.wrench_map)
+    # A wheel is a column of torque either way.
+    torques = np.array(craft.wheel_map).reshape(-1, craft.degrees_of_freedom - craft.dimension)
+    turning = np.column_stack([np.zeros((len(torques), craft.dimension)), torques])
+    columns = np.vstack([columns, turning, -turning])
+    found = balanced(columns, craft.thrust_sharing == "split")
     expected = [x for one in authorities(craft) for x in (one.forwards, one.backwards)]
     assert found == pytest.approx(expected, rel=1e-6)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.any_craft import for_spacecraft
@@ -26,16 +27,30 @@ from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
 
 AGENT = "pretrained:any-craft-2d"
+CRAFT = ("floating-platform", "roboran-platform", "pingu", "atmos")
+IN_SPACE = ("free-flyer", "astrobee-iss", "cubesat-3u", "afrl-12kg")
 
 
-def network() -> Network:
-    return contestant(AGENT).controller.network  # type: ignore[attr-defined]
+def network(dimension: int = 2) -> Network:
+    agent = contestant(f"pretrained:any-craft-{dimension}d")
+    return agent.controller.network  # type: ignore[attr-defined]
 
 
-def observations(count: int, seed: int = 0) -> torch.Tensor:
-    """Of go-to-pose in the plane, from centimetres to metres."""
+def observations(count: int, seed: int = 0, dimension: int = 2) -> torch.Tensor:
+    """Of go-to-pose, from centimetres to metres."""
     random = np.random.default_rng(seed)
     size = 10.0 ** random.uniform(-2.0, 0.5, (count, 1))
+    if dimension == 3:
+        own, turn = (Rotation.random(count, rng=random).as_matrix()[:, :2] for _ in range(2))
+        parts = [
+            own.reshape(count, 6),
+            0.2 * size * random.normal(size=(count, 3)),
+            0.3 * random.normal(size=(count, 3)),
+            np.ones((count, 1)),
+            size * random.normal(size=(count, 3)),
+            turn.reshape(count, 6),
+        ]
+        return torch.tensor(np.concatenate(parts, axis=1), dtype=torch.float32)
     heading, turn = random.uniform(-np.pi, np.pi, (2, count))
     velocity = 0.2 * size * random.normal(size=(count, 2))
     spin = 0.3 * random.normal(size=count)
@@ -48,13 +63,14 @@ def reordered(craft: Spacecraft, order: list[int]) -> Spacecraft:
     return replace(craft, thrusters=tuple(craft.thrusters[k] for k in order))
 
 
-@pytest.mark.parametrize("name", ["floating-platform", "roboran-platform", "pingu", "atmos"])
+@pytest.mark.parametrize("name", [*CRAFT, *IN_SPACE])
 def test_reordered_thrusters_get_the_same_commands_reordered(name: str) -> None:
     craft = load_spacecraft(name)
     order = [int(k) for k in np.random.default_rng(4).permutation(len(craft.thrusters))]
-    seen = observations(400)
-    here, _ = for_craft(network(), craft, 0.1).deterministic_action(seen, None)
-    there, _ = for_craft(network(), reordered(craft, order), 0.1).deterministic_action(seen, None)
+    seen = observations(400, dimension=craft.dimension)
+    agent = network(craft.dimension)
+    here, _ = for_craft(agent, craft, 0.2).deterministic_action(seen, None)
+    there, _ = for_craft(agent, reordered(craft, order), 0.2).deterministic_action(seen, None)
     wheels = list(range(len(order), here.shape[1]))
     assert torch.equal(here[:, [*order, *wheels]], there)
     assert len(torch.unique(here, dim=0)) > 10
@@ -85,11 +101,20 @@ def test_a_mirror_image_gets_mirrored_commands() -> None:
     assert np.isclose(wrench, mirrored, atol=1e-9).all(axis=1).mean() > 0.99
 
 
-@pytest.mark.parametrize("name", ["floating-platform", "roboran-platform", "pingu"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "floating-platform",
+        "roboran-platform",
+        "pingu",
+        "spheres",
+        pytest.param("cubesat-3u", marks=pytest.mark.slow),
+    ],
+)
 def test_the_traced_program_gives_the_same_commands(name: str) -> None:
     craft = load_spacecraft(name)
-    made = for_craft(network(), craft, 0.1)
-    seen = observations(40)
+    made = for_craft(network(craft.dimension), craft, 0.2)
+    seen = observations(40, dimension=craft.dimension)
     expected, _ = made.deterministic_action(seen, None)
     program = policy_program(made.architecture)
     values = parameters(made)
@@ -106,6 +131,43 @@ def test_the_traced_program_gives_the_same_commands(name: str) -> None:
         off += not np.allclose(np.array(found, dtype=float), command, atol=2e-3)
     # Double and single precision may choose different subsets that are equally good.
     assert off <= 1
+
+
+def test_a_turned_frame_gets_turned_commands() -> None:
+    """The same craft in axes that are a third of a turn about (1, 1, 1) away gets the same commands."""
+    craft = load_spacecraft("spheres")
+    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    image = replace(
+        craft,
+        thrusters=tuple(
+            replace(
+                one,
+                position=tuple((turn @ one.position).tolist()),
+                direction=tuple((turn @ one.direction).tolist()),
+            )
+            for one in craft.thrusters
+        ),
+    )
+    seen = observations(200, dimension=3).double()
+    rotation = torch.tensor(turn)
+    own = torch.linalg.cross(seen[:, :3], seen[:, 3:6])
+    own = torch.stack([seen[:, :3], seen[:, 3:6], own], dim=1) @ rotation.T
+    goal = torch.linalg.cross(seen[:, 16:19], seen[:, 19:22])
+    goal = torch.stack([seen[:, 16:19], seen[:, 19:22], goal], dim=1)
+    goal = rotation @ goal @ rotation.T
+    turned = torch.cat(
+        [
+            own[:, :2].flatten(1),
+            seen[:, 6:9],
+            seen[:, 9:12] @ rotation.T,
+            seen[:, 12:16],
+            goal[:, :2].flatten(1),
+        ],
+        dim=1,
+    )
+    here, _ = for_craft(network(3), craft, 0.2).deterministic_action(seen.float(), None)
+    there, _ = for_craft(network(3), image, 0.2).deterministic_action(turned.float(), None)
+    assert torch.allclose(here, there, atol=2e-3)
 
 
 def own_craft() -> Spacecraft:
@@ -163,8 +225,11 @@ def test_a_craft_outside_of_the_training_is_told_so_with_the_number() -> None:
 
 
 def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
-    with pytest.raises(ConfigError, match="moves in space"):
+    with pytest.raises(ConfigError, match="in the plane only: name any-craft-3d for spheres"):
         for_craft(network(), load_spacecraft("spheres"), 0.1)
+    # Thrusters through the centre of mass, and no wheels.
+    with pytest.raises(ConfigError, match="afrl-deputy cannot accelerate it"):
+        for_craft(network(3), load_spacecraft("afrl-deputy"), 1.0)
     craft = load_spacecraft("floating-platform")
     with pytest.warns(UserWarning, match="cannot push and turn"):
         few = replace(craft, thrusters=craft.thrusters[:3])

@@ -15,8 +15,11 @@ from rans.files import read_json, ready_folder, replace_file, write_json, write_
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import RANGES, authority, for_craft
+from rans.policy.any_craft import AGENTS, authority, for_craft
+from rans.policy.authority import Authority
 
+PERIODS = 0.1, 0.2
+"""Control periods of craft in their own task, s."""
 LARGEST_TURN = 0.6
 """Largest change of the spin in a control period, rad/s, over the angular authority; else the period is shorter."""
 _FARTHEST = 4.0
@@ -29,10 +32,14 @@ _REST = 10.0
 
 def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
     """Control period and length of an episode for a craft: slow craft are given longer ones."""
-    short, long = RANGES[0].low, RANGES[0].high
-    *linear, forth, back = authority(craft, long)[1:]
-    period = long if min(forth, back) * long <= LARGEST_TURN and not craft.is_continuous else short
-    needed = _SLACK * 2.0 * math.sqrt(_FARTHEST / min(linear)) + _REST
+    short, long = PERIODS
+    own = Authority.of_numbers(authority(craft, long))
+    slow = own.least_angular * long <= LARGEST_TURN
+    period = long if slow and not craft.is_continuous else short
+    # The craft flies to the goal and turns to its attitude, both from rest to rest.
+    flown = math.sqrt(_FARTHEST / own.least_linear)
+    turned = math.sqrt(math.pi / own.least_angular)
+    needed = _SLACK * 2.0 * max(flown, turned) + _REST
     usual_time = usual.episode_steps * usual.control_period
     steps = math.ceil(max(usual_time, needed) / period)
     return replace(usual, control_period=period, episode_steps=steps)
@@ -46,7 +53,8 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
     """
     if not isinstance(run.controller, Agent):
         raise ConfigError(
-            f"{run.controller.name} flies its own spacecraft only: name any-craft-2d for {craft.name}."
+            f"{run.controller.name} flies its own spacecraft only: name {AGENTS[craft.dimension]} for "
+            f"{craft.name}."
         )
     timing = timing or timing_for(craft, run.timing)
     network = for_craft(run.controller.network, craft, timing.control_period)

@@ -27,6 +27,7 @@ from rans.fast.learn.config import PPOSettings
 from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.authority import DIMENSIONS, width
 from rans.policy.backbone_registry import ATTENTION, BACKBONES
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS
@@ -308,8 +309,8 @@ def _architecture(table: dict[str, Any]) -> Architecture:
             hint = f"; {ATTENTION}" if key == "attention" else ""
             raise ValueError(f"its {name} {brief(key)} is unknown here{hint}")
     backbone = BACKBONES[architecture.backbone]
-    widths = [backbone.token_width] * architecture.thrusters
-    if backbone.has_tokens and [*map(len, architecture.tokens)] != widths:
+    widths = [[width] * architecture.thrusters for width in backbone.token_widths]
+    if backbone.has_tokens and [*map(len, architecture.tokens)] not in widths:
         raise ValueError("its tokens are of another spacecraft")
     if architecture.authority:
         architecture.columns  # noqa: B018 (refuses the observations of another task)
@@ -317,8 +318,12 @@ def _architecture(table: dict[str, Any]) -> Architecture:
             raise ValueError(
                 "it has symmetries or filters, which are for columns without authority"
             )
-        if len(architecture.authority) != 7 or not all(x > 0.0 for x in architecture.authority):
-            raise ValueError("its authority is not a control period and six accelerations above 0")
+        dimension = DIMENSIONS.get(len(architecture.authority) - 1, 0)
+        is_positive = all(x > 0.0 for x in architecture.authority)
+        if width(dimension) != architecture.column_count or not is_positive:
+            raise ValueError(
+                "its authority is not a control period and six accelerations, or twelve in space, above 0"
+            )
     if architecture.last.is_advised:
         first, last = architecture.columns.advice
         if (

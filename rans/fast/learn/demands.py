@@ -1,13 +1,15 @@
-"""Training of a policy for any craft in the plane, by gradients through flights of random layouts.
+"""Training of a policy for any craft, by gradients through flights of random layouts.
 
 The network gives a demanded change of twist (`rans.policy.authority` is what it is given,
 `rans.policy.allocation` what becomes of its demand). Each craft of a batch has its own layout, scale, control
-period and errors. Backwards, the subset of thrusters that is opened counts as a mean over subsets with the weights
-of a softmax of their costs, so that the price of thrust has a gradient too.
+period and errors. Backwards, thrusters that are neither shut nor open all the time follow the demand, and
+others the less the farther they are from that, so that the price of thrust has a gradient too. Planar craft fly in
+the plane z = 0 of space.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -21,21 +23,23 @@ from torch import Tensor
 
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
-from rans.policy.allocation import PRICE, balanced, in_order, subsets
-from rans.policy.any_craft import authority, effects, last_layer
+from rans.model.twists import balanced, directions, thrust
+from rans.policy.allocation import PRICE, in_order, subsets
+from rans.policy.any_craft import RANGES, authority, columns_of, effects, last_layer
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.authority import (
     SCALARS,
     TURNS,
     VECTORS,
-    WIDTH,
     Authority,
     braking,
     columns,
-    heading_error,
+    rotation_vector,
+    width,
 )
 from rans.policy.network import Network
 from rans.randomization.layouts import (
+    IN_SPACE,
     LayoutRanges,
     Shape,
     authority_margin,
@@ -45,7 +49,7 @@ from rans.randomization.layouts import (
 from rans.tasks import Task
 from rans.tasks.derived import layout
 
-_TABLE = 128
+_TABLE = 256
 """Largest number of subsets of a layout in training: those that demands up to 3 choose most often."""
 _HELD_OUT = 2
 """Digits up to which a layout equals one of a shipped craft."""
@@ -53,18 +57,30 @@ _GYRATION = 20.0
 """Mass over inertia of a craft of 0.3 m, 1/m^2: how much an offset of the centre of mass turns it."""
 _STEEPEST = 30.0
 """Largest derivative of a flight's cost by a state, per m, rad, m/s or rad/s: those of stable flights are below."""
+_FASTEST = 8.0
+"""Largest speed along an axis, m/s, and spin about it, rad/s, in training."""
+_FARTHEST = 50.0
+"""Largest distance along an axis in training, m."""
 _IMITATIONS = 600
 """Steps of the imitation of the law made by hand."""
-_PASSES = 3
-"""Passes of coordinate descent over the thrusters in training: what is left is demanded in the next period."""
-_MOST = 10
-"""Largest number of thrusters in training: of more there are thousands of subsets."""
+_DESCENTS = 24
+"""Steps of accelerated projected gradient descent that find the commands of continuous thrusters in training."""
+_SOFT = 0.2
+"""Part of a column by which the demand along it may miss its range until the gradient falls to 1/e."""
+_RIDGE = 0.02
+"""Added to the squares of the columns that follow the demand."""
+RANGES_OF_LAYOUTS = {2: LayoutRanges(most=10), 3: IN_SPACE}
+"""Ranges of layouts in training, by dimension: of more thrusters in the plane there are thousands of subsets."""
+_AXES = {2: (0, 1, 5), 3: (0, 1, 2, 3, 4, 5)}
+"""Components of a twist in space that a craft of the dimension has."""
 
 
 @dataclass(frozen=True)
 class DemandSettings:
     """Settings of the training."""
 
+    dimension: int = 2
+    """2: the plane; 3: space."""
     seconds: float = 180.0
     """Time of training, s."""
     seed: int = 0
@@ -75,166 +91,217 @@ class DemandSettings:
     steps: int = 160
     """Control periods of a flight."""
     channels: int = 8
-    """Hidden units of each layer over 8, the number of turns and mirror images of a square."""
+    """Hidden units of each layer over 8, the number of turns and mirror images of a square, or 48 of a cube."""
     learning_rate: float = 3e-3
-    temperature: float = 0.25
-    """Temperature of the softmax over subsets of thrusters, in squared units of the authority."""
     thrust_price: float = 0.4
     """Price of a second of the craft's least authority, over that of a second outside the tolerances."""
+    rest_price: float = 0.0
+    """The same within the tolerances, besides."""
     memory: float = 0.985
     """Part of a state's gradient that goes back by one period: without it a few flights outweigh all others."""
-    linear: tuple[float, float] = (0.015, 0.7)
-    """Range of the least linear authority, m/s^2."""
-    angular: tuple[float, float] = (0.15, 8.0)
-    """Range of the least angular authority, rad/s^2."""
-    period: tuple[float, float] = (0.1, 0.2)
-    """Range of the control period, s."""
+    on_off: float = 0.5
+    """Part of the batches whose thrusters are on or off."""
+    device: str = "cpu"
+    """Of torch."""
 
 
 class Pool(NamedTuple):
-    """Layouts in the units of their least authority, padded."""
+    """Layouts of the units of their least authority, padded."""
 
     columns: Tensor
-    """(L, 10, 3) in the order of `rans.policy.allocation.in_order`; zero where there is no thruster."""
-    twist: Tensor
-    """(L, 128, 3) of subsets."""
-    offset: Tensor
-    """(L, 128) of their linear functions; very negative where there is no subset."""
+    """(L, n, d) in the order of `rans.policy.allocation.in_order`; zero where there is no thruster."""
+    matrix: Tensor
+    """(L, n, n) of the descent: identity less the scaled products of the columns."""
+    step: Tensor
+    """(L, n) step sizes of the descent."""
     thrust: Tensor
-    """(L, 128) sum of velocity changes of the open thrusters."""
+    """(L, n) velocity change of each thruster."""
+    twist: Tensor
+    """(L, 256, d) of subsets."""
+    offset: Tensor
+    """(L, 256) of their linear functions; very negative where there is no subset."""
+    used: Tensor
+    """(L, 256) sum of velocity changes of the open thrusters."""
     authority: Tensor
-    """(L, 6) along both ways of every axis, over the least one."""
+    """(L, 2 d) along both ways of every axis, over the least one."""
     margin: Tensor
     """(L,) `rans.randomization.layouts.authority_margin`."""
+    has_wheels: Tensor
+    """(L,) bool."""
 
 
-def shipped_shapes() -> frozenset[Shape]:
-    """Tables of `rans.randomization.layouts.canonical` of all planar craft that come with RANS."""
+def shipped_shapes(dimension: int) -> frozenset[Shape]:
+    """Tables of `rans.randomization.layouts.canonical` of all craft of a dimension that come with RANS."""
     crafts = (SPACECRAFT[name].craft for name in spacecraft_names())
-    maps = (np.array(craft.wrench_map) for craft in crafts if craft.dimension == 2)
-    return frozenset(table for columns in maps for table in canonical(columns, digits=_HELD_OUT))
+    return frozenset(
+        table
+        for craft in crafts
+        if craft.dimension == dimension
+        for table in canonical(columns_of(craft), digits=_HELD_OUT)
+    )
 
 
-def draw_pool(count: int, seed: int) -> Pool:
+def draw_pool(count: int, seed: int, dimension: int = 2) -> Pool:
     """Draw layouts and what a training needs to know of them."""
     random = np.random.default_rng(seed)
-    demands = random.normal(size=(2048, 3))
+    ranges = RANGES_OF_LAYOUTS[dimension]
+    size = 3 if dimension == 2 else 6
+    most = ranges.most + (6 if ranges.wheels else 0)
+    demands = random.normal(size=(2048, size))
     demands *= 3.0 * random.random((2048, 1)) / np.linalg.norm(demands, axis=1, keepdims=True)
     rows = []
-    shipped = shipped_shapes()
-    for drawn in layouts(count, seed, LayoutRanges(most=_MOST)):
+    shipped = shipped_shapes(dimension)
+    for drawn in layouts(count, seed, ranges):
         # The craft that come with RANS are for evaluation.
         if canonical(drawn, digits=_HELD_OUT) & shipped:
             continue
         ways = balanced(drawn)
-        scale = np.array([ways[:4].min(), ways[:4].min(), ways[4:].min()])
-        if scale.min() <= 0.05:
+        least = np.repeat(
+            [ways[: 2 * dimension].min(), ways[2 * dimension :].min()],
+            [dimension, size - dimension],
+        )
+        if least.min() <= 0.05:
             continue
-        layout = (drawn / scale)[in_order(drawn)]
-        every = subsets(tuple(map(tuple, layout.tolist())), False)
-        best = np.argmax(demands @ every.slope.T + every.offset, axis=1)
-        chosen = np.argsort(-np.bincount(best, minlength=len(every.offset)), kind="stable")[:_TABLE]
-        twist = np.zeros((_TABLE, 3))
-        twist[: len(chosen)] = every.twist[chosen]
-        offset = np.full(_TABLE, -1e9)
-        offset[: len(chosen)] = every.offset[chosen]
-        thrust = np.zeros(_TABLE)
-        thrust[: len(chosen)] = every.opened[chosen] @ np.hypot(layout[:, 0], layout[:, 1])
-        padded = np.zeros((_MOST, 3))
+        layout = (drawn / least)[in_order(drawn)]
+        pushes = thrust(layout)
+        padded = np.zeros((most, size))
         padded[: len(layout)] = layout
-        turned = ways / scale[[0, 0, 0, 0, 2, 2]]
-        rows.append((padded, twist, offset, thrust, turned, authority_margin(drawn)))
-    return Pool(
-        *(torch.tensor(np.array(one), dtype=torch.float32) for one in zip(*rows, strict=True))
-    )
+        matrix, step = _descent(padded)
+        # Subsets of on/off thrusters; wheels have none.
+        has_wheels = bool((pushes == 0.0).any())
+        twist = np.zeros((_TABLE, size))
+        offset = np.full(_TABLE, -1e9)
+        used = np.zeros(_TABLE)
+        if not has_wheels:
+            every = subsets(tuple(map(tuple, layout.tolist())), False)
+            best = np.argmax(demands @ every.slope.T + every.offset, axis=1)
+            counts = np.bincount(best, minlength=len(every.offset))
+            chosen = np.argsort(-counts, kind="stable")[:_TABLE]
+            twist[: len(chosen)] = every.twist[chosen]
+            offset[: len(chosen)] = every.offset[chosen]
+            used[: len(chosen)] = every.opened[chosen] @ pushes
+        rows.append(
+            (
+                padded,
+                matrix,
+                step,
+                np.pad(pushes, (0, most - len(pushes))),
+                twist,
+                offset,
+                used,
+                ways / least.repeat(2),
+                authority_margin(drawn),
+                has_wheels,
+            )
+        )
+    *numbers, flags = (np.array(one) for one in zip(*rows, strict=True))
+    return Pool(*(torch.tensor(one, dtype=torch.float32) for one in numbers), torch.tensor(flags))
 
 
-class Square:
-    """The symmetries of a square, under which demands turn as states do: a network's weights obey them exactly."""
+def _descent(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Matrix (n, n) and step sizes (n,) of projected gradient descent on the squared error of columns (n, d)."""
+    product = columns @ columns.T
+    size = np.diag(product)
+    scale = np.where(size > 0.0, size, 1.0)
+    largest = np.linalg.eigvalsh(product / np.sqrt(np.outer(scale, scale)))[-1]
+    step = np.where(size > 0.0, 1.0 / (scale * largest), 0.0)
+    return np.eye(len(columns)) - step[:, None] * product, step
 
-    def __init__(self) -> None:
-        quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-        mirror = np.diag([1.0, -1.0])
-        turned = [np.linalg.matrix_power(quarter, k) for k in range(4)]
-        self.elements = [*turned, *(g @ mirror for g in turned)]
-        self.hands = [1.0] * 4 + [-1.0] * 4
+
+class Cube:
+    """The symmetries of a square or a cube, under which demands turn as states do; networks obey them."""
+
+    def __init__(self, dimension: int) -> None:
+        signs = itertools.product((1.0, -1.0), repeat=dimension)
+        orders = itertools.permutations(range(dimension))
+        eye = np.eye(dimension)
+        self.dimension = dimension
+        self.elements = [
+            eye[list(order)] * np.array(sign) for order, sign in itertools.product(orders, signs)
+        ]
+        # The identity comes first.
         self.table = np.array(
-            [[self._index(np.linalg.inv(g) @ k) for k in self.elements] for g in self.elements]
+            [[self._index(g.T @ k) for k in self.elements] for g in self.elements]
         )
 
     def _index(self, matrix: np.ndarray) -> int:
         return next(k for k, g in enumerate(self.elements) if np.allclose(g, matrix))
 
+    def _axial(self, number: int) -> np.ndarray:
+        """What an element does to a turn: one number in the plane, three in space."""
+        g = self.elements[number]
+        hand = np.linalg.det(g)
+        return np.full((1, 1), hand) if self.dimension == 2 else hand * g
+
     def on_columns(self, number: int) -> np.ndarray:
         """What an element does to the columns of `rans.policy.authority`."""
         g = self.elements[number]
-        hand = self.hands[number]
-        result = np.zeros((WIDTH, WIDTH))
-        for k in range(VECTORS):
-            result[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = g
-        start = 2 * VECTORS
-        for k in range(TURNS):
-            result[start + k, start + k] = hand
-        start += TURNS
-        for k in range(SCALARS):
-            result[start + k, start + k] = 1.0
-        # The ways +x, -x, +y, -y are permuted, those of the turn swap in a mirror.
-        start += SCALARS
-        ways = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        for k, way in enumerate(ways):
-            image = next(j for j, other in enumerate(ways) if np.allclose(other, g @ way))
-            result[start + image, start + k] = 1.0
-        for k in range(2):
-            result[start + 4 + (k if hand > 0 else 1 - k), start + 4 + k] = 1.0
+        axial = self._axial(number)
+        blocks = [g] * VECTORS + [axial] * TURNS + [np.eye(SCALARS), _on_ways(g), _on_ways(axial)]
+        size = width(self.dimension)
+        result = np.zeros((size, size))
+        start = 0
+        for block in blocks:
+            end = start + len(block)
+            result[start:end, start:end] = block
+            start = end
         return result
 
     def on_demand(self, number: int) -> np.ndarray:
         """What an element does to a demand."""
-        result = np.zeros((3, 3))
-        result[:2, :2] = self.elements[number]
-        result[2, 2] = self.hands[number]
+        g = self.elements[number]
+        axial = self._axial(number)
+        result = np.zeros((len(g) + len(axial),) * 2)
+        result[: len(g), : len(g)] = g
+        result[len(g) :, len(g) :] = axial
         return result
 
 
-class DemandNetwork(torch.nn.Module):
-    """Two hidden layers (tanh) that obey the symmetries of the square; outputs are demands (N, 3)."""
+def _on_ways(g: np.ndarray) -> np.ndarray:
+    """What a signed permutation does to numbers along both ways of every axis: +x, -x, +y and so on."""
+    ways = np.vstack([sign * axis for axis in np.eye(len(g)) for sign in (1.0, -1.0)])
+    # Entry (i, k) is 1 if the way k becomes the way i.
+    return (ways @ g @ ways.T > 0.5).astype(float)
 
-    def __init__(self, channels: int, generator: torch.Generator) -> None:
+
+class DemandNetwork(torch.nn.Module):
+    """Two hidden layers (tanh) that obey the symmetries of a square or cube; outputs are demands (N, d)."""
+
+    def __init__(self, channels: int, generator: torch.Generator, dimension: int = 2) -> None:
         super().__init__()
-        square = Square()
-        inverse = [int(square.table[g][0]) for g in range(8)]
-        self.register_buffer(
-            "_inputs",
-            torch.tensor(np.stack([square.on_columns(k) for k in inverse]), dtype=torch.float32),
-        )
-        self.register_buffer(
-            "_demands",
-            torch.tensor(np.stack([square.on_demand(k) for k in range(8)]), dtype=torch.float32),
-        )
+        cube = Cube(dimension)
+        self.sides = len(cube.elements)
+        inverse = [int(cube.table[g][0]) for g in range(self.sides)]
+        self._inputs: Tensor
+        self._demands: Tensor
         self._table: Tensor
-        self.register_buffer("_table", torch.tensor(square.table))
+        on_columns = np.stack([cube.on_columns(k) for k in inverse])
+        on_demand = np.stack([cube.on_demand(k) for k in range(self.sides)])
+        self.register_buffer("_inputs", torch.tensor(on_columns, dtype=torch.float32))
+        self.register_buffer("_demands", torch.tensor(on_demand, dtype=torch.float32))
+        self.register_buffer("_table", torch.tensor(cube.table))
 
         def drawn(*shape: int, gain: float) -> torch.nn.Parameter:
             return torch.nn.Parameter(gain * torch.randn(shape, generator=generator))
 
-        self.first = drawn(channels, WIDTH, gain=1.0 / math.sqrt(WIDTH))
+        units = self.sides * channels
+        self.first = drawn(channels, width(dimension), gain=1.0 / math.sqrt(width(dimension)))
         self.first_bias = torch.nn.Parameter(torch.zeros(channels))
-        self.second = drawn(channels, channels, 8, gain=1.0 / math.sqrt(8 * channels))
+        self.second = drawn(channels, channels, self.sides, gain=1.0 / math.sqrt(units))
         self.second_bias = torch.nn.Parameter(torch.zeros(channels))
-        self.last = drawn(3, channels, gain=0.3 / math.sqrt(8 * channels))
+        self.last = drawn(on_demand.shape[1], channels, gain=0.3 / math.sqrt(units))
 
     def layers(self) -> list[tuple[Tensor, Tensor]]:
         """Weights (o, i) and biases (o,) of ordinary dense layers."""
-        channels = len(self.first)
-        # Unit (c, g) sees the input as from the side g.
-        first = torch.einsum("ci,gij->cgj", self.first, self._inputs).reshape(8 * channels, -1)
-        second = self.second[:, :, self._table].permute(0, 2, 1, 3)
-        second = second.reshape(8 * channels, 8 * channels)
-        last = torch.einsum("gij,jc->icg", self._demands, self.last).reshape(3, -1)
+        units = self.sides * len(self.first)
+        # Unit (c, g) has its input as from the side g.
+        first = torch.einsum("ci,gij->cgj", self.first, self._inputs).reshape(units, -1)
+        second = self.second[:, :, self._table].permute(0, 2, 1, 3).reshape(units, units)
+        last = torch.einsum("gij,jc->icg", self._demands, self.last).reshape(-1, units)
         return [
-            (first, self.first_bias.repeat_interleave(8)),
-            (second, self.second_bias.repeat_interleave(8)),
-            (last, first.new_zeros(3)),
+            (first, self.first_bias.repeat_interleave(self.sides)),
+            (second, self.second_bias.repeat_interleave(self.sides)),
+            (last, first.new_zeros(len(last))),
         ]
 
 
@@ -243,28 +310,54 @@ Layers = list[tuple[Tensor, Tensor]]
 
 def stopping_law(
     error: Sequence[Tensor],
-    turn: tuple[Tensor, Tensor],
+    turn: tuple[Tensor, Sequence[Tensor]],
     velocity: Sequence[Tensor],
-    spin: Tensor,
+    spin: Sequence[Tensor],
     authority: Authority,
 ) -> Tensor:
-    """Demands (N, 3) of a law made by hand, with which training begins: follow the braking curves."""
+    """Demands (N, d) of a law made by hand, with which training begins: follow the braking curves.
+
+    Args:
+        error: see `rans.policy.authority.columns`, as for the others.
+        turn: to the goal's attitude.
+        velocity: in B.
+        spin: in B.
+        authority: of the craft.
+    """
     period, _, _, a, alpha = authority
-    angle = heading_error(*turn)
-    distance = torch.sqrt(error[0].square() + error[1].square() + 1e-12)
-    approach = braking(distance, a, period) / distance
-    rate = braking(angle.abs(), alpha, period) * angle.sign()
-    push = [(approach * e - v) / (a * period) for e, v in zip(error, velocity, strict=True)]
-    kick = (rate - spin) / (alpha * period)
-    return torch.stack((*push, kick), dim=1).clamp(-2.5, 2.5)
+
+    def missing(way: Sequence[Tensor], speed: Sequence[Tensor], most: Tensor) -> list[Tensor]:
+        size = torch.sqrt(sum(x.square() for x in way) + 1e-12)
+        ahead = braking(size, most, period) / size
+        return [(ahead * x - v) / (most * period) for x, v in zip(way, speed, strict=True)]
+
+    demand = missing(error, velocity, a) + missing(rotation_vector(*turn), spin, alpha)
+    return torch.stack(demand, dim=1).clamp(-2.5, 2.5)
 
 
 def demanded(layers: Layers, inputs: Tensor) -> Tensor:
-    """Demands (N, 3) of columns (N, k)."""
+    """Demands (N, d) of columns (N, k)."""
     x = inputs
     for weight, bias in layers[:-1]:
         x = torch.tanh(torch.nn.functional.linear(x, weight, bias))
     return torch.nn.functional.linear(x, *layers[-1])
+
+
+class Motion(NamedTuple):
+    """States of craft in W, whose origin is the goal with the attitude 1."""
+
+    p: Tensor
+    """(N, 3) position, m."""
+    q: Tensor
+    """(N, 4) attitude, a unit quaternion (w, x, y, z)."""
+    v: Tensor
+    """(N, 3) velocity, m/s."""
+    spin: Tensor
+    """(N, 3) angular velocity in B, rad/s."""
+
+    def angle(self) -> Tensor:
+        """Angle to the goal's attitude, rad, (N,)."""
+        return 2.0 * torch.atan2(self.q[:, 1:].norm(dim=1), self.q[:, 0].abs())
 
 
 class Batch(NamedTuple):
@@ -274,18 +367,20 @@ class Batch(NamedTuple):
     """Rows of the pool, one for each craft."""
     authority: Authority
     scale: Tensor
-    """(N, 3) change of the twist for a unit: m/s, m/s, rad/s."""
+    """(N, d) change of the twist for a unit: m/s, then rad/s."""
     continuous: bool
     gain: Tensor
-    """(N, 3) of what thrusters really do over what is expected."""
+    """(N, d) of what thrusters really do over what is expected."""
     late: Tensor
     """(N, 1) part of a period by which commands act late."""
     noise: Tensor
     """(N, 1) scale of the sensors' noise; 1 is that of the conditions called real."""
     centre: Tensor
-    """(N, 2) offset of the centre of mass, m; forces then turn the craft."""
-    state: tuple[Tensor, ...]
-    """p (N, 2), heading (N,), v (N, 2), spin (N,) in W, whose origin is the goal with heading 0."""
+    """(N, 3) offset of the centre of mass, m; forces then turn the craft."""
+    moments: Tensor
+    """(N, 3) principal moments of inertia, over their mean: they couple spins."""
+    state: Motion
+    """At the start."""
 
 
 def draw_batch(
@@ -297,86 +392,120 @@ def draw_batch(
 ) -> Batch:
     """Draw craft and starts."""
     count = settings.crafts
+    dimension = settings.dimension
+    device = generator.device
+    turning = 2 * dimension - 3
 
     def uniform(low: float, high: float, *shape: int) -> Tensor:
-        return low + (high - low) * torch.rand(count, *shape, generator=generator)
+        drawn = torch.rand(count, *shape, generator=generator, device=device)
+        return low + (high - low) * drawn
 
-    def spread(bounds: tuple[float, float]) -> Tensor:
-        return torch.exp(uniform(math.log(bounds[0]), math.log(bounds[1])))
+    def spread(low: float, high: float) -> Tensor:
+        return torch.exp(uniform(math.log(low), math.log(high)))
 
-    which = torch.randint(len(pool.offset), (count,), generator=generator)
+    # On/off thrusters stand alone: wheels, which are continuous, come with continuous ones.
+    allowed = torch.ones_like(pool.has_wheels) if continuous else ~pool.has_wheels
+    which = torch.multinomial(allowed.float(), count, replacement=True, generator=generator)
     rows = Pool(*(x[which] for x in pool))
-    a = spread(settings.linear)
-    period = spread(settings.period)
-    # A single pulse should not turn the craft by more than it can be brought back from in a few periods.
-    alpha = torch.minimum(spread(settings.angular), 1.3 / period)
+    periods, linear, angular, _ = RANGES[dimension]
+    period = spread(periods.low, periods.high)
+    # A single pulse should not move the craft by more than it can be brought back from in a few periods.
+    a = torch.minimum(spread(linear.low, linear.high), 0.06 / period.square())
+    alpha = spread(angular.low, angular.high)
+    alpha = torch.minimum(alpha, torch.minimum(1.3 / period, 0.3 / period.square()))
     ways = rows.authority.T
-    authority = Authority(
+    of_craft = Authority(
         period,
-        [a * x for x in ways[:4]],
-        [alpha * x for x in ways[4:]],
+        [a * x for x in ways[: 2 * dimension]],
+        [alpha * x for x in ways[2 * dimension :]],
         a,
         alpha,
     )
-    scale = torch.stack([a * period, a * period, alpha * period], dim=1)
-    real = (torch.rand(count, 1, generator=generator) < 0.6) * float(perturbed)
-    gain = 1.0 + 0.12 * real * uniform(-1.0, 1.0, 3)
+    scale = torch.stack([a * period] * dimension + [alpha * period] * turning, dim=1)
+    real = (uniform(0.0, 1.0, 1) < 0.6) * float(perturbed)
+    gain = 1.0 + 0.12 * real * uniform(-1.0, 1.0, dimension + turning)
     late = 0.2 * real * uniform(0.0, 1.0, 1)
-    centre = 0.004 * real * uniform(-1.0, 1.0, 2)
-    # Starts: at rest far away, or near and moving.
+    flat = torch.ones(3, device=device)
+    flat[dimension:] = 0.0
+    centre = 0.004 * real * uniform(-1.0, 1.0, 3) * flat
+    moments = torch.exp(uniform(-0.6, 0.6, 3))
+    moments = moments / moments.mean(dim=1, keepdim=True)
+
+    # Starts: at rest far away, or near and moving; slow craft start nearer.
+    def direction(axes: Tensor) -> Tensor:
+        drawn = torch.randn(count, 3, generator=generator, device=device) * axes
+        return drawn / drawn.norm(dim=1, keepdim=True)
+
     span = settings.steps * period
     far = torch.minimum(torch.full_like(a, 4.5), 0.12 * a * span.square())
-    moving = torch.rand(count, generator=generator) < 0.3
+    moving = uniform(0.0, 1.0) < 0.3
     distance = far * torch.where(moving, uniform(0.0, 0.5), uniform(0.2, 1.0))
-    bearing = uniform(-math.pi, math.pi)
-    course = uniform(-math.pi, math.pi)
     speed = moving * uniform(0.0, 1.0) * 0.7 * torch.sqrt(a * far)
-    state = (
-        torch.stack([distance * bearing.cos(), distance * bearing.sin()], dim=1),
-        uniform(-math.pi, math.pi),
-        torch.stack([speed * course.cos(), speed * course.sin()], dim=1),
-        moving * uniform(-1.0, 1.0) * torch.clamp(torch.sqrt(alpha), max=1.5),
+    axes = 1.0 - flat if dimension == 2 else flat
+    # Angles of uniform attitudes in space have the density (1 - cos angle) / pi: large ones are usual.
+    angle = math.pi * (uniform(0.0, 1.0) if dimension == 2 else uniform(0.0, 1.0).pow(0.4))
+    half = 0.5 * torch.minimum(angle, 0.08 * alpha * span.square())
+    rate = moving * uniform(-1.0, 1.0) * torch.clamp(torch.sqrt(alpha), max=1.5)
+    state = Motion(
+        distance[:, None] * direction(flat),
+        torch.cat((half.cos()[:, None], half.sin()[:, None] * direction(axes)), dim=1),
+        speed[:, None] * direction(flat),
+        rate[:, None] * direction(axes),
     )
-    return Batch(rows, authority, scale, continuous, gain, late, real, centre, state)
+    return Batch(
+        rows, of_craft, scale, continuous, gain, late, real.float(), centre, moments, state
+    )
 
 
-def allocated(
-    demand: Tensor, rows: Sequence[Tensor], continuous: bool, temperature: float
-) -> tuple[Tensor, Tensor]:
-    """Changes of the twist (N, 3) that craft give, and thrust (N,), both in units of the authority."""
-    layout, twist, offset, used = rows
-    scores = offset + 2.0 * torch.bmm(twist, demand[:, :, None]).squeeze(2)
-    weights = torch.softmax(scores / temperature, dim=1)
-    soft = torch.cat(
-        (torch.bmm(weights[:, None], twist)[:, 0], (weights * used).sum(dim=1, keepdim=True)), dim=1
-    )
+def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple[Tensor, Tensor]:
+    """Changes of the twist (N, d) that craft give, and thrust (N,), both in units of the authority."""
+    layout, matrix, step, pushes, twist, offset, used = rows
     with torch.no_grad():
+        wanted = demand.detach()
+        part = _continuous(wanted, layout, matrix, step, pushes)
+        given = (part[:, None] @ layout)[:, 0]
+        # Thrusters within their range follow the demand, others less.
+        square = layout.square().sum(dim=2).clamp(min=1e-9)
+        slope = (layout @ (wanted - given)[:, :, None])[:, :, 0] - 0.5 * PRICE * pushes
+        weight = torch.exp(-slope.abs() / (_SOFT * square))
+        weighted = layout * weight[:, :, None]
+        products = weighted.mT @ layout
+        ridge = _RIDGE * torch.eye(layout.shape[2], device=demand.device)
+        sides = torch.cat((products, weighted.mT @ pushes[:, :, None]), dim=2)
+        follows, costs = torch.linalg.solve_ex(products + ridge, sides).result.split(
+            (layout.shape[2], 1), dim=2
+        )
         if continuous:
-            hard = _continuous(demand.detach(), layout)
+            hard = given
+            spent = (part * pushes).sum(dim=1)
         else:
+            scores = offset + 2.0 * (twist @ wanted[:, :, None])[:, :, 0]
             best = scores.argmax(dim=1)
-            chosen = twist.gather(1, best[:, None, None].expand(-1, 1, 3))[:, 0]
-            hard = torch.cat((chosen, used.gather(1, best[:, None])), dim=1)
-    both = soft + (hard - soft).detach()
-    return both[:, :3], both[:, 3]
+            rows_of = best[:, None, None].expand(-1, 1, twist.shape[2])
+            hard = twist.gather(1, rows_of)[:, 0]
+            spent = used.gather(1, best[:, None])[:, 0]
+    soft = (follows @ demand[:, :, None])[:, :, 0]
+    price = (costs[:, :, 0] * demand).sum(dim=1)
+    return soft + (hard - soft).detach(), price + (spent - price).detach()
 
 
-def _continuous(demand: Tensor, layout: Tensor) -> Tensor:
-    """Twists and thrust (N, 4) of `rans.policy.allocation.shares`, for a layout (N, n, 3) of each craft."""
-    left = demand
-    square = layout.square().sum(dim=2).clamp(min=1e-9)
-    thrust = layout[:, :, :2].norm(dim=2)
-    offset = 0.5 * PRICE * thrust / square
-    share = [torch.zeros_like(demand[:, 0])] * layout.shape[1]
-    for _ in range(_PASSES):
-        for k in range(layout.shape[1]):
-            column = layout[:, k]
-            step = (column * left).sum(dim=1) / square[:, k] - offset[:, k]
-            after = (share[k] + step).clamp(0.0, 1.0)
-            left = left - column * (after - share[k])[:, None]
-            share[k] = after
-    used = (torch.stack(share, dim=1) * thrust).sum(dim=1, keepdim=True)
-    return torch.cat((demand - left, used), dim=1)
+def _continuous(
+    demand: Tensor, layout: Tensor, matrix: Tensor, step: Tensor, pushes: Tensor
+) -> Tensor:
+    """Commands (N, n) of `rans.policy.allocation.shares`, for a layout (N, n, d) of each craft, by matrices."""
+    along = (layout @ demand[:, :, None])[:, :, 0] - 0.5 * PRICE * pushes
+    free = step * along
+    part = free.clamp(0.0, 1.0)
+    before = part
+    momentum = 1.0
+    for _ in range(_DESCENTS):
+        # Nesterov's sequence.
+        following = 0.5 + 0.5 * math.sqrt(1.0 + 4.0 * momentum * momentum)
+        ahead = part + (momentum - 1.0) / following * (part - before)
+        before = part
+        part = ((matrix @ ahead[:, :, None])[:, :, 0] + free).clamp(0.0, 1.0)
+        momentum = following
+    return part
 
 
 class Bounded(torch.autograd.Function):
@@ -406,61 +535,109 @@ class Outcome(NamedTuple):
     """(N,) sum of velocity changes of the thrusters, over 2 sqrt(d a)."""
 
 
+def _turned(q: Tensor, x: Tensor) -> Tensor:
+    """Vectors (N, 3) rotated by unit quaternions (N, 4)."""
+    cross = torch.linalg.cross(q[:, 1:], x)
+    return x + 2.0 * (q[:, :1] * cross + torch.linalg.cross(q[:, 1:], cross))
+
+
+def _product(a: Tensor, b: Tensor) -> Tensor:
+    """Products of quaternions (N, 4)."""
+    scalar = a[:, :1] * b[:, :1] - (a[:, 1:] * b[:, 1:]).sum(dim=1, keepdim=True)
+    vector = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + torch.linalg.cross(a[:, 1:], b[:, 1:])
+    return torch.cat((scalar, vector), dim=1)
+
+
+def _rotation(vector: Tensor) -> Tensor:
+    """Quaternions (N, 4) of rotation vectors (N, 3)."""
+    angle = torch.sqrt(vector.square().sum(dim=1, keepdim=True) + 1e-12)
+    return torch.cat(((0.5 * angle).cos(), (0.5 * angle).sin() / angle * vector), dim=1)
+
+
+def _inputs(
+    state: Motion, authority: Authority, dimension: int
+) -> tuple[list[Tensor], tuple[Tensor, list[Tensor]], list[Tensor], list[Tensor], Authority]:
+    """Arguments of `rans.policy.authority.columns`."""
+    back = state.q * state.q.new_tensor([1.0, -1.0, -1.0, -1.0])
+    error = _turned(back, -state.p).unbind(dim=1)
+    velocity = _turned(back, state.v).unbind(dim=1)
+    w = state.q[:, :1]
+    cosine = 2.0 * w[:, 0].square() - 1.0
+    sines = (-2.0 * w * state.q[:, 1:]).unbind(dim=1)
+    turning = slice(2, 3) if dimension == 2 else slice(0, 3)
+    return (
+        list(error[:dimension]),
+        (cosine, list(sines[turning])),
+        list(velocity[:dimension]),
+        list(state.spin.unbind(dim=1)[turning]),
+        authority,
+    )
+
+
 def _one_period(
-    p: Tensor,
-    heading: Tensor,
-    v: Tensor,
-    spin: Tensor,
+    state: Motion,
     before: Tensor,
     drawn: Tensor,
     flat: list[Tensor],
     fields: Sequence[Tensor],
-    temperature: float,
     continuous: bool,
-) -> tuple[Tensor, ...]:
-    """State after a period, twist of this period, cost without thrust, and thrust."""
-    period, ways, scale, gain, late, noise, centre, *rows = fields
-    linear = [ways[0], ways[1], ways[2], ways[3]]
-    authority = Authority(period, linear, [ways[4], ways[5]], ways[6], ways[7])
+) -> tuple[Motion, Tensor, Tensor, Tensor, Tensor]:
+    """State after a period, twist of this period, cost without thrust, nearness to the goal, and thrust."""
+    period, ways, scale, gain, late, noise, centre, moments, *rows = fields
+    size = scale.shape[1]
+    dimension = directions(size)
+    accelerations = list(ways)
+    authority = Authority(
+        period,
+        accelerations[: 2 * dimension],
+        accelerations[2 * dimension : -2],
+        *accelerations[-2:],
+    )
+    axes = list(_AXES[dimension])
     # Sensors: noise of the conditions called real.
     drawn = drawn * noise
-    seen = heading + 0.00175 * drawn[:, 0]
-    c = seen.cos()
-    s = seen.sin()
-    q = -(p + 0.001 * drawn[:, 1:3])
-    w = v + 0.003 * drawn[:, 3:5]
-    inputs = columns(
-        (c * q[:, 0] + s * q[:, 1], c * q[:, 1] - s * q[:, 0]),
-        (c, -s),
-        (c * w[:, 0] + s * w[:, 1], c * w[:, 1] - s * w[:, 0]),
-        spin + 0.003 * drawn[:, 5],
-        authority,
+    errors = torch.zeros(len(period), 6, device=period.device)
+    errors[:, axes] = drawn[:, :size]
+    rates = torch.zeros(len(period), 6, device=period.device)
+    rates[:, axes] = drawn[:, size:]
+    measured = Motion(
+        state.p + 0.001 * errors[:, :3],
+        _product(state.q, _rotation(0.00175 * errors[:, 3:])),
+        state.v + 0.003 * rates[:, :3],
+        state.spin + 0.003 * rates[:, 3:],
     )
     layers = list(zip(flat[::2], flat[1::2], strict=True))
+    inputs = columns(*_inputs(measured, authority, dimension))
     demand = demanded(layers, torch.stack(inputs, dim=1))
-    unit, thrust = allocated(demand, rows, continuous, temperature)
+    unit, pushes = allocated(demand, rows, continuous)
     twist = unit * scale * gain
-    acting = (1.0 - late) * twist + late * before
+    acting = torch.zeros_like(errors)
+    acting[:, axes] = (1.0 - late) * twist + late * before
     # Motion: the push turns with the craft, whose spin changes evenly.
-    lever = centre[:, 0] * acting[:, 1] - centre[:, 1] * acting[:, 0]
-    kick = acting[:, 2] + _GYRATION * lever
-    mid = heading + period * (0.5 * spin + kick / 6.0)
-    c = mid.cos()
-    s = mid.sin()
-    push = torch.stack(
-        (c * acting[:, 0] - s * acting[:, 1], s * acting[:, 0] + c * acting[:, 1]), dim=1
-    )
-    p = p + period[:, None] * (v + 0.5 * push)
+    push, kick = acting[:, :3], acting[:, 3:]
+    kick = kick + _GYRATION * torch.linalg.cross(centre, push)
+    p, q, v, spin = state
+    coupled = torch.linalg.cross(spin, moments * spin) / moments
+    kick = kick - period[:, None] * coupled
+    long = period[:, None]
+    middle = _product(q, _rotation(long * (0.5 * spin + kick / 6.0)))
+    push = _turned(middle, push)
+    p = p + long * (v + 0.5 * push)
     v = v + push
-    heading = heading + period * (spin + 0.5 * kick)
-    spin = spin + kick
+    q = _product(q, _rotation(long * (spin + 0.5 * kick)))
+    q = q / q.norm(dim=1, keepdim=True)
+    # Lost craft go on within bounds, or their numbers would overflow and spoil the sums of all.
+    spin = (spin + kick).clamp(-_FASTEST, _FASTEST)
+    p = p.clamp(-_FARTHEST, _FARTHEST)
+    v = v.clamp(-_FASTEST, _FASTEST)
     # Cost of this period: errors far away, being outside of the tolerances, spin.
     distance = torch.sqrt(p.square().sum(dim=1) + 1e-8)
-    angle = torch.sqrt((2.0 - 2.0 * heading.cos()).clamp(min=0.0) + 1e-6)
+    angle = torch.sqrt((4.0 - 4.0 * q[:, 0].square()).clamp(min=0.0) + 1e-6)
     inside = torch.sigmoid((0.035 - distance) / 0.008) * torch.sigmoid((0.06 - angle) / 0.014)
     far = torch.log1p(20.0 * distance) / 4.4 + 0.6 * torch.log1p(12.0 * angle) / 3.2
-    cost = period * (far + 1.0 - inside + 0.02 * spin.square().clamp(max=9.0))
-    return p, heading, v, spin, twist, cost, thrust
+    square = spin.square().sum(dim=1)
+    cost = period * (far + 1.0 - inside + 0.02 * square.clamp(max=9.0))
+    return Motion(p, q, v, spin), twist, cost, inside, pushes
 
 
 @cache
@@ -477,30 +654,33 @@ def fly(
     steps: int | None = None,
 ) -> Outcome:
     """Fly a batch, with gradients if they are enabled."""
-    p, heading, v, spin = batch.state
+    state = batch.state
     period = batch.authority.period
     steps = steps or settings.steps
     a = batch.authority.least_linear
-    count = len(period)
-    start = p.norm(dim=1).clamp(min=0.3)
-    least_time = 2.0 * torch.sqrt(start / a) + 1.0
-    cost = torch.zeros(count)
-    thrust_sum = torch.zeros(count)
-    last_outside = torch.zeros(count)
-    held = torch.ones(count, dtype=torch.bool)
-    before = torch.zeros(count, 3)
+    count, size = batch.scale.shape
+    device = period.device
+    start = state.p.norm(dim=1).clamp(min=0.3)
+    flown = torch.sqrt(start / a)
+    turned = torch.sqrt(state.angle() / batch.authority.least_angular)
+    least_time = 2.0 * torch.maximum(flown, turned) + 1.0
+    cost = torch.zeros(count, device=device)
+    thrust_sum = torch.zeros(count, device=device)
+    last_outside = torch.zeros(count, device=device)
+    held = torch.ones(count, dtype=torch.bool, device=device)
+    before = torch.zeros(count, size, device=device)
     keep = settings.memory
+    ways = [*batch.authority.linear, *batch.authority.angular, a, batch.authority.least_angular]
     fields = (
         period,
-        torch.stack(
-            [*batch.authority.linear, *batch.authority.angular, a, batch.authority.least_angular]
-        ),
+        torch.stack(ways),
         batch.scale,
         batch.gain,
         batch.late,
         batch.noise,
         batch.centre,
-        *batch.pool[:4],
+        batch.moments,
+        *batch.pool[:7],
     )
     flat = [x for layer in layers for x in layer]
     # Compiling pays for a training only.
@@ -510,18 +690,15 @@ def fly(
         else partial(_one_period, continuous=batch.continuous)
     )
     for step in range(steps):
-        drawn = torch.randn(count, 6, generator=generator)
-        p, heading, v, spin, before, spent, thrust = one_period(
-            p, heading, v, spin, before, drawn, flat, fields, settings.temperature
-        )
+        drawn = torch.randn(count, 2 * size, generator=generator, device=device)
+        state, before, spent, inside, pushes = one_period(state, before, drawn, flat, fields)
         if torch.is_grad_enabled():
-            p, heading, v, spin = (
-                Bounded.apply(keep * x + (1.0 - keep) * x.detach()) for x in (p, heading, v, spin)
-            )
-        cost = cost + spent + settings.thrust_price * period * thrust
-        thrust_sum = thrust_sum + thrust.detach() * batch.scale[:, 0]
+            state = Motion(*(Bounded.apply(keep * x + (1.0 - keep) * x.detach()) for x in state))
+        price = settings.thrust_price + settings.rest_price * inside.detach()
+        cost = cost + spent + price * period * pushes
+        thrust_sum = thrust_sum + pushes.detach() * batch.scale[:, 0]
         with torch.no_grad():
-            is_inside = (p.norm(dim=1) < 0.05) & (heading.cos() > 0.9962)
+            is_inside = (state.p.norm(dim=1) < 0.05) & (state.angle() < 0.0873)
             last_outside = torch.where(is_inside, last_outside, (step + 1) * period)
             if step >= 0.8 * steps:
                 held &= is_inside
@@ -540,17 +717,17 @@ def imitate(
     optimizer = torch.optim.Adam(network.parameters(), 1e-2)
     for number in range(_IMITATIONS):
         batch = draw_batch(pool, settings, generator, continuous=True)
-        p, heading, v, spin = batch.state
+        p, q, v, spin = batch.state
         # Half of the states are near the goal, at any scale.
-        near = 10.0 ** (-3.0 * torch.rand(len(spin), generator=generator))
-        near = torch.where(torch.rand(len(spin), generator=generator) < 0.5, near, 1.0)
-        p = p * near[:, None]
-        heading = heading * near
-        v = v * near.sqrt()[:, None]
-        spin = spin * near.sqrt()
-        seen = ([*-p.T], (heading.cos(), -heading.sin()), [*v.T], spin, batch.authority)
-        inputs = torch.stack(columns(*seen), dim=1)
-        loss = (demanded(network.layers(), inputs) - stopping_law(*seen)).square().mean()
+        near = 10.0 ** (-3.0 * torch.rand(len(p), 1, generator=generator, device=p.device))
+        is_near = torch.rand(len(p), 1, generator=generator, device=p.device) < 0.5
+        near = torch.where(is_near, near, 1.0)
+        turn = near * 2.0 * torch.atan2(q[:, 1:].norm(dim=1, keepdim=True), q[:, :1])
+        axis = q[:, 1:] / q[:, 1:].norm(dim=1, keepdim=True).clamp(min=1e-9)
+        state = Motion(near * p, _rotation(turn * axis), near.sqrt() * v, near.sqrt() * spin)
+        inputs = _inputs(state, batch.authority, settings.dimension)
+        given = torch.stack(columns(*inputs), dim=1)
+        loss = (demanded(network.layers(), given) - stopping_law(*inputs)).square().mean()
         optimizer.param_groups[0]["lr"] = 1e-2 * (1.0 - number / _IMITATIONS)
         optimizer.zero_grad()
         loss.backward()
@@ -569,9 +746,11 @@ def train(
         report: is given a line and the network, now and then.
         pool: layouts; None: those of the settings' seed.
     """
-    generator = torch.Generator().manual_seed(settings.seed)
-    pool = pool or draw_pool(settings.layouts, 2 * settings.seed)
-    network = DemandNetwork(settings.channels, generator)
+    pool = pool or draw_pool(settings.layouts, 2 * settings.seed, settings.dimension)
+    pool = Pool(*(x.to(settings.device) for x in pool))
+    weights = torch.Generator().manual_seed(settings.seed)
+    network = DemandNetwork(settings.channels, weights, settings.dimension).to(settings.device)
+    generator = torch.Generator(settings.device).manual_seed(settings.seed)
     optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate, betas=(0.9, 0.98))
     begun = time.perf_counter()
     imitate(network, pool, settings, generator)
@@ -581,7 +760,9 @@ def train(
         # The step size rises within the first hundredth and falls to nothing at the end.
         rate = settings.learning_rate * min(1.0, 0.02 + 100.0 * share) * (1.0 - share**2)
         optimizer.param_groups[0]["lr"] = rate
-        batch = draw_batch(pool, settings, generator, continuous=number % 2 == 1)
+        # The n-th batch is on/off as often as the part says.
+        on_off = int((number + 1) * settings.on_off) > int(number * settings.on_off)
+        batch = draw_batch(pool, settings, generator, continuous=not on_off)
         outcome = fly(network.layers(), batch, settings, generator)
         # Hopeless flights must not outweigh all others.
         loss = (10.0 * torch.tanh(outcome.cost / 10.0)).sum()
@@ -606,13 +787,13 @@ def as_policy(network: DemandNetwork, craft: Spacecraft, task: Task, period: flo
     architecture = Architecture(
         layout(task, craft.dimension),
         len(craft.commands),
-        (8 * len(network.first),) * 2,
+        (network.sides * len(network.first),) * 2,
         head="gaussian" if craft.is_continuous else "on-off",
         backbone="allocated",
         tokens=effects(craft, period),
         authority=authority(craft, period),
     )
-    first, second, last = ((w.detach(), b.detach()) for w, b in network.layers())
+    first, second, last = ((w.detach().cpu(), b.detach().cpu()) for w, b in network.layers())
     tensors = last_layer(architecture, *last) | {
         f"{EXTRACTOR}trunk.{2 * number}.{name}": x
         for number, pair in enumerate((first, second))

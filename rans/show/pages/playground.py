@@ -24,7 +24,7 @@ from rans.effectors.commands import is_identity, of_outputs
 from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.any_craft import LARGEST_TURN
+from rans.evaluation.fly.any_craft import LARGEST_TURN, PERIODS
 from rans.evaluation.fly.tuned import task_name
 from rans.files import write_text
 from rans.model.body import Body
@@ -35,7 +35,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.policy.allocation import MOST_SUBSETS, PASSES, PRICE
-from rans.policy.any_craft import MARGIN, RANGES, is_for_any_craft
+from rans.policy.any_craft import RANGES, is_for_any_craft
 from rans.policy.architecture import Architecture
 from rans.policy.authority import Authority, of_observation
 from rans.policy.program import inputs
@@ -127,7 +127,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         text = [traced.begin(), traced.describe()]
         # A craft that a visitor may draw has other thrusters, mass and inertia, and another control period.
         draws = _may_draw(setup.craft, architecture)
-        if architecture.backbone == "allocated":
+        if _is_allocated_here(architecture):
             text += [traced.demand(controller, tables), _text("allocation.js")]
             text.append(traced.in_ranges())
         else:
@@ -145,7 +145,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     size = sum(tables[name].size for name in names)
     bits = next(bits for limit, bits in _BITS.items() if size <= limit)
     data = _data(traced, run, seed, episode) | {"bits": bits}
-    if architecture.backbone == "allocated":
+    if _is_allocated_here(architecture):
         data["allocation"] = _allocation_data(architecture)
     if draws:
         data["drawing"] = _drawing_data(run)
@@ -349,18 +349,26 @@ class _Traced:
         return [shape for shape in shapes if isinstance(shape, Ball | Cone)]
 
 
+def _is_allocated_here(architecture: Architecture) -> bool:
+    """Whether the page's own script allocates demands, as for craft that a visitor draws: those of the plane."""
+    return architecture.backbone == "allocated" and len(architecture.tokens[0]) == 4
+
+
 def _may_draw(craft: Spacecraft, architecture: Architecture) -> bool:
     """Whether a visitor may change the craft: the agent flies any, and forces are constant for a period."""
     others = craft.wheels or craft.propellant or craft.further_effectors
-    return is_for_any_craft(architecture) and craft.actuators.kind == "on-off" and not others
+    return (
+        is_for_any_craft(architecture)
+        and craft.dimension == 2
+        and craft.actuators.kind == "on-off"
+        and not others
+    )
 
 
 def _timings(own: Timing) -> tuple[Timing, ...]:
     """Timing of the page's craft, then those of drawn craft with the long and with the short control period."""
-    timing_range = (
-        replace(own, control_period=period) for period in (RANGES[0].high, RANGES[0].low)
-    )
-    return (own, *timing_range)
+    timings = (replace(own, control_period=period) for period in reversed(PERIODS))
+    return (own, *timings)
 
 
 def _probe(craft: Spacecraft) -> Spacecraft:
@@ -438,7 +446,7 @@ def _drawing_data(run: LoadedRun) -> dict[str, Any]:
         ],
         "ranges": [
             {"name": name, "unit": unit, "low": low, "high": None if math.isinf(high) else high}
-            for name, unit, low, high in (*RANGES, MARGIN)
+            for name, unit, low, high in RANGES[2]
         ],
     }
 

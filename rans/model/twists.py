@@ -1,0 +1,107 @@
+"""What thrusters can do to the twist of a craft: a polytope, whose facets tell how far it reaches.
+
+A twist in B is (v_x, v_y, w_z) in the plane, and three velocities, then three angular velocities, in space. Every
+thruster changes it by a column. A thruster that is open for a part of the time gives this part of its column.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+_PARALLEL = 1e-9
+"""Sine of the angle, and one less its cosine, up to which two directions count as one."""
+
+
+def directions(width: int) -> int:
+    """Number of the axes of B along which thrusters push, of twists with so many numbers: 3 or 6."""
+    return {3: 2, 6: 3}[width]
+
+
+def thrust(columns: np.ndarray) -> np.ndarray:
+    """Velocity change (n,) by each of columns (n, d)."""
+    return np.linalg.norm(columns[:, : directions(columns.shape[1])], axis=1)
+
+
+def normals(columns: np.ndarray) -> np.ndarray:
+    """Unit normals (k, d), both ways, of all hyperplanes along d - 1 of columns (n, d).
+
+    These are the normals of the facets of every polytope that is a sum of segments along the columns.
+    """
+    # Parallel columns span the same hyperplanes.
+    lines: list[np.ndarray] = []
+    for column in columns:
+        if (length := np.linalg.norm(column)) > 0.0:
+            line = column / length
+            if all(abs(line @ other) < 1.0 - _PARALLEL for other in lines):
+                lines.append(line)
+    width = columns.shape[1]
+    if len(lines) < width - 1:
+        return np.zeros((0, width))
+    chosen = np.array(list(itertools.combinations(range(len(lines)), width - 1)))
+    rows = np.array(lines)[chosen]
+    # Minors of the first rows, by their columns, each from those with a row less (Laplace).
+    minors = {(k,): rows[:, 0, k] for k in range(width)}
+    for row in range(1, width - 1):
+        minors = {
+            axes: sum(
+                (-1.0) ** (row + place)
+                * rows[:, row, axis]
+                * minors[axes[:place] + axes[place + 1 :]]
+                for place, axis in enumerate(axes)
+            )
+            for axes in itertools.combinations(range(width), row + 1)
+        }
+    every = tuple(range(width))
+    normal = np.stack([(-1.0) ** k * minors[every[:k] + every[k + 1 :]] for k in every], axis=1)
+    length = np.linalg.norm(normal, axis=1)
+    normal = normal[length > _PARALLEL] / length[length > _PARALLEL, None]
+    return np.vstack([normal, -normal])
+
+
+def balanced(columns: np.ndarray, shared: bool = False) -> np.ndarray:
+    """Largest changes along both ways of every axis of a twist, all other axes being balanced, (2 d,).
+
+    In the plane these are +x, -x, +y, -y, +turn and -turn. Columns (n, d) are those of thrusters that are open for
+    a part of the time; ``shared``: the parts sum to 1 at most. 0: the axis cannot be pushed alone.
+
+    The twists are a polytope, the projection of the parts: how far it reaches along an axis is the least over its
+    facets' normals w of support(w) / w_axis. With a shared supply it is the optimum of a linear program.
+    """
+    width = columns.shape[1]
+    size = np.abs(columns).max(axis=0, initial=0.0)
+    if not (size > 0.0).all():
+        return np.zeros(2 * width)
+    scaled = columns / size
+    if shared:
+        return _balanced_by_programs(scaled) * size.repeat(2)
+    facets = normals(scaled)
+    support = np.maximum(facets @ scaled.T, 0.0).sum(axis=1)
+    result = []
+    for axis in range(width):
+        for sign in (1.0, -1.0):
+            part = sign * facets[:, axis]
+            ahead = part > _PARALLEL
+            reach = (support[ahead] / part[ahead]).min() if ahead.any() else 0.0
+            result.append(max(0.0, float(reach)) * size[axis])
+    return np.array(result)
+
+
+def _balanced_by_programs(columns: np.ndarray) -> np.ndarray:
+    """`balanced` of thrusters with a shared supply."""
+    from scipy.optimize import linprog
+
+    count, width = columns.shape
+    result = []
+    for axis in range(width):
+        for sign in (1.0, -1.0):
+            best = linprog(
+                -sign * columns[:, axis],
+                A_ub=np.ones((1, count)),
+                b_ub=[1.0],
+                A_eq=np.delete(columns, axis, axis=1).T,
+                b_eq=np.zeros(width - 1),
+            )
+            result.append(max(0.0, -best.fun) if best.success else 0.0)
+    return np.array(result)
