@@ -102,7 +102,7 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
     if not craft.actuators.is_continuous:
         kind = SHARED if craft.thrust_sharing == "split" else ON_OFF
     rows = [(*map(float, row / scale), kind) for row in _accelerations(craft)]
-    count = len(craft.wheels)
+    count = craft.wheel_count
     rows += [(*map(float, row / scale), WHEEL) for row in _turning(craft)[:count]]
     return tuple(rows)
 
