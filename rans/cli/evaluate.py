@@ -51,7 +51,7 @@ class Evaluate:
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """A run folder, pretrained:NAME, either of these after lookahead:, or CONTROLLER:TASK-2d or -3d, with
-    @SPACECRAFT if you like; any-craft-2d@mine.toml (in space any-craft-3d) flies a craft of your own without training."""
+    @SPACECRAFT if you like; any-craft-2d@mine.toml, or any-craft-3d, flies a craft of your own without training."""
     protocol: Literal["own", "paper", "original"] = "own"
     """own: the conditions of the training and the task's evaluation starts. paper: the paper's floating
     platform, 250 steps, starts 3 to 4 m away, 1 N for each thruster. original: the same with a total of 1 N."""
