@@ -450,7 +450,7 @@ def test_the_pose_agent_stays_for_ever() -> None:
     network = read_network(ROOT / "examples/proofs/pose-agent.onnx")
     assert problem.end == Within(problem.lower, problem.upper)
     assert isinstance(problem.keep, Within)
-    assert np.hypot(*problem.keep.upper[:2]) <= 0.05
+    assert np.linalg.norm(problem.keep.upper[:2]) <= 0.05
     assert problem.keep.upper[4] <= np.deg2rad(5.0)
     start = np.random.default_rng(4).uniform(problem.lower, problem.upper, (200, 6))
     least = lowest_margins(problem, network, start).min()
