@@ -181,7 +181,7 @@ SOURCES: dict[str, Source] = {
     "avoid": _mission("avoid", "", " --episodes 64", 14.0),
     "dock port": _mission("dock-port", "", " --episodes 64", 60.0),
     "dock": _mission("dock", " --episodes 10000", " --episodes 64 --bounded 4"),
-    "hold": _mission("hold", " --episodes 48 --bounded 4", " --episodes 8 --bounded 1"),
+    "hold": _mission("hold", " --bounded 4", " --episodes 8 --bounded 1"),
     "rendezvous": _mission("rendezvous", " --episodes 256", " --episodes 16 --bounded 2"),
     "land": _mission("land", " --drake 8", " --episodes 64 --bounded 4 --drake 1"),
     "dock with errors": Source(
