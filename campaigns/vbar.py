@@ -464,9 +464,8 @@ class Track(Leg):
         drift = ClohessyWiltshire(n)
         self._a = _transition(drift, dt)
         part = np.vstack([np.zeros((3, 3)), np.eye(3) / _PARTS])
-        self._b = sum(
-            _transition(drift, dt * (1.0 - (k + 0.5) / _PARTS)) @ part for k in range(_PARTS)
-        )
+        later = [_transition(drift, dt * (1.0 - (k + 0.5) / _PARTS)) for k in range(_PARTS)]
+        self._b = np.sum(later, axis=0) @ part
         # Errors of 1 m count as much as those of 5 cm/s, and as a change of 1.6 cm/s in a period.
         weights = np.diag([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
         price = 4e3 * np.eye(3)
