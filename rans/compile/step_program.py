@@ -51,7 +51,7 @@ class BufferWrite:
 
 
 @dataclass(frozen=True)
-class Shape:
+class StepShape:
     """Sizes of a step's results: rows of reals and rows of flags, each with a number for each spacecraft.
 
     Reals are the columns of an observation, then the terms of the reward, then their sum.
@@ -94,7 +94,7 @@ class StepProgram:
     """Writes of every step."""
     at_end: tuple[BufferWrite, ...]
     """Further writes where an episode ended."""
-    shape: Shape
+    shape: StepShape
 
     def going(self) -> list[BufferWrite]:
         """Writes where no episode ends, simplified for that case."""
@@ -143,7 +143,7 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
     stores = [
         *_rows("memory", stepped.after.memory()),
         *_rows("reals", (*stepped.observation, *terms.values(), reward)),
-        *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
+        *_rows("flags", (getattr(outcome, name) for name in StepShape.FLAGS)),
     ]
     # A store of what is in memory already is left out, where an episode goes on or everywhere.
     always = list[BufferWrite]()
@@ -162,7 +162,7 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
         ended,
         tuple(always),
         tuple(at_end),
-        Shape(len(stepped.observation), len(outcome.terms)),
+        StepShape(len(stepped.observation), len(outcome.terms)),
     )
 
 

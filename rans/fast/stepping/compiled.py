@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.step_program import BufferWrite, Shape, StepProgram, trace_step
+from rans.compile.step_program import BufferWrite, StepProgram, StepShape, trace_step
 from rans.episode import Episode, World
 from rans.errors import is_installed
 from rans.fast.stepping.step import Backend, Step, step_arrays, step_tensors
@@ -88,7 +88,7 @@ class GeneratedStep:
         arrays = {
             "memory": self._memory,
             "reals": np.empty((shape.reals, self._count), np.float32),
-            "flags": np.empty((len(Shape.FLAGS), self._count), bool),
+            "flags": np.empty((len(StepShape.FLAGS), self._count), bool),
             "final": np.empty((self._count, shape.width), np.float32).T,
         }
         with np.errstate(all="ignore"):  # Branches that are not chosen may overflow.

@@ -11,7 +11,7 @@ from torch import Tensor
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.cuda.observation import Observation
 from rans.compile.cuda.source import THREADS, source
-from rans.compile.step_program import Shape, trace_step
+from rans.compile.step_program import StepShape, trace_step
 from rans.episode import Episode, World
 from rans.fast.distributed import Processes
 from rans.fast.stepping.step import Step
@@ -119,7 +119,7 @@ class Kernel:
         shape = self._program.shape
         reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
         final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
-        flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
+        flags = torch.empty((len(StepShape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, final, flags, *self._inputs)
         self._launch(
             action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers, self._together
