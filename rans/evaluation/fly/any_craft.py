@@ -22,6 +22,10 @@ PERIODS = 0.1, 0.2
 """Control periods of craft in their own task, s."""
 LARGEST_TURN = 0.6
 """Largest change of the spin in a control period, rad/s, over the angular authority; else the period is shorter."""
+_PERIODS_IN_SPACE = 0.1, 0.2, 0.5, 1.0
+"""Control periods of craft in space with continuous effectors, s: those that shipped craft are flown at."""
+_GENTLE_TURN = 0.2
+"""Largest change of the spin of such a craft in a control period by its least angular authority, rad/s."""
 _FARTHEST = 4.0
 """Distance of the farthest start, m."""
 _SLACK = 2.0
@@ -36,6 +40,10 @@ def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
     own = Authority.of_numbers(authority(craft, long))
     slow = own.least_angular * long <= LARGEST_TURN
     period = long if slow and not craft.is_continuous else short
+    if craft.dimension == 3 and craft.is_continuous:
+        # Slow craft need not be commanded often, and their episodes are long.
+        gentle = [x for x in _PERIODS_IN_SPACE if own.least_angular * x <= _GENTLE_TURN]
+        period = max(gentle, default=short)
     # The craft flies to the goal and turns to its attitude, both from rest to rest.
     flown = math.sqrt(_FARTHEST / own.least_linear)
     turned = math.sqrt(math.pi / own.least_angular)
