@@ -7,6 +7,7 @@ thruster changes it by a column. A thruster that is open for a part of the time 
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def normals(columns: np.ndarray) -> np.ndarray:
     chosen = np.array(list(itertools.combinations(range(len(lines)), width - 1)))
     rows = np.array(lines)[chosen]
     # Minors of the first rows, by their columns, each from those with a row less (Laplace).
-    minors = {(k,): rows[:, 0, k] for k in range(width)}
+    minors: dict[tuple[int, ...], Any] = {(k,): rows[:, 0, k] for k in range(width)}
     for row in range(1, width - 1):
         minors = {
             axes: sum(

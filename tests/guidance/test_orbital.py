@@ -79,7 +79,7 @@ def test_the_burn_now_is_of_the_cheapest_pair_of_all(n: float) -> None:
     zero = np.zeros(count)
     start = random.normal(0.0, 80.0, (2, count))
     time = PERIOD * random.integers(10, round(0.9 * np.pi / n / PERIOD), count)
-    state: Any = SimpleNamespace(p=Vec3(*start, zero), v=Vec3(zero, zero, zero))
+    state: Any = SimpleNamespace(p=Vec3(start[0], start[1], zero), v=Vec3(zero, zero, zero))
     goal: Any = SimpleNamespace(p=Vec3(zero, zero, zero), v=Vec3(zero, zero, zero))
     burn = law.velocity(state, goal, time, time, Limits())
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 from rans_attention.backbone import EffectorAttention
 from rans_gradient.learner import Gradient
 from rans_imitation.learner import Imitation
@@ -16,4 +18,4 @@ def register() -> None:
         if name not in LEARNERS:
             LEARNERS.register(name)(kind)
     if "attention" not in BACKBONES:
-        BACKBONES.register("attention")(EffectorAttention)
+        BACKBONES.register("attention")(cast("Any", EffectorAttention))

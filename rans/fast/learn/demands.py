@@ -194,8 +194,9 @@ def draw_pool(count: int, seed: int, dimension: int = 2) -> Pool:
                 has_wheels,
             )
         )
-    *numbers, flags = (np.array(one) for one in zip(*rows, strict=True))
-    return Pool(*(torch.tensor(one, dtype=torch.float32) for one in numbers), torch.tensor(flags))
+    *numbers, flags = (np.array(column) for column in zip(*rows, strict=True))
+    tensors = [torch.tensor(array, dtype=torch.float32) for array in numbers]
+    return Pool._make([*tensors, torch.tensor(flags)])
 
 
 def _descent(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -327,7 +328,7 @@ def stopping_law(
     period, _, _, a, alpha = authority
 
     def missing(way: Sequence[Tensor], speed: Sequence[Tensor], most: Tensor) -> list[Tensor]:
-        size = torch.sqrt(sum(x.square() for x in way) + 1e-12)
+        size = torch.sqrt(torch.as_tensor(sum(x.square() for x in way)) + 1e-12)
         ahead = braking(size, most, period) / size
         return [(ahead * x - v) / (most * period) for x, v in zip(way, speed, strict=True)]
 
@@ -640,8 +641,12 @@ def _one_period(
     return Motion(p, q, v, spin), twist, cost, inside, pushes
 
 
+_Period = tuple[Motion, Tensor, Tensor, Tensor, Tensor]
+"""What a period results in: motion, twist, cost, whether within the tolerances, and thrust."""
+
+
 @cache
-def _compiled(continuous: bool) -> Callable[..., tuple[Tensor, ...]]:
+def _compiled(continuous: bool) -> Callable[..., _Period]:
     """`_one_period` for on/off or for continuous thrusters, by torch's compiler."""
     return torch.compile(partial(_one_period, continuous=continuous), dynamic=False)
 
@@ -684,7 +689,7 @@ def fly(
     )
     flat = [x for layer in layers for x in layer]
     # Compiling pays for a training only.
-    one_period = (
+    one_period: Callable[..., _Period] = (
         _compiled(batch.continuous)
         if torch.is_grad_enabled()
         else partial(_one_period, continuous=batch.continuous)

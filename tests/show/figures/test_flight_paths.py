@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -25,9 +27,9 @@ def flown(craft_name: str, task: Task, steps: int = 5, count: int = 4) -> Flight
         def reset(self, count: int) -> None:
             """Nothing to reset."""
 
-        def act(self, *_: object) -> np.ndarray:
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
             """No thrust."""
-            return np.zeros((count, craft.command_count))
+            return np.zeros((len(observation), craft.command_count))
 
     return fly(craft, task, Coasting(), starts, Timing(episode_steps=steps))
 
@@ -45,9 +47,9 @@ def test_an_orbit_has_its_ball_in_two_views() -> None:
     left, right = in_plane.get_xlim()
     assert left < -50.0
     assert right > 50.0
-    [name] = [
-        text.get_text() for text in in_plane.get_legend().get_texts() if "zone" in text.get_text()
-    ]  # type: ignore[union-attr]
+    legend = in_plane.get_legend()
+    assert legend is not None
+    [name] = [text.get_text() for text in legend.get_texts() if "zone" in text.get_text()]
     assert name == "keep-out zone"
 
 
