@@ -556,6 +556,8 @@ def random_line(draw: random.Random, wrong: list[str]) -> list[str]:
     if command in ("train", "validate", "benchmark"):
         needed = ["go-to-pose"] if command == "train" and draw.random() < 0.5 else []
         return [command, *needed, *extra, "--spacecraft", draw.choice(wrong)]
+    if command == "reproduce":  # without a wrong name it flies every table
+        return [command, "--only", draw.choice(wrong)]
     return [command, *extra]
 
 
