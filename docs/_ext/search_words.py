@@ -25,7 +25,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "path following",
         "evaluation",
     ),
-    "any_craft_in_space": ("any craft in space", "six degrees of freedom", "zero-shot"),
+    "any_craft_in_space": ("any craft in space", "six degrees of freedom", "zero-shot in space"),
     "any_craft": ("any craft", "foundation policy", "generalist policy", "zero-shot", "set policy"),
     "assurance": (
         "failure probability",

@@ -30,7 +30,7 @@ def tiny(**changes: str) -> list[str]:
         {"ppo.layers": "[16, 16]"} | TINY | {k.replace("__", "."): v for k, v in changes.items()}
     )
     given = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
-    return ["sweep", "go-to-pose", "--device", "cpu", *given]
+    return ["sweep", "go-to-pose", *given]
 
 
 @pytest.fixture(autouse=True)
@@ -148,7 +148,7 @@ def test_an_interrupt_keeps_what_there_is(
 def test_wrong_arguments(
     capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
-    assert main(["sweep", *arguments, "--device", "cpu"]) == 2
+    assert main(["sweep", *arguments]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1

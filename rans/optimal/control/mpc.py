@@ -87,8 +87,8 @@ _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.0)
 class MPC(ModelBased):
     """Plans the relaxed commands of the next seconds at every step and rounds the first to on/off.
 
-    >>> from rans.optimal.control.mpc import Settings
-    >>> rans.MPC("floating-platform", "go-to-position", settings=Settings(horizon=5))
+    >>> from rans.optimal.control.mpc import MPCSettings
+    >>> rans.MPC("floating-platform", "go-to-position", settings=MPCSettings(horizon=5))
     <MPC: GoToPosition for floating-platform>
 
     One sequential quadratic program with Gauss-Newton curvature, carried on from step to step (real-time
