@@ -78,6 +78,16 @@ def _environment_of_others() -> Iterator[None]:
     )
 
 
+@pytest.fixture(autouse=True)
+def _names_of_others() -> Iterator[None]:
+    """Names that a test types, whose code may then run, are not typed for the tests after it."""
+    registry = sys.modules.get("rans.registry")
+    before = set() if registry is None else set(registry._typed)
+    yield
+    if registry is not None:
+        registry._typed.intersection_update(before)
+
+
 def _variables() -> dict[str, str]:
     """Those that say how RANS and Python behave, such as ``RANS_TRUST`` and ``PYTHONSAFEPATH``."""
     return {
