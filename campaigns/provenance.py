@@ -36,7 +36,7 @@ class Source:
     seconds: float = 0.0
     """Processor time of the commands, s, on an AMD EPYC; 0: not measured."""
     quick: tuple[str, ...] = ()
-    """The same with fewer flights; empty: these commands."""
+    """Commands of `--quick`, with fewer flights; empty: it runs those of the whole reproduction."""
     quick_seconds: float = 0.0
     """Processor time of the quick commands, s; 0: not measured."""
     flights: tuple[int, int] = (0, 0)

@@ -61,7 +61,7 @@ class Result:
     name: str
     seconds: float = 0.0
     processor_seconds: float = 0.0
-    """Of all processors, which other programs do not lengthen."""
+    """Processor time of the row, s, summed over all processors; other programs do not lengthen it."""
     cells: int = 0
     differences: list[Difference] = field(default_factory=list)
     failed: str = ""
@@ -204,7 +204,7 @@ def _words(command: str) -> list[str]:
 
 
 def _environment() -> dict[str, str]:
-    """Of the commands: modules of this checkout are found from any folder."""
+    """Environment variables of the commands: they find the modules of this checkout from any folder."""
     paths = [str(ROOT), str(ROOT / "agents"), os.environ.get("PYTHONPATH", "")]
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
 

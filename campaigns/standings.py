@@ -48,7 +48,7 @@ _GUIDANCE = "guidance"
 _SAFE = "guidance, passively safe"
 _AGENT = "agent"
 _NONE = "none"
-"""Of a row that nobody fills."""
+"""Cell of a row for which no flight is known."""
 _ORBITAL = (
     (_CHEAPEST, "convex guidance"),
     (_GUIDANCE, "mission guidance"),

@@ -206,7 +206,7 @@ def killed_once(_: None, folder: Path, number: int) -> tuple[int, int]:
 def test_a_killed_worker_of_dask_costs_no_job(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of two workers; its jobs and the state that it held go to the other."""
+    """One of two workers is killed; its jobs and the state that it held go to the other."""
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("PYTHONHASHSEED", "0")  # which Dask sets for its workers
     with (

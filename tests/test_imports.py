@@ -193,7 +193,7 @@ def derived(kind: type) -> set[str]:
 
 
 def kinds_asked_for(tree: ast.Module, kinds: set[str]) -> set[str]:
-    """Those of some kinds that a module gives to `isinstance`."""
+    """Names among the kinds that a module passes to `isinstance`."""
     imported = {
         alias.asname or alias.name: alias.name
         for node in ast.walk(tree)

@@ -34,7 +34,7 @@ from tests.support.switching import SwitchingGoToPose
 
 SHORT = Timing(episode_steps=40)
 SHORTEST = Timing(episode_steps=5)
-"""Of flights of which every call of a function is noted, which takes ten times as long."""
+"""Timing of flights of which every call of a function is noted, which takes ten times as long."""
 PACKAGE = Path(rans.__file__).parent
 STEP_FILES = 13
 """Of ours, that one step of an environment touches in plain mode."""

@@ -37,7 +37,7 @@ def network(dimension: int = 2) -> Network:
 
 
 def observations(count: int, seed: int = 0, dimension: int = 2) -> torch.Tensor:
-    """Of go-to-pose, from centimetres to metres."""
+    """Observations of go-to-pose, from centimetres to metres."""
     random = np.random.default_rng(seed)
     size = 10.0 ** random.uniform(-2.0, 0.5, (count, 1))
     if dimension == 3:

@@ -96,13 +96,13 @@ class DemandSettings:
     thrust_price: float = 0.4
     """Price of a second of the craft's least authority, over that of a second outside the tolerances."""
     rest_price: float = 0.0
-    """The same within the tolerances, besides."""
+    """Further price of a second of thrust within the tolerances, in the unit of `thrust_price`."""
     memory: float = 0.985
     """Part of a state's gradient that goes back by one period: without it a few flights outweigh all others."""
     on_off: float = 0.5
     """Part of the batches whose thrusters are on or off."""
     device: str = "cpu"
-    """Of torch."""
+    """Device of torch on which the training runs, such as "cpu" or "cuda"."""
 
 
 class Pool(NamedTuple):

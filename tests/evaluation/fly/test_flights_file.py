@@ -16,7 +16,7 @@ from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.measure.metrics import impulses
 
 MASS = 12.0
-"""Of the craft afrl-deputy, kg; it has 1 N along each axis and a control period of 10 s."""
+"""Mass of the craft afrl-deputy, kg; it has 1 N along each axis and a control period of 10 s."""
 
 
 def motion(n: float, time: float) -> np.ndarray:
