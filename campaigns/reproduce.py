@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -28,9 +28,10 @@ from campaigns.figures import TABLES
 from campaigns.markdown import Table
 from campaigns.provenance import SOURCES, Source
 from rans.errors import ConfigError, RansError, counted, meant
+from rans.executors import answers, chosen_executor
 from rans.files import environment, read_bytes, read_json, write_text
 from rans.pretrained import pretrained_folder, pretrained_names
-from rans.processes import processors
+from rans.processes import nothing, processors
 from rans.terminal import Terminal
 
 ROOT = Path(__file__).parents[1]
@@ -111,23 +112,18 @@ class Reproduce:
         measured = sum(1 for seconds in planned if seconds)
         before = f"; {measured} of them took {sum(planned):.0f} s of one processor before"
         terminal.say(f"{counted(len(rows), 'row')}{before if measured else ''}.")
+        jobs = [(name, source, self.quick, self.output.absolute()) for name, source in rows.items()]
         # Most commands use one processor, so that as many run at once as there are.
-        with ThreadPoolExecutor(processors()) as pool:
-            futures = [
-                pool.submit(reproduced, name, source, self.quick, self.output.absolute())
-                for name, source in rows.items()
-            ]
-            try:
-                for future in as_completed(futures):
-                    results.append(future.result())
-                    last = results[-1]
-                    terminal.say(f"{last.name}: {last.verdict()}, {last.seconds:.0f} s")
-                    # After every row, so that an interrupt leaves the page of those until then.
-                    page = report(results, self.quick, time.monotonic() - begun)
-                    write_text(self.output / "differences.md", page)
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        pool = ThreadPoolExecutor(processors())
+        try:
+            for _, result in answers(chosen_executor() or pool, nothing, (), _row, jobs, _lost):
+                results.append(result)
+                terminal.say(f"{result.name}: {result.verdict()}, {result.seconds:.0f} s")
+                # After every row, so that an interrupt leaves the page of those until then.
+                page = report(results, self.quick, time.monotonic() - begun)
+                write_text(self.output / "differences.md", page)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
         terminal.say(f"Written to {self.output / 'differences.md'}.")
         return int(any(one.beyond or _is_failure(one) for one in results))
 
@@ -138,6 +134,18 @@ def _planned(source: Source, quick: bool) -> float:
 
 def _is_failure(result: Result) -> bool:
     return bool(result.failed) and not result.failed.startswith("left out")
+
+
+def _row(_: None, name: str, source: Source, quick: bool, output: Path) -> Result:
+    """`reproduced` as a job of an executor."""
+    return reproduced(name, source, quick, output)
+
+
+def _lost(name: str, *_: object) -> Result:
+    """Result of a row whose worker was lost too often."""
+    return Result(
+        name, failed="its worker was lost; the usual causes are too little memory and a time limit"
+    )
 
 
 def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:

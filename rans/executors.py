@@ -36,8 +36,13 @@ _PERIOD = 0.5
 _chosen: ContextVar[Executor | None] = ContextVar("executor", default=None)
 
 
-def without_executor(arguments: Sequence[str]) -> tuple[list[str], str | None]:
-    """Arguments of a command line without ``--executor TEXT``, and its text, None without it.
+def without_option(arguments: Sequence[str], name: str, forms: str) -> tuple[list[str], str | None]:
+    """Arguments of a command line without an option and its text; the text is None without the option.
+
+    Args:
+        arguments: words of the command line.
+        name: option, such as ``--executor``.
+        forms: texts that it accepts, in words, for the message.
 
     Raises:
         ConfigError: the text is missing.
@@ -47,13 +52,18 @@ def without_executor(arguments: Sequence[str]) -> tuple[list[str], str | None]:
     words = iter(arguments)
     for word in words:
         option, equals, value = word.partition("=")
-        if option != "--executor":
+        if option != name:
             rest.append(word)
             continue
         text = value if equals else next(words, "")
         if not text:
-            raise ConfigError(f"--executor must be {FORMS}; nothing follows it.")
+            raise ConfigError(f"{name} must be {forms}; nothing follows it.")
     return rest, text
+
+
+def without_executor(arguments: Sequence[str]) -> tuple[list[str], str | None]:
+    """Arguments of a command line without ``--executor TEXT``, and its text; see `without_option`."""
+    return without_option(arguments, "--executor", FORMS)
 
 
 @contextmanager

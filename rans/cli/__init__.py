@@ -15,6 +15,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rans.cli.gpus import on_gpus, without_gpus
 from rans.errors import (
     EXTRAS,
     ConfigError,
@@ -168,11 +169,18 @@ def _run(arguments: list[str]) -> int:
             raise ConfigError(f"an option has control characters: {brief(word)}.")
     _warn_of_repeated_options(arguments)
     command = _parse(arguments or ["--help"])
+    # Options of the machines on which the command runs.
+    arguments, gpus = without_gpus(arguments)
+    if gpus is not None:
+        return on_gpus(arguments, gpus)
     arguments, executor = without_executor(arguments)
+    if executor is not None and hasattr(command, "executor"):
+        command = replace(command, executor=executor)
+        executor = None
     if executor is not None and arguments[0] not in _DIVIDED:
         raise ConfigError(
             f"rans {arguments[0]} does not divide its work, so that --executor is not for it; it is for "
-            f"{', '.join(_DIVIDED)}."
+            f"{', '.join((*_DIVIDED, 'reproduce'))}."
         )
     if "--trust" in arguments:
         trust_files()
@@ -204,7 +212,7 @@ def _parse(arguments: list[str]) -> Any:
     """Parse the arguments and import only the module of the command: ``rans train`` does not load Drake."""
     import tyro
 
-    arguments = without_executor(arguments)[0] or ["--help"]
+    arguments = without_gpus(without_executor(arguments)[0])[0] or ["--help"]
     if "--trust" in arguments:
         command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
         return replace(command, trust=True) if hasattr(command, "trust") else command

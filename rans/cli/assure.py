@@ -31,8 +31,8 @@ class Assure:
 
     Writes assurance.json and assurance.html, a report with lines for signatures. Failed flights are repeated
     in NumPy and in Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
-    was shown. Ctrl-C keeps what was flown, and the same command continues. Under torchrun the processes share
-    the flights.
+    was shown. Ctrl-C keeps what was flown, and the same command continues. --gpus all divides the flights
+    among GPUs.
     """
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]

@@ -43,12 +43,12 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
         "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
         "rans train --resume runs/first",
-        "torchrun --nproc-per-node 8 -m -- rans train go-to-pose --output runs/eight",
+        "rans train go-to-pose --gpus all --output runs/eight",
     ),
     "sweep": (
         "rans sweep go-to-pose --seeds 8",
         "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
-        "torchrun --nproc-per-node 8 -m -- rans sweep go-to-pose --seeds 64",
+        "rans sweep go-to-pose --seeds 64 --gpus all",
     ),
     "tune": ("rans tune lqr:go-to-pose-2d@mine.toml",),
     "evaluate": (

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import tyro
 
+from rans.cli.options import ExecutorText
 from rans.errors import ConfigError
 
 _CHECKOUT = Path(__file__).parents[2]
@@ -31,6 +32,8 @@ class Reproduce:
     """Reproduce these tables only, such as stress "dock with errors"; an unknown name prints all."""
     output: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/reproduce")
     """Folder of differences.md and of all that is flown."""
+    executor: ExecutorText = ""
+    """Where the tables are flown; each is one job."""
 
     def run(self) -> int:
         """Run the campaign of the checkout."""
@@ -42,5 +45,6 @@ class Reproduce:
         options = ["--quick"] * self.quick + ["--output", str(self.output.absolute())]
         if self.only:
             options += ["--only", *self.only]
-        command = [sys.executable, "-m", "campaigns", "reproduce", *options]
+        workers = ["--executor", self.executor] if self.executor else []
+        command = [sys.executable, "-m", "campaigns", *workers, "reproduce", *options]
         return subprocess.run(command, cwd=_CHECKOUT, check=False).returncode

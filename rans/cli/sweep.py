@@ -33,7 +33,7 @@ class Sweep:
     """Train many agents as one batch, for every seed and every combination of hyper-parameters.
 
     The folder has sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; batches/
-    has checkpoints and TensorBoard events. Ctrl-C stops early and keeps the results. torchrun divides the
+    has checkpoints and TensorBoard events. Ctrl-C stops early and keeps the results. --gpus all divides the
     members among GPUs, as the last example shows.
     """
 

@@ -47,8 +47,7 @@ class Train:
     """Train an agent until it has solved its task.
 
     The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent,
-    agent.safetensors. Ctrl-C stops early and keeps everything. On several GPUs torchrun starts the training, as
-    the last example shows.
+    agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine.
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +15,7 @@ from campaigns.markdown import Table
 from campaigns.provenance import SOURCES, Source, page, unlisted
 from campaigns.reproduce import Reproduce, agree, compared, reproduced
 from rans.errors import ConfigError
+from rans.executors import run_on
 
 ROOT = Path(__file__).parents[2]
 HUNDRED = 100.0, 100.0
@@ -113,6 +117,36 @@ def test_a_command_that_writes_nothing_is_a_failure(tmp_path: Path) -> None:
     source = replace(SOURCES["dock with errors"], commands=("python -c pass",))
     result = reproduced("dock with errors", source, False, tmp_path)
     assert result.failed.startswith("no evidence of dock with errors")
+
+
+class Forgetful(ThreadPoolExecutor):
+    """Loses its first job, as a worker does that is killed, and counts all of them."""
+
+    submitted = 0
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        self.submitted += 1
+        if self.submitted > 1:
+            return super().submit(function, *arguments)
+        lost = Future[Any]()
+        lost.set_exception(ConnectionError("the worker is gone"))
+        return lost
+
+
+def test_rows_run_on_an_executor_and_a_lost_one_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The commands do nothing here, so that each row says that its evidence is missing."""
+    idle = {
+        name: replace(SOURCES[name], commands=("python -S -c pass",))
+        for name in ("dock with errors", "safe states")
+    }
+    monkeypatch.setattr(reproduce, "SOURCES", idle)
+    with Forgetful(1) as pool, run_on(pool):
+        assert Reproduce(output=tmp_path).run() == 1
+    assert pool.submitted == 3
+    text = (tmp_path / "differences.md").read_text("utf-8")
+    assert all(f"| {name} |" in text and f"no evidence of {name}" in text for name in idle)
 
 
 def test_trainings_that_are_missing_are_a_sentence(tmp_path: Path) -> None:

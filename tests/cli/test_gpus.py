@@ -1,0 +1,88 @@
+"""``--gpus``: who may have it, what it starts, and one training by two processes on the CPU."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from rans.cli import main
+from rans.fast.learn.run_folder import RunFolder
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _two_gpus(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    monkeypatch.delenv("WORLD_SIZE", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which a launch sets if nobody has
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("list --gpus all", "rans list uses one GPU, so that --gpus is not for it"),
+        ("train go-to-pose --gpus some", "--gpus must be all, or a number of GPUs; got 'some'."),
+        ("train go-to-pose --gpus 0", "--gpus must be all, or a number of GPUs; got '0'."),
+        ("train go-to-pose --gpus 3", "--gpus must be at most the 2 GPUs here, got 3."),
+        ("train go-to-pose --gpus", "nothing follows it."),
+        ("train go-to-pose --set no=1=2 --frob 3 --gpus 2", "--frob"),
+    ],
+)
+def test_a_wrong_option_is_one_sentence_before_any_process_starts(
+    line: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.split()) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_all_of_no_gpu_and_processes_of_torchrun_are_sentences(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 0)
+    assert main(["train", "go-to-pose", "--gpus", "all"]) == 2
+    assert "there is none here" in capsys.readouterr().err
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    assert main(["train", "go-to-pose", "--gpus", "2"]) == 2
+    assert "run the command without torchrun" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("text", "count"), [("all", "2"), ("1", "1")])
+def test_torchrun_gets_the_command_without_the_option(
+    text: str, count: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Options such as --log and --run, beginnings of torchrun's own, stay the command's."""
+    started: list[Any] = []
+    monkeypatch.setattr("torch.distributed.run.run", started.append)
+    own = ["train", "go-to-pose", "--log", "wandb", "--output", "x"]
+    assert main([*own[:2], f"--gpus={text}", *own[2:]]) == 0
+    (options,) = started
+    assert (options.standalone, options.module, options.nproc_per_node) == (True, True, count)
+    assert (options.training_script, options.training_script_args) == ("rans", own)
+
+
+@pytest.mark.slow
+def test_two_processes_train_on_the_cpu(tmp_path: Path) -> None:
+    """As one process does, by which the sum of their steps is counted; a refusal has the code of one process."""
+    command = [sys.executable, "-m", "rans", "train", "go-to-pose", "--gpus", "2"]
+    settings = "ppo.n_envs=64 ppo.n_steps=4 ppo.batch_size=128 device=cpu total_timesteps=512"
+    for setting in settings.split():
+        command += ["--set", setting]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [*command, "--output", "run"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "2 processes use the CPU" in done.stdout
+    assert RunFolder(tmp_path / "run").load_checkpoint("cpu")["steps"] == 512
