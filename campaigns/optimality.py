@@ -3,8 +3,8 @@
 Run ``python -m campaigns.optimality --starts 128 --quantity time`` for a table: per start the certified
 bound, the best control found, both replayed and exact, and what it took. A process takes 0.4 GB, a start
 2 s of processor time, after 5 s of compiling; ``--quantity fuel --horizon 20`` up to a minute a start. With
-``--spacecraft free-flyer`` the bound is that of `rans.optimal.certificate.space.reach`, some seconds a start, and
-the search takes one to three times ``--seconds``.
+``--spacecraft free-flyer``, after ``pip install ./examples/plugins/space_certificates``, the bound is that of
+`rans_space_certificates.reach`, some seconds a start, and the search takes one to three times ``--seconds``.
 """
 
 from __future__ import annotations

@@ -7,15 +7,19 @@ from typing import Any, cast
 from rans_attention.backbone import EffectorAttention
 from rans_gradient.learner import Gradient
 from rans_imitation.learner import Imitation
+from rans_space_certificates.bounder import spatial_bounder
 
 from rans.fast.learn.learners import LEARNERS
+from rans.optimal.certificate.certificate import BOUNDERS
 from rans.policy.backbone_registry import BACKBONES
 
 
 def register() -> None:
-    """Register learners and backbones unless another module of tests has."""
+    """Register learners, backbones and bounders unless another module of tests has."""
     for name, kind in (("gradient", Gradient), ("imitation", Imitation)):
         if name not in LEARNERS:
             LEARNERS.register(name)(kind)
     if "attention" not in BACKBONES:
         BACKBONES.register("attention")(cast("Any", EffectorAttention))
+    if "space" not in BOUNDERS:
+        BOUNDERS.register("space")(spatial_bounder)

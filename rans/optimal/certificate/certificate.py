@@ -1,23 +1,25 @@
 """Certified bounds of the fuel and time of any on/off controller, and controls that reach them.
 
-A `Bounder` does the work for one kind of craft: `rans.optimal.certificate.plane` by branch and bound,
-`rans.optimal.certificate.space` by a dual bound and a search. docs/certificate.md has the proofs.
+A `Bounder` does the work for one kind of craft. `rans.optimal.certificate.plane` has that of the plane, by
+branch and bound; that of space is a package of the repository, examples/plugins/space_certificates. The proofs
+are in docs/certificate.md and in that package.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.flight import fuel
 from rans.optimal.certificate.problem import Found, Problem, SearchEffort
+from rans.registry import Registry
 
 _DEFAULT_EFFORT = SearchEffort()
 
@@ -123,6 +125,34 @@ def certified_least_time(
     return _certificate(result, upper, began)
 
 
+MakeBounder = Callable[[Spacecraft, float, Collection[int], Collection[int]], Bounder]
+"""Makes a bounder of a spacecraft, its control period (s), and the numbers of its dead and stuck thrusters; raises
+`ConfigError` where there is no certificate."""
+
+
+def _checked(loaded: Any) -> MakeBounder:
+    """The function, checked to be callable."""
+    if not callable(loaded):
+        raise ConfigError(
+            "a bounder is a function of a spacecraft, its control period, its dead and its stuck thrusters, got "
+            f"{brief(loaded)}."
+        )
+    return loaded
+
+
+BOUNDERS: Registry[MakeBounder] = Registry(
+    "bounder",
+    "rans.bounds",
+    {"plane": "rans.optimal.certificate.plane.bounder:planar_bounder"},
+    _checked,
+)
+"""Functions that make bounders, by what their craft move in: "plane", and "space" where a package offers it."""
+_SPACE = (
+    "on/off certificates in space, for craft with equal principal moments of inertia, are a package of the "
+    "repository: pip install ./examples/plugins/space_certificates."
+)
+
+
 def bounder(
     craft: Spacecraft, period: float, dead: Collection[int] = (), stuck: Collection[int] = ()
 ) -> Bounder:
@@ -131,19 +161,14 @@ def bounder(
     In the plane thrusters may be dead or stuck open from the start on, by number.
 
     Raises:
-        ConfigError: no on/off certificate exists for this craft, or not for its faults.
+        ConfigError: no on/off certificate exists for this craft, or not for its faults; or the package for
+            certificates in space is not installed.
     """
     if craft.dimension == 2:
-        from rans.optimal.certificate.plane.bounder import PlanarBounder
-        from rans.optimal.certificate.plane.lattice import Lattice
-
-        return PlanarBounder(Lattice(craft, period, dead, stuck))
-    if dead or stuck:
-        raise ConfigError("the on/off certificate covers failed thrusters in the plane only.")
-    from rans.optimal.certificate.space.bounder import SpatialBounder
-    from rans.optimal.certificate.space.reach import SpinLattice
-
-    return SpatialBounder(SpinLattice(craft, period))
+        return BOUNDERS["plane"](craft, period, dead, stuck)
+    if "space" not in BOUNDERS:
+        raise ConfigError(_SPACE)
+    return BOUNDERS["space"](craft, period, dead, stuck)
 
 
 def _certificate(result: Found, upper: float, began: float) -> Certificate:

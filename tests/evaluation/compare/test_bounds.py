@@ -24,7 +24,7 @@ from rans.evaluation.compare.bounds import (
     question,
     staying_set,
 )
-from rans.model.fields import Heading, Vec2, Vec3
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.goal_set import GoalSet
@@ -292,30 +292,6 @@ def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, va
         wrong = replace(one, **{name: replace(getattr(one, name), **{field: value})})
         with pytest.raises(ConfigError, match=f"finite {name}"):
             list(bounds_in_parallel([question._replace(scenario=wrong)], [0], 1))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("horizon", [None, 10.0])
-def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> None:
-    craft = load_spacecraft("free-flyer")
-    task = GoToPose(spawn_distance=(3.0, 3.1))
-    assert no_certificate(craft, aims(task), 0.2) == ""
-    asking = question(
-        craft,
-        task,
-        0.2,
-        Event(horizon=horizon),
-        SearchEffort(1e-9),
-        next(iter(each(scenarios(task, craft, 5, 1)))),
-    )
-    found = bound(0, asking)
-    assert found.lower is not None
-    assert found.hull < found.lower == found.best < 1.5 * found.hull
-    assert found.upper == math.inf  # there was no time to look
-    spinning = replace(asking.scenario.start, w=asking.scenario.start.w + Vec3(0.0, 0.0, 0.1))
-    moved = bound(0, asking._replace(scenario=Scenario(spinning, asking.scenario.goal)))
-    assert moved.lower is None  # no pulses stop 0.1 rad/s
-    assert moved.best >= moved.hull > 0
 
 
 def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

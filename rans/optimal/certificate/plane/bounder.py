@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -158,6 +158,13 @@ class PlanarBounder:
         return Found(
             lower * lattice.period, outcome.commands, (dual or lower) * lattice.period, nodes
         )
+
+
+def planar_bounder(
+    craft: Spacecraft, period: float, dead: Collection[int], stuck: Collection[int]
+) -> PlanarBounder:
+    """Bounder of a planar craft whose commands are held for a period, s; for faults and errors see `Lattice`."""
+    return PlanarBounder(Lattice(craft, period, dead, stuck))
 
 
 def _root(

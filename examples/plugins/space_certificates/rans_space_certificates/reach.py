@@ -193,7 +193,7 @@ class ReachRelaxation:
                 "no whole number of pulses takes the start's spin to rest within the "
                 "tolerance; the usual cause is a start or a goal that spins."
             )
-        from rans.optimal.certificate.space import kernel  # compiles, with numba
+        from rans_space_certificates import kernel  # compiles, with numba
 
         self._kernel: ModuleType = kernel
         self.lattice = lattice

@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.space.impulses_kernel import pulse_order, refined
-from rans.optimal.certificate.space.kernel import integrate_period, miss
+from rans_space_certificates.impulses_kernel import pulse_order, refined
+from rans_space_certificates.kernel import integrate_period, miss
 
 _NEAR = 0.5
 """Root of the sum of squared errors, in radii, below which rounding is tried: it moves errors by about as much."""

@@ -7,23 +7,25 @@ looked for from more fuel than needed downwards, and from the least time upwards
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
+from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet, rounded_up
 from rans.optimal.certificate.problem import Found, Problem, SearchEffort, Unreachable
-from rans.optimal.certificate.space.halves import HalfTrajectories
-from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
-from rans.optimal.certificate.space.search import (
+from rans_space_certificates.halves import HalfTrajectories
+from rans_space_certificates.reach import ReachRelaxation, SpinLattice
+from rans_space_certificates.search import (
     ArrivalSearch,
     is_in_goal_set,
     search_fixed_pulses,
     search_fixed_time,
 )
-from rans.optimal.certificate.space.throttled import throttled
+from rans_space_certificates.throttled import throttled
 
 _INNER = (0.4, 1.0)
 """Shares of the tolerances that throttled thrust keeps to, the first that it can: rounding then may miss."""
@@ -106,6 +108,19 @@ class SpatialBounder:
         # Commands.
         query = ArrivalSearch(lattice, start, goal, goal_set, "spin" in aims, effort.work)
         return Found(lower * h, _soonest(query, lower, most_steps), loose, nodes)
+
+
+def spatial_bounder(
+    craft: Spacecraft, period: float, dead: Collection[int], stuck: Collection[int]
+) -> SpatialBounder:
+    """Bounder of a craft in space whose commands are held for a period, s.
+
+    Raises:
+        ConfigError: see `SpinLattice`; or thrusters are dead or stuck.
+    """
+    if dead or stuck:
+        raise ConfigError("the on/off certificate covers failed thrusters in the plane only.")
+    return SpatialBounder(SpinLattice(craft, period))
 
 
 def _fewer(query: ArrivalSearch, steps: int, least: int, pair: int) -> np.ndarray | None:

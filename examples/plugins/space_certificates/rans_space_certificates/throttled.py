@@ -14,10 +14,10 @@ import numpy as np
 from rans.model.dynamics import SpatialState, State
 from rans.model.fields import Field
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.space.reach import SpinLattice
 from rans.optimal.trajectory.objectives import MinimumFuel
 from rans.optimal.trajectory.transcription import Transcription
 from rans.tasks import GoToPose
+from rans_space_certificates.reach import SpinLattice
 
 _GUESSES = 2
 """Guesses for every problem: the short way round and the long one."""

@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_space_certificates.bounder import SpatialBounder
+from rans_space_certificates.reach import ReachRelaxation, SpinLattice
+from rans_space_certificates.search import is_in_goal_set
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.model.actuators import Throttle
@@ -24,9 +27,6 @@ from rans.optimal.certificate.certificate import certified_least_fuel, certified
 from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.problem import Problem, SearchEffort, Unreachable
-from rans.optimal.certificate.space.bounder import SpatialBounder
-from rans.optimal.certificate.space.reach import ReachRelaxation, SpinLattice
-from rans.optimal.certificate.space.search import is_in_goal_set
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose
 from tests.support.space_reach import (
@@ -77,9 +77,7 @@ CRAFTS = {"lopsided": lopsided, "crossed": crossed}
 def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No commands are searched for, whatever the clock says."""
     for search in ("search_fixed_pulses", "_soonest"):
-        monkeypatch.setattr(
-            f"rans.optimal.certificate.space.bounder.{search}", lambda *_, **__: None
-        )
+        monkeypatch.setattr(f"rans_space_certificates.bounder.{search}", lambda *_, **__: None)
 
 
 def everything(
@@ -330,8 +328,8 @@ def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(ConfigError, match="finite control period"):
         SpinLattice(FLYER, 0.0)
     monkeypatch.setitem(sys.modules, "numba", None)
-    for name in ("compiled", "space.kernel"):
-        monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
-        monkeypatch.delattr(f"rans.optimal.certificate.{name}", raising=False)
+    for name in ("rans.optimal.certificate.compiled", "rans_space_certificates.kernel"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        monkeypatch.delattr(name, raising=False)
     with pytest.raises(ConfigError, match=r"pip install 'rans\[optimal\]'"):
         relaxed(start, goal)

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_space_certificates.halves import HalfTrajectories
+from rans_space_certificates.halves_kernel import gained
+from rans_space_certificates.reach import SpinLattice
 
 from rans.model.body import Body
 from rans.model.dynamics import SpatialState, advance, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.space.halves import HalfTrajectories
-from rans.optimal.certificate.space.halves_kernel import gained
-from rans.optimal.certificate.space.reach import SpinLattice
 from tests.support.space_reach import PERIOD, POSE, REST, craft_with, lopsided, near
 
 SET = GoalSet(0.01, 0.02, 0.05, 0.1)
@@ -175,5 +175,5 @@ def test_what_it_is_not_for() -> None:
 def test_too_many_halves_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(0.24, 1))
     assert HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
-    monkeypatch.setattr("rans.optimal.certificate.space.halves._MOST_HALVES", 3)
+    monkeypatch.setattr("rans_space_certificates.halves._MOST_HALVES", 3)
     assert not HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)

@@ -20,8 +20,8 @@ import numpy as np
 from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.space.reach import SpinLattice
-from rans.optimal.certificate.space.search import gauss
+from rans_space_certificates.reach import SpinLattice
+from rans_space_certificates.search import gauss
 
 _MOST_HALVES = 2_000_000
 """Halves in memory at most, 0.2 GB; where there are more, the level is not excluded."""
@@ -190,7 +190,7 @@ class HalfTrajectories:
         return self._largest_gains[end, pulses, slope]
 
     def _gained(self, states: np.ndarray, end: _End, slope: float) -> float:
-        from rans.optimal.certificate.space.halves_kernel import gained
+        from rans_space_certificates.halves_kernel import gained
 
         arguments = (0.5 * self._time, end.direction, self._time, end.tolerance, end.sign * slope)
         return max(gained(state, *arguments) for state in states)
@@ -202,7 +202,7 @@ class HalfTrajectories:
 
         A breadth-first search: every iteration adds one pattern of thrusters to all unfinished halves.
         """
-        from rans.optimal.certificate.space.halves_kernel import continue_halves
+        from rans_space_certificates.halves_kernel import continue_halves
 
         finished = []
         states = np.zeros((1, 13))

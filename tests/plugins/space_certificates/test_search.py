@@ -9,19 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3
-from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import certified_least_time
-from rans.optimal.certificate.flight import state_after
-from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.problem import Problem, SearchEffort
-from rans.optimal.certificate.space.bounder import SpatialBounder
-from rans.optimal.certificate.space.impulses_kernel import _off, _projected, _slopes, refined
-from rans.optimal.certificate.space.pulses_kernel import final_state
-from rans.optimal.certificate.space.reach import SpinLattice
-from rans.optimal.certificate.space.search import (
+from rans_space_certificates.bounder import SpatialBounder
+from rans_space_certificates.impulses_kernel import _off, _projected, _slopes, refined
+from rans_space_certificates.pulses_kernel import final_state
+from rans_space_certificates.reach import SpinLattice
+from rans_space_certificates.search import (
     ArrivalSearch,
     _draw_pulses,
     _round_duties,
@@ -30,7 +22,15 @@ from rans.optimal.certificate.space.search import (
     search_fixed_pulses,
     search_fixed_time,
 )
-from rans.optimal.certificate.space.throttled import throttled
+from rans_space_certificates.throttled import throttled
+
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3
+from rans.optimal.certificate import hull
+from rans.optimal.certificate.certificate import certified_least_time
+from rans.optimal.certificate.flight import state_after
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate.problem import Problem, SearchEffort
 from tests.support.space_reach import (
     FLYER,
     PERIOD,

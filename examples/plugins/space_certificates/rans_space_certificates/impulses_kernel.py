@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.space.kernel import (
+from rans_space_certificates.kernel import (
     quaternion_product,
     rotated_vector,
     rotation_quaternion,

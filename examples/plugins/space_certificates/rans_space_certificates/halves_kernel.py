@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
-from rans.optimal.certificate.space.kernel import integrate_period, rotated_vector
+from rans_space_certificates.kernel import integrate_period, rotated_vector
 
 
 @compiled

@@ -17,7 +17,7 @@ from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
 from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.space.reach import SpinLattice
+from rans_space_certificates.reach import SpinLattice
 
 _INSIDE = 0.999
 """Fraction of the tolerances that the search aims at, as its own integration is off by some micrometres."""
@@ -126,7 +126,7 @@ def search_fixed_pulses(
     Returns:
         Commands (N, thrusters) of zeros and ones; None if the work is spent without a solution.
     """
-    from rans.optimal.certificate.space.pulses_kernel import search_pulses
+    from rans_space_certificates.pulses_kernel import search_pulses
 
     lattice = query.lattice
     radii = query.radii
@@ -208,7 +208,7 @@ def search_fixed_time(query: ArrivalSearch, duties: Sequence[np.ndarray]) -> np.
     Returns:
         Commands (N, thrusters) of zeros and ones; None if the work is spent without a solution.
     """
-    from rans.optimal.certificate.space.kernel import anneal
+    from rans_space_certificates.kernel import anneal
 
     lattice = query.lattice
     start, goal = query.ends
@@ -240,7 +240,7 @@ def _round_duties(
 
     At any time a thruster has been open for less than a period more or less than its duty cycles sum up to.
     """
-    from rans.optimal.certificate.space.kernel import integrate_flight, miss
+    from rans_space_certificates.kernel import integrate_flight, miss
 
     (start, goal) = query.ends
     radii = query.radii

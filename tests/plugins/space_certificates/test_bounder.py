@@ -1,0 +1,83 @@
+"""The seam of bounders: with the package space has certificates; without it, the reason names the package."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from rans_space_certificates.bounder import SpatialBounder
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import Event, bound, no_certificate, question
+from rans.model.fields import Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.certificate.certificate import BOUNDERS, bounder
+from rans.optimal.certificate.problem import SearchEffort
+from rans.scenario import Scenario, each, scenarios
+from rans.tasks import GoToPose
+from rans.tasks.goal_set import aims
+from tests.support import plugins
+
+plugins.register()
+
+PROJECT = Path(__file__).parents[3] / "examples/plugins/space_certificates/pyproject.toml"
+FLYER = load_spacecraft("free-flyer")
+PLATFORM = load_spacecraft("floating-platform")
+TASK = GoToPose(spawn_distance=(3.0, 3.1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("horizon", [None, 10.0])
+def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> None:
+    assert no_certificate(FLYER, aims(TASK), 0.2) == ""
+    asking = question(
+        FLYER,
+        TASK,
+        0.2,
+        Event(horizon=horizon),
+        SearchEffort(1e-9),
+        next(iter(each(scenarios(TASK, FLYER, 5, 1)))),
+    )
+    found = bound(0, asking)
+    assert found.lower is not None
+    assert found.hull < found.lower == found.best < 1.5 * found.hull
+    assert found.upper == math.inf  # there was no time to look
+    spinning = replace(asking.scenario.start, w=asking.scenario.start.w + Vec3(0.0, 0.0, 0.1))
+    moved = bound(0, asking._replace(scenario=Scenario(spinning, asking.scenario.goal)))
+    assert moved.lower is None  # no pulses stop 0.1 rad/s
+    assert moved.best >= moved.hull > 0
+
+
+def test_the_entry_point_is_the_function_of_the_seam() -> None:
+    [(group, names)] = tomllib.loads(PROJECT.read_text("utf-8"))["project"]["entry-points"].items()
+    module, function = names["space"].split(":")
+    assert (group, list(names)) == ("rans.bounds", ["space"])
+    assert isinstance(getattr(import_module(module), function)(FLYER, 0.2, (), ()), SpatialBounder)
+
+
+def test_without_the_package_space_has_the_hull_bound_and_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(BOUNDERS, "_own", {})
+    assert "pip install ./examples/plugins/space_certificates" in no_certificate(
+        FLYER, aims(TASK), 0.2
+    )
+    [scenario] = each(scenarios(TASK, FLYER, 5, 1))
+    found = bound(0, question(FLYER, TASK, 0.2, Event(), SearchEffort(1e-9), scenario))
+    assert found.lower is None
+    assert found.best >= found.hull > 0.0
+    assert bounder(PLATFORM, 0.2).craft == PLATFORM  # the plane needs no package
+
+
+def test_failed_thrusters_in_space_are_refused() -> None:
+    with pytest.raises(ConfigError, match="failed thrusters in the plane only"):
+        bounder(FLYER, 0.2, dead=(0,))
+
+
+def test_a_bounder_is_a_function() -> None:
+    with pytest.raises(ConfigError, match="a bounder is a function of a spacecraft"):
+        BOUNDERS.register("sphere")(3)  # type: ignore[arg-type]
