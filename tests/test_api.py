@@ -380,6 +380,7 @@ class Coasting:
         return np.zeros((len(observation), self._count))
 
 
+@pytest.mark.slow
 def test_controllers_compete_as_objects_and_by_their_classes() -> None:
     """As they are: who is named has its tuned settings instead."""
     craft = rans.load_spacecraft("floating-platform")

@@ -244,6 +244,7 @@ time.sleep(60)
 """
 
 
+@pytest.mark.slow
 def test_two_trainings_in_one_folder(capsys: pytest.CaptureFixture[str]) -> None:
     """The second is told; when the first is killed, the next goes on, and no row is there twice."""
     tiny_trainer(Path("run")).train(ignore, after(1))

@@ -99,6 +99,7 @@ class Random:
         return self._rng.integers(0, 2, (self._count, self._thrusters)).astype(float)
 
 
+@pytest.mark.slow
 @BOTH
 def test_an_orbit_and_a_goal_on_it_are_the_same_in_drake(craft: Any) -> None:
     task = Chase()

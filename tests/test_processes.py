@@ -186,6 +186,7 @@ def test_one_worker_is_this_process() -> None:
     assert (number, pid) == (0, os.getpid())
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_an_error_or_an_answer() -> None:
     workers = Workers(counted_from, (0,), 2, "counted")
     with pytest.raises(RansError, match="a process that counted died"):

@@ -83,6 +83,7 @@ with beside(print, "beside"), submitted(int, [("7",)], 1, dict, ()) as futures:
 """
 
 
+@pytest.mark.slow
 def test_worker_processes(folder: Path, tmp_path: Path) -> None:
     """Nor does the process that multiprocessing starts to keep account of what is shared."""
     script = tmp_path / "script.py"

@@ -104,6 +104,7 @@ def test_the_tuple_of_before_still_unpacks_with_a_warning() -> None:
     )
 
 
+@pytest.mark.slow
 def test_conditions_of_an_agent_are_those_it_is_compared_under() -> None:
     robust = rans.load_agent("go-to-pose-2d").under("lab")
     compared = rans.compare(robust, beside=(), episodes=4)

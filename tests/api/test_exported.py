@@ -32,7 +32,11 @@ def test_it_flies_by_its_contract(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", [["evaluate", "--episodes", "2"], ["view", "--save", "view.html"]]
+    "command",
+    [
+        pytest.param(["evaluate", "--episodes", "2"], marks=pytest.mark.slow),
+        ["view", "--save", "view.html"],
+    ],
 )
 def test_commands_take_it(
     command: list[str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -30,6 +30,7 @@ def test_a_table_is_what_its_file_says(name: str) -> None:
     assert table.within(DOCS) == (DOCS / table.page).read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_every_marked_table_is_compared() -> None:
     pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
     marks = [

@@ -38,6 +38,7 @@ def test_conditions_of_one_name_have_files_apart() -> None:
     assert len(list(written)) == 2
 
 
+@pytest.mark.slow
 def test_numbers_a_page_and_commands_that_show_failures_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

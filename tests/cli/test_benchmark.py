@@ -27,6 +27,7 @@ def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
 QUICK = ["--device", "cpu", "--spacecraft", "floating-platform", "--quick"]
 
 
+@pytest.mark.slow
 def test_figures(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

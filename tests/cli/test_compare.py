@@ -66,6 +66,7 @@ def test_who_is_not_there_is_told_before_anybody_flies(
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_failure_is_told_and_the_rest_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -254,6 +255,7 @@ def test_front_of_an_agent_with_a_trade_off(
     assert f"{run} has a trade-off: fix it, as in {run}#0.5" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_interrupted_page_says_how_far_it_got(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

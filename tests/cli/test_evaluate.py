@@ -91,6 +91,7 @@ def test_conditions_of_one_name_have_files_apart(run_folder: Path, tmp_path: Pat
     assert len(list(run_folder.glob("episodes*.npz"))) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
     assert (
@@ -120,6 +121,7 @@ def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
     assert "Evaluation original" in [section.title for section in report.sections]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
     tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
@@ -184,6 +186,7 @@ def test_ccsds_of_other_tasks_is_refused_before_the_flights(
     assert "GoToPose is not one" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -> None:
     start = ["--start", "1", "-0.5", "90deg", "v.x=0.1"]

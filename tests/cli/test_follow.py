@@ -42,6 +42,7 @@ def test_writes_table_numbers_and_figure(
     assert ET.parse(written.with_suffix(".svg")).getroot().tag.endswith("svg")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_same_seed_gives_the_same_flights(run: Path) -> None:
     results = []

@@ -69,6 +69,7 @@ def test_objectives(tmp_path: Path, objective: str, measure: str) -> None:
     assert json.loads((tmp_path / "optimal.json").read_text())["measure"] == measure
 
 
+@pytest.mark.slow
 def test_lost_starts_are_told_and_the_rest_is_made(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -183,6 +184,7 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
     assert (list(starts), workers) == ([0], 1)
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_the_meshes_and_bounds_that_are_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,6 +26,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_pages_numbers_and_commands_that_show_it_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -52,6 +53,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
     assert error == pytest.approx(lost["worst"][0]["errors"]["position, m"], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
     command = ["stress", "lqr:go-to-pose-2d", "python:tests.support.policies:broken", *QUICK]
@@ -112,6 +114,7 @@ def flown() -> Stress:
     return stress
 
 
+@pytest.mark.slow
 def test_figures_show_what_was_flown() -> None:
     """Shares at every size, the perfect world's first, everybody in a colour of his own."""
     stress = flown()

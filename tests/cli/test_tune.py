@@ -16,6 +16,7 @@ from rans.model.timing import Timing
 from rans.tasks import TASKS
 
 
+@pytest.mark.slow
 def test_what_is_tuned_flies_from_then_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -58,6 +58,7 @@ def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixtu
     assert main(["validate", "--quick", "atmos", "--layer", layer]) == 0, capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Flights open valves by quarters, so that one that took them for shares of its force is found out."""
     scope = Scope(load_spacecraft("atmos"), seed=1, states=4, flights=2)

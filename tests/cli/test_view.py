@@ -36,6 +36,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(display, raising=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["fast", "drake"])
 def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["lqr:go-to-pose-2d", "lqr:go-to-pose-3d", "--episodes", "2", "--engine", engine]
@@ -65,6 +66,7 @@ def test_a_page_in_which_an_agent_flies(capsys: pytest.CaptureFixture[str]) -> N
         assert "page" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_optimal_trajectories_are_shown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,6 +86,7 @@ def test_optimal_trajectories_are_shown(
     assert "it has those of: 0, 1" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside the first, a controller by its name flies the same craft from the same start."""
     shown: list[Any] = []

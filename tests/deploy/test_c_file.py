@@ -76,6 +76,7 @@ def pointer(values: np.ndarray) -> ctypes.c_void_p:
     return ctypes.c_void_p(values.ctypes.data)
 
 
+@pytest.mark.slow
 def test_golden_pairs_come_out_of_c(folder: Path) -> None:
     assert "500 of 500 golden pairs come out as they should" in compiled_check(folder)
 
@@ -159,6 +160,7 @@ def test_the_check_finds_a_guard_that_a_compiler_leaves_out(folder: Path, tmp_pa
         compiled_check(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_struct_without_a_reset_shuts_the_valves(folder: Path) -> None:
     """Of zeros, of ones, of what an overwritten counter holds; until it is reset."""
     code = library(folder)

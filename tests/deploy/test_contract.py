@@ -244,6 +244,7 @@ def test_a_wrong_wiring_in_space_is_found(error: str, folder: Callable[[str], Pa
     assert check(observe) == ((0, 64) if error else (64, 64))
 
 
+@pytest.mark.slow
 def test_golden_pairs_keep_what_they_are_observations_of(folder: Callable[[str], Path]) -> None:
     pairs = json.loads((folder("go-to-pose-2d-robust") / "golden.json").read_text("utf-8"))
     rows = [planar(*one) for one in zip(pairs["state"], pairs["goal"], strict=True)]
@@ -268,6 +269,7 @@ def test_a_contract_says_what_an_engineer_asks_first(folder: Callable[[str], Pat
     assert perfect["trade_off"] is None
 
 
+@pytest.mark.slow
 def test_a_contract_names_the_filter_that_its_files_lack() -> None:
     known = {}
     for name in ("avoid-2d", "land-3d", "go-to-pose-2d"):

@@ -227,6 +227,7 @@ def test_a_copy_of_the_sources_that_is_not_installed(
     assert rans.__version__ == "not installed"
 
 
+@pytest.mark.slow
 def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Path) -> None:
     """The same agent's forms share a folder, and one form is written over; neither is a run written over."""
     folder = tmp_path / "agents"

@@ -270,6 +270,7 @@ def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
         np.testing.assert_array_equal(fly(craft, task, policy, starts, timing).commands, expected)
 
 
+@pytest.mark.slow
 def test_any_number_of_rows_and_one(tmp_path: Path) -> None:
     network, _, seen = remembering()
     written(tmp_path, network, *FORMS)

@@ -457,6 +457,7 @@ def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) ->
     assert (replaced > 0) == guard
 
 
+@pytest.mark.slow
 def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: Path) -> None:
     bag = tmp_path / "flight.mcap"
     plan = avoiding(avoider, guard=True, lost_after=5.0)
@@ -611,6 +612,7 @@ def flown(
     return report, ends[0], said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ros", "pose"])
 def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> None:
     bag = tmp_path / "flight.mcap"

@@ -145,6 +145,7 @@ def test_settings_can_be_made_in_a_traced_step() -> None:
     assert made(torch.ones(1)).item() == 0.5
 
 
+@pytest.mark.slow
 def test_other_masses_and_seeds_compile_nothing_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         torch, "compile", partial(torch.compile, backend="eager")

@@ -157,6 +157,7 @@ def test_two_processes_learn_what_one_does(together: Path, members: int) -> None
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
 
 
+@pytest.mark.slow
 def test_processes_that_work_apart_know_what_one_would(together: Path, tmp_path: Path) -> None:
     """Members and flights are divided, and what became of all is known to all."""
     alone = told(tmp_path)

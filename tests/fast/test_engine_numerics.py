@@ -79,6 +79,7 @@ def test_numpy_and_compiled_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     compare(PLATFORM, torch.float64, 1e-12, torch_engine)  # tolerance as above
 
 
+@pytest.mark.slow
 def test_sets_of_thrusters_are_nothing_that_a_compiler_has_to_trace(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -88,6 +89,7 @@ def test_sets_of_thrusters_are_nothing_that_a_compiler_has_to_trace(
     compare(PLATFORM, torch.float64, 1e-12, torch_engine, faults)  # tolerance as above
 
 
+@pytest.mark.slow
 def test_a_step_in_space_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     """What torch's compiler is given, without the 20 s it would then take for the machine's code."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
@@ -150,6 +152,7 @@ def test_a_state_moves_between_backends() -> None:
         assert torch.equal(x.observation, y.observation)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow() -> None:
     engine = Engine(PLATFORM, NEAR, 4096, SHORT)
     action = actions(PLATFORM, 4096, 1)[0]

@@ -140,6 +140,7 @@ def test_stable_baselines3_needs_more_than_twice_as_many() -> None:
     assert operations(twin.train).total() / twin.n_epochs > 2 * an_epoch
 
 
+@pytest.mark.slow
 def test_compiled_functions_are_one_graph_each() -> None:
     """What a GPU's compiler is given: no break, and no more nodes than they have."""
     model = trained(symmetric=True)

@@ -68,6 +68,7 @@ def rammed(craft: Any, task: Any, count: int, guard: Any, flying: Any = fly) -> 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 def test_nobody_can_be_made_to_enter_a_zone(craft: Any) -> None:
     task = Avoid().for_evaluation()
@@ -81,6 +82,7 @@ def test_nobody_can_be_made_to_enter_a_zone(craft: Any) -> None:
     assert np.isin(kept.commands, (0.0, 1.0)).all()
 
 
+@pytest.mark.slow
 def test_drake_confirms_it() -> None:
     task = Avoid().for_evaluation()
     flight = rammed(PLATFORM, task, 3, FlownBackup(), fly_in_drake)
@@ -257,6 +259,7 @@ def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not() -> No
     assert (found & kept).sum() > 0.8 * kept.sum()
 
 
+@pytest.mark.slow
 def test_dock_port_is_kept_too() -> None:
     task = DockPort()
     starts = scenarios(task, PLATFORM, seed=6, count=6)

@@ -100,6 +100,7 @@ def test_the_speed_limit_of_docking_is_kept(flying: Any) -> None:
     assert min(kept.margins["speed"][-1]) < 0.05
 
 
+@pytest.mark.slow
 def test_a_filtered_thrust_is_the_nearest_of_many_that_keep_the_limit() -> None:
     """None of 2,000 random thrusts that are nearer to the desired one keeps the limit, and no pair cancels."""
     task = Dock()
@@ -237,6 +238,7 @@ def noisy_flights(task: Any, guard: Any, conditions: Conditions) -> int:
     return int(flight.violated().sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "conditions",
     [

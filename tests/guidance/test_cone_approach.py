@@ -39,6 +39,7 @@ def flown(p: tuple[float, ...], left: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(places), np.array(speeds)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("y", [-200.0, 0.0, 200.0])
 def test_it_arrives_inside_the_cone(y: float) -> None:
     """With 200 m beside the axis at 465 m the cheapest transfer comes from outside."""
@@ -51,6 +52,7 @@ def test_it_arrives_inside_the_cone(y: float) -> None:
     assert np.all(across < (2.0 - near[:, 0]) * math.tan(math.radians(30.0)))
 
 
+@pytest.mark.slow
 def test_what_is_not_braked_is_the_best_of_a_grid() -> None:
     """A grid of velocities within the speed costs no less, with one, two and three components braked."""
     grid = np.linspace(0.0, 0.05, 101)

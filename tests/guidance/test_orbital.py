@@ -114,6 +114,7 @@ def test_the_burn_now_is_of_the_cheapest_pair_of_all(n: float) -> None:
     assert postponed > 3
 
 
+@pytest.mark.slow
 def test_few_burns_arrive_around_a_ball_and_brake() -> None:
     """From before the target to behind it: never inside its ball, and within both tolerances around the arrival."""
     law = guidance(FewBurns, brakes=True, pushes=3)

@@ -233,6 +233,7 @@ def config(folder: Path, **others: Any) -> TrainConfig:
     return replace(CONFIG, spacecraft=str(craft), algorithm="gradient", **others)
 
 
+@pytest.mark.slow
 def test_a_resumed_training_ends_as_if_never_stopped(tmp_path: Path) -> None:
     given = config(tmp_path, total_timesteps=1024, report_interval=4)
     whole = tiny_trainer(tmp_path / "whole", given)
@@ -246,6 +247,7 @@ def test_a_resumed_training_ends_as_if_never_stopped(tmp_path: Path) -> None:
         assert torch.equal(trainer.learner.state()["critic"][name], tensor)
 
 
+@pytest.mark.slow
 def test_what_is_passed_back_through_many_periods_is_bounded() -> None:
     """A policy of large weights reacts so strongly that a hundred periods multiply its gradient."""
 
@@ -288,6 +290,7 @@ def test_forty_iterations_triple_the_reward() -> None:
     assert sum(rewards[-4:]) > 2.5 * sum(rewards[:4])
 
 
+@pytest.mark.slow
 def test_the_command_trains_and_evaluates_such_an_agent(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

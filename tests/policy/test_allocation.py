@@ -52,6 +52,7 @@ def test_subsets_follow_the_order_of_the_thrusters(seed: int) -> None:
     assert np.array_equal(here.opened[:, order], there.opened)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_continuous_shares_are_near_bounded_least_squares(seed: int) -> None:
     columns = drawn(seed)

@@ -211,6 +211,7 @@ def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str)
     assert found.unsolved <= lost + 3.0 * np.sqrt(lost)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "spin"),
     [("go-to-pose-2d-robust", slice(4, 5)), ("go-to-pose-3d-robust", slice(9, 12))],

@@ -15,6 +15,7 @@ ROWS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dies", [False, True])
 def test_another_process_draws_the_same(monkeypatch: pytest.MonkeyPatch, dies: bool) -> None:
     expected = curve(ROWS)

@@ -91,6 +91,7 @@ def test_free_fall_once_the_tank_is_empty(flying: Any) -> None:
     assert flight.failed().all()
 
 
+@pytest.mark.slow
 @both_engines
 def test_the_burn_at_the_last_moment_lands(flying: Any) -> None:
     """Most thrust all the way, from where it stops 0.2 m above the ground after 20 s: closed forms."""

@@ -88,6 +88,7 @@ def test_linearised_orbits_differ_by_the_square_of_the_distance() -> None:
     np.testing.assert_allclose(gaps[1] / gaps[0], 4, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_dock_is_won_in_two_body_gravity() -> None:
     craft, task = load_spacecraft("afrl-deputy"), Dock(deadline=(600.0, 600.0)).for_evaluation()
     starts = scenarios(task, craft, 5, 2)

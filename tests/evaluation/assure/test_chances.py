@@ -87,6 +87,7 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     np.testing.assert_allclose(tensors, exact, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(
     run: LoadedRun, setup: Setup
 ) -> None:

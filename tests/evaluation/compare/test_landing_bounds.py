@@ -46,6 +46,7 @@ def bounds() -> MissionBounds:
     return mission_bounds(CONTEST, 2)
 
 
+@pytest.mark.slow
 def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionBounds) -> None:
     over = bounds.over(entry)
     assert over.shape == (2,)
@@ -122,6 +123,7 @@ def test_figures_show_paths_thrust_and_what_is_impossible(
     assert len(margins_over_time([entry]).axes) == 3
 
 
+@pytest.mark.slow
 def test_a_page_of_landings_has_the_table_and_the_figures(
     entry: Entry, bounds: MissionBounds
 ) -> None:

@@ -58,6 +58,7 @@ def test_no_flight_is_below_the_bound_and_more_time_needs_no_more_impulse(entry:
     assert np.all(np.diff(found.front) < 0.002 * found.front[:-1])
 
 
+@pytest.mark.slow
 def test_ratios_are_of_flights_that_succeeded(entry: Entry) -> None:
     spent = impulses(entry.flight)
     found = MissionBounds(0.5 * spent, np.array([300.0, 600.0]), np.array([np.inf, 1.0]))

@@ -71,6 +71,7 @@ def test_everyone_flies_every_start(comparison: Comparison) -> None:
     np.testing.assert_array_equal(*first)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> None:
     told = "\n".join(comparison.failures)
@@ -292,7 +293,13 @@ def test_files_for_others(comparison: Comparison) -> None:
     assert "http" not in html.replace("http://www.w3.org", "")
 
 
-@pytest.mark.parametrize("spec", ["lqr:go-to-position-3d", "lqr:track-velocity-2d"])
+@pytest.mark.parametrize(
+    "spec",
+    [
+        pytest.param("lqr:go-to-position-3d", marks=pytest.mark.slow),
+        "lqr:track-velocity-2d",
+    ],
+)
 def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(replace(contest_of(spec, 2), timing=Timing(episode_steps=20)))

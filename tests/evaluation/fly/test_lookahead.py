@@ -204,7 +204,9 @@ class Scripted:
         return self._first[self._periods - 1] if self._periods <= len(self._first) else command
 
 
-@pytest.mark.parametrize("name", ["lqr", "switching", "guidance", "mpc"])
+@pytest.mark.parametrize(
+    "name", ["lqr", "switching", pytest.param("guidance", marks=pytest.mark.slow), "mpc"]
+)
 def test_a_controller_looks_ahead_as_brute_force_does(name: str) -> None:
     """Every choice flown by itself, in the first two periods; the second knows what the first remembered."""
     setup = Setup(PLATFORM, NEAR, Timing(episode_steps=2))

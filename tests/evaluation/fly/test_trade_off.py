@@ -30,6 +30,7 @@ def agent(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return str(path)
 
 
+@pytest.mark.slow
 def test_it_flies_as_in_its_own_task(agent: str) -> None:
     """The same starts, and there the same commands, though the plain task shows no trade-off."""
     flights = []

@@ -21,6 +21,7 @@ from rans.randomization.conditions_file import load_conditions
 from tests.support.stress_runs import FIRST, small
 
 
+@pytest.mark.slow
 def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also when they are flown in several shares, and one alone when it is seen again."""
     monkeypatch.setattr(run, "_SHARE", 3)
@@ -38,6 +39,7 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     assert found.errors["position"][2] == pytest.approx(error, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_lqr_bears_late_valves_longer() -> None:
     """With valves 0.1 s late it holds its goal, where the agent does not (audit: 100 %, 0 %)."""
     stress = small(episodes=16)
@@ -53,6 +55,7 @@ def test_the_lqr_bears_late_valves_longer() -> None:
     assert answer.size < 0.1
 
 
+@pytest.mark.slow
 def test_a_controller_flies_a_named_world_as_it_was_tuned_for_it() -> None:
     """In `lab` the LQR that ships for `lab`, which a comparison in `lab` flies too; elsewhere the nominal one."""
     stress = small("lqr:go-to-pose-2d", conditions=("lab",))
@@ -132,6 +135,7 @@ def test_interrupted_it_keeps_what_was_flown(monkeypatch: pytest.MonkeyPatch) ->
     assert stress.curve(stress.effects[0], "LQR")[0] == [0.0]
 
 
+@pytest.mark.slow
 def test_tasks_without_a_place_are_judged_by_their_own_tolerances() -> None:
     stress = small("pretrained:track-velocity-2d", "lqr", episodes=2, only=("force",))
     stress.fly(workers=1)

@@ -158,6 +158,7 @@ def test_nested_settings_and_every_error(tmp_path: Path) -> None:
     assert {"error/go-to-pose/attitude", "error/track-twist/spin"} <= set(sweep.results()[0])
 
 
+@pytest.mark.slow
 def test_the_update_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a GPU compiles can be compiled without a break, and computes the same."""
     plain = trained(together(dtype=torch.float32), 2)
@@ -347,6 +348,7 @@ def test_a_sweep_follows_the_members_own_curricula(tmp_path: Path) -> None:
         assert (tmp_path / "sweep/batches/0/tensorboard" / str(number)).is_dir()
 
 
+@pytest.mark.slow
 def test_a_resumed_sweep_ends_as_if_never_stopped(tmp_path: Path) -> None:
     """Bit by bit, with the same reports but for the one at the stop; solved members stay as they were."""
     configs = [*RAMPED, replace(RAMPED[0], seed=2, ppo=replace(TINY, layers=(8,)))]

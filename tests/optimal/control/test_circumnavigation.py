@@ -116,6 +116,7 @@ def bounds(within: float) -> np.ndarray:
     return np.array(result)
 
 
+@pytest.mark.slow
 def test_two_burns_inspect_everything_and_leave_a_safe_orbit() -> None:
     """From every start, with a tenth of what the trained agent needs (12 N s), and at least the bound."""
     result = flown(Circumnavigation(DEPUTY, TASK), END + 5_000.0)

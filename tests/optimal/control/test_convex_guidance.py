@@ -51,6 +51,7 @@ class Pushed(ConvexGuidance):
         return commands
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("search", [False, True])
 def test_it_plans_again_when_it_is_off_its_way(search: bool) -> None:
     task = Dock(deadline=(1500.0, 1500.0))
@@ -70,6 +71,7 @@ def test_a_plan_that_reaches_the_cone_a_check_earlier_than_expected_still_keeps_
     assert not row.violated.any()
 
 
+@pytest.mark.slow
 def test_experts_leave_room_for_errors() -> None:
     task = replace(Dock(), deadline=(650.0, 900.0))
     starts = scenarios(task, DEPUTY, 9, 8)

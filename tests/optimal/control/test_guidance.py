@@ -153,7 +153,7 @@ def settled(craft: Spacecraft, task: Any, timing: Timing, **given: Any) -> Fligh
     ("name", "task"),
     [
         ("floating-platform", GoToPosition()),
-        ("floating-platform-shared", GoToPose()),
+        pytest.param("floating-platform-shared", GoToPose(), marks=pytest.mark.slow),
         ("free-flyer", GoToPose()),
     ],
     ids=lambda x: getattr(x, "name", x if isinstance(x, str) else type(x).__name__),
@@ -164,12 +164,14 @@ def test_on_off_craft_settle_near_the_deadline(name: str, task: Any) -> None:
     assert settling_times(flight).max() < (20.0 if "shared" in name else 16.0)
 
 
+@pytest.mark.slow
 def test_a_deadline_that_is_too_soon_is_missed_by_little() -> None:
     """From 3 to 4 m at 2.83 N the platform needs 5 s at least; asked for 1 s it takes the soonest it finds."""
     flight = settled(PLATFORM, GoToPosition().for_evaluation(), Timing(), deadline=1.0)
     assert settling_times(flight).max() < 9.0
 
 
+@pytest.mark.slow
 def test_gravity_is_countered_and_a_drifting_goal_met() -> None:
     slope = Place(pulled=UniformGravity((0.05, -0.08)), spawn_distance=(2.0, 3.0))
     settled(PLATFORM, slope, Timing(), deadline=10.0)

@@ -37,6 +37,7 @@ def starts(seed: int) -> Scenario:
     return scenarios(TASK, LANDER, seed, 1)
 
 
+@pytest.mark.slow
 def test_it_lands_near_the_bound_and_breaks_no_limit_in_both_engines() -> None:
     begun = starts(7)
     p, v = (np.array(x.columns()).ravel() for x in (begun.start.p, begun.start.v))

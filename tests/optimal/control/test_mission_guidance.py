@@ -68,6 +68,7 @@ def test_later_burns_save_impulse() -> None:
     assert ours.impulse[both].mean() < 0.97 * theirs.impulse[both].mean()
 
 
+@pytest.mark.slow
 def test_drake_flies_the_same(hurried: Row) -> None:
     starts = scenarios(HURRY, DEPUTY, 7, 1)
     guidance = MissionGuidance(DEPUTY, HURRY)
@@ -119,6 +120,7 @@ def test_known_noise_costs_little_impulse() -> None:
     assert believing.impulse.mean() > 1.2 * ours.impulse.mean()
 
 
+@pytest.mark.slow
 def test_commands_tell_it_the_conditions() -> None:
     """In an evaluation, a comparison and a sweep; named by its module it expects none."""
     noisy = Conditions(

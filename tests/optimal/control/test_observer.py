@@ -55,6 +55,7 @@ def test_finds_force_and_torque_while_thrusters_fire(craft: Any) -> None:
     np.testing.assert_allclose(observer.torque, np.tile(torque, 3), atol=2e-4 if planar else 2e-3)
 
 
+@pytest.mark.slow
 def test_holds_on_an_uneven_floor_where_the_plan_alone_does_not() -> None:
     starts = scenarios(TASK, PLATFORM, 62, 2)
     own = draws(62, 2)

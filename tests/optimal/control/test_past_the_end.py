@@ -68,17 +68,6 @@ def test_every_controller_of_the_registry_is_flown_past_the_end() -> None:
     }
 
 
-@pytest.mark.parametrize("mission", ["hold", "dock"])
-def test_mission_guidance_stays_after_the_arrival(mission: str) -> None:
-    setup = setup_of(MISSIONS[mission])
-    continued = flown_on(setup, made("mission", setup), near_starts(setup, 100.0), 900.0)
-    # 300 s after the deadline the arrival is over.
-    rest = continued.after(400.0)
-    assert rest.spent(500.0).max() < REVERSALS * setup.task.velocity_tolerance  # type: ignore[attr-defined]
-    assert rest.reached.all()
-    assert rest.margin.min() > 0.0
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "mission"),

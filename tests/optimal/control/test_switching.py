@@ -54,6 +54,7 @@ def test_settles_from_every_start(name: str, craft: Spacecraft) -> None:
     assert np.median(settled) < SLOWEST[name] * (2.5 if craft is SHARED else 1.0)  # as for the LQR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 def test_is_a_second_faster_than_the_regulator(craft: Spacecraft) -> None:
     """Published of a controller of this kind: 5.4 s where the LQR takes 6.6; 0.2 s are one period."""

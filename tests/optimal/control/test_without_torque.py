@@ -82,6 +82,7 @@ def test_what_cannot_turn_is_not_asked_to(kind: Any, task: Any) -> None:
         kind(point(), task, Timing())
 
 
+@pytest.mark.slow
 def test_comparisons_take_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """By name, beside the best that is possible and its bound."""
     objectives = [MinimumTime(20), MinimumFuel(30.0, 1.5)]

@@ -65,6 +65,7 @@ def test_too_short_a_flight_is_out_of_reach() -> None:
     assert best_landing(LANDER, EXACT, PUBLISHED, 2.0, times=(20.0, 60.0)) is None
 
 
+@pytest.mark.slow
 def test_bound_and_flight_enclose_the_optimum() -> None:
     """The chord of the upper thrust bound costs some hundredths of a kilogram."""
     flyable = best_landing(LANDER, EXACT, PUBLISHED, 1.0)
@@ -107,6 +108,7 @@ def test_no_flight_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
         assert best is min(dearer.values(), key=lambda one: one.propellant)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [False, True])
 def test_no_landing_is_below_the_bounds_of_its_flight_time(apart: bool) -> None:
     """Of one time and of many, also where programs with short holds are much sharper, and near the optimum."""
@@ -154,6 +156,7 @@ def test_landings_in_the_middle_of_a_period_are_hardly_cheaper(apart: bool) -> N
     assert whole - 0.7 / 4.0 < middle < whole + 0.7
 
 
+@pytest.mark.slow
 def test_the_burn_at_the_last_moment_is_the_optimum() -> None:
     """A start for which most thrust all the way stops it just above the ground has no cheaper landing."""
     time = 20.0
@@ -262,6 +265,7 @@ def test_a_craft_that_cannot_tilt_lands_by_throttling_its_engines_one_by_one() -
     assert landing(LANDER, upright, (p, v), period * count, period, side="bound") is None
 
 
+@pytest.mark.slow
 def test_engines_throttled_one_by_one_have_a_bound_that_is_lower_and_no_plan() -> None:
     lander = Lander.of(CRAFT, apart=True)
     alike = best_landing(LANDER, EXACT, PUBLISHED, 1.0, "bound")

@@ -160,6 +160,7 @@ def test_the_cost_is_the_tasks_own_return() -> None:
     assert total > sum(float(term.sum()) for term in other.rewards().values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["go-to-pose-2d-fast", "go-to-pose-2d-thrifty", "go-to-pose-2d-shared"]
 )

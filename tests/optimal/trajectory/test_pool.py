@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pytest
 
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime, SymbolicTrajectory
@@ -28,6 +29,7 @@ class Fatal(MinimumTime):
         os._exit(9)
 
 
+@pytest.mark.slow
 def test_pool_equals_serial() -> None:
     starts = scenarios(TASK, PLATFORM, 3, 3)
     objectives = [MinimumTime(10), MinimumFuel(20.0, 1.0)]
@@ -68,6 +70,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 def test_interrupt_ends_it_quickly_and_quietly() -> None:
     with python("-c", _ENDLESS, start_new_session=True) as process:
         assert process.stdout is not None

@@ -128,6 +128,7 @@ def test_what_is_outside_a_ball() -> None:
     assert np.diag(moves[6:]) == pytest.approx([0.25, 0.25, 0.5])
 
 
+@pytest.mark.slow
 def test_instants_are_moved_until_they_arrive() -> None:
     """A flight of 12 pulses, each moved by up to half a second, finds a way back to where it ended."""
     random = np.random.default_rng(1)
@@ -151,6 +152,7 @@ def test_instants_are_moved_until_they_arrive() -> None:
     assert np.abs(moved - when).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_few_pulses_are_found_where_some_arrive() -> None:
     """Where two random pulses end at rest is a goal, to 4 mm and 0.6 degrees; 9 m away is none."""
     start = still(4)
@@ -259,6 +261,7 @@ def test_commands_are_found_a_period_above_the_bound() -> None:
     )
 
 
+@pytest.mark.slow
 def test_commands_at_the_edge_of_the_goal_set() -> None:
     """From 6 cm: four nozzles at 45 degrees, 2.8 N, for a period and back make 2.1 cm: inside 5 cm, not 2.
 

@@ -146,6 +146,7 @@ def test_every_episode_is_drawn_and_rasterised() -> None:
         assert lines.get_rasterized()
 
 
+@pytest.mark.slow
 def test_a_thousand_episodes_stay_small() -> None:
     text = svg(evaluation_figure(many_episodes(1024)))
     ET.fromstring(text)
@@ -190,6 +191,7 @@ def test_a_task_with_one_error_leaves_two_panels_empty() -> None:
     svg(episode_figure(flight))
 
 
+@pytest.mark.slow
 def test_spatial_flights_can_be_drawn() -> None:
     flight = spatial_flight()
     svg(evaluation_figure(flight))
@@ -207,6 +209,7 @@ def test_episode_figure_draws_that_episode() -> None:
     assert not np.asarray(panel(figure, "c").get_images()[0].get_array()).any()  # it fired nothing
 
 
+@pytest.mark.slow
 def test_equal_figures_give_equal_bytes() -> None:
     assert svg(episode_figure(two_episodes())) == svg(episode_figure(two_episodes()))
 
@@ -257,6 +260,7 @@ def test_data_uri_holds_the_picture() -> None:
     assert data_uri(b"\x89PNG").startswith("data:image/png;base64,")
 
 
+@pytest.mark.slow
 def test_figures_are_saved(tmp_path: Path) -> None:
     save_flight_figures(two_episodes(), tmp_path, "-paper")
     files = sorted(tmp_path.iterdir())

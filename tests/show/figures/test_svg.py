@@ -29,6 +29,7 @@ def two_panels() -> Figure:
     return figure
 
 
+@pytest.mark.slow
 def test_each_panel_is_a_file_of_its_own() -> None:
     """Eight of them, each as wide as a telephone at most, with everything that it refers to inside."""
     found = panels(svg(evaluation_figure(two_episodes())))

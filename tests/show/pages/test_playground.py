@@ -95,7 +95,9 @@ def test_activations_are_those_of_torch(tmp_path: Path) -> None:
 
 
 @needs_node
-@pytest.mark.parametrize("name", [*AGENTS, "go-to-pose-3d-cubesat-3u"])
+@pytest.mark.parametrize(
+    "name", [*AGENTS, pytest.param("go-to-pose-3d-cubesat-3u", marks=pytest.mark.slow)]
+)
 def test_it_starts_moves_and_observes_as_python_does(name: str, tmp_path: Path) -> None:
     """The same start, and then its own commands, late and with thrusters that fail.
 

@@ -64,6 +64,7 @@ def test_an_episode_from_start_to_goal(tmp_path: Path) -> None:
     assert sky[-1] < sky[0] - 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_egl")
 def test_plumes_are_seen_while_a_thruster_is_open(tmp_path: Path) -> None:
     """Coasting 2 s; thruster 11, on the viewer's side, pushes down from 0.2 to 0.4 s."""

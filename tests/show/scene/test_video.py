@@ -40,6 +40,7 @@ def platform_at_goal() -> Flight:
     return flight_of(np.full((3, 1), 0.01), 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_small")
 def test_a_film_of_two_flights(tmp_path: Path) -> None:
     """Coasting 2 s, thruster 11 open from 0.2 to 0.4 s: at 5 frames a second in the second frame alone."""

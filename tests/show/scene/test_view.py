@@ -91,6 +91,7 @@ def browse(page: Path) -> str:
     return run.stdout
 
 
+@pytest.mark.slow
 def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
     flight = lqr_flight(episodes=1)
     page = tmp_path / "replay.html"
@@ -157,6 +158,7 @@ probe();
 </script></body>"""
 
 
+@pytest.mark.slow
 def test_who_watches_sees_what_who_pulls_the_slider_sees(tmp_path: Path) -> None:
     """The way flown and the plumes; Meshcat plays every part by itself."""
     view = View()
@@ -190,6 +192,7 @@ probe();
 </script></body>"""
 
 
+@pytest.mark.slow
 def test_no_label_hides_another(tmp_path: Path) -> None:
     """Nor the title, nor the bar: of seven craft in a window of 640 pixels, where their places would."""
     view = View()

@@ -46,6 +46,7 @@ def test_groups_leave_nothing_out() -> None:
     assert groups["kicks"].disturbances == kicks
 
 
+@pytest.mark.slow
 def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench_of
     for module in (rans.model.dynamics, rans.randomization.valves):

@@ -50,6 +50,7 @@ def any_spacecraft(dimension: Literal[2, 3], examples: int) -> Callable[[], None
     return check
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dimension", "examples"), [(2, 60), (3, 2)])
 def test_any_spacecraft(dimension: Literal[2, 3], examples: int) -> None:
     any_spacecraft(dimension, examples)()

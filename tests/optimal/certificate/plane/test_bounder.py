@@ -70,6 +70,7 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
         assert answer.lower == pytest.approx(answer.upper)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [through, doubled, lopsided], ids=lambda build: build.__name__)
 def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spacecraft]) -> None:
     """Every other goal is one that an odd number of pulses reaches; nothing is gained by parity alone."""
