@@ -12,13 +12,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.model.drift import velocity_to_reach
-from rans.model.fields import Quat, Vec2, Vec3, leaves, map_leaves
+from rans.model.fields import Vec2, Vec3, map_leaves
 from rans.model.passive_safety import Pieces, carried, joined, least_distances, single_coasts
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.control.navigation_filter import NavigationFilter
-from rans.optimal.trajectory.allocation import rounding
+from rans.optimal.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
 from rans.randomization.conditions import Conditions, bounds, largest
 from rans.tasks.base import Task
 from rans.tasks.inspect import Inspect
@@ -63,7 +62,7 @@ class _Plans:
     """Time at which enough has been seen, s."""
 
 
-class Circumnavigation:
+class Circumnavigation(PassivelySafeGuidance[Inspect]):
     """Inspects a target from a closed orbit around it that keeps pace with the sun, after two burns.
 
     >>> rans.Circumnavigation("afrl-deputy", "inspect")
@@ -111,22 +110,12 @@ class Circumnavigation:
         within: float | None = None,
         safe_coasts: bool = False,
     ) -> None:
-        self.craft, task_value = craft_and_task(craft, task)
-        self.task = Inspect.expected(task_value, "circumnavigation flies inspections")
-        self._timing = self.task.timing if timing is None else timing
-        self._period = self._timing.control_period
-        length = self._timing.control_period * self._timing.episode_steps
+        super().__init__(craft, task, timing, Inspect, "circumnavigation flies inspections")
+        length = self._period * self._timing.episode_steps
         self._within = length if within is None else within
         self._safe_coasts = safe_coasts
-        self._rounding = rounding(
-            self.craft, self._timing.control_period, np.zeros(self.craft.degrees_of_freedom, bool)
-        )
         self._filter: NavigationFilter | None = None
         self._plans: _Plans | None = None
-        self._step = 0
-
-    def __repr__(self) -> str:
-        return f"<{self.name}: {type(self.task).__name__} for {self.craft.name}>"
 
     def expecting(self, conditions: Conditions | None) -> Circumnavigation:
         """Copy of this guidance that expects the errors of these conditions; None: a perfect world."""
@@ -135,9 +124,9 @@ class Circumnavigation:
         if conditions is not None:
             position = largest(conditions.sensors.position.noise)
             velocity = largest(conditions.sensors.velocity.noise)
-            least, most = bounds(conditions.thrusters.thrust)
+            weakest, strongest = bounds(conditions.thrusters.thrust)
             # The standard deviation of a uniform distribution.
-            inexact = (most - least) / math.sqrt(12.0)
+            inexact = (strongest - weakest) / math.sqrt(12.0)
             if max(position, velocity, inexact) > 0.0:
                 result._filter = NavigationFilter(
                     self.task.drift, 3, self._period, position, velocity, inexact
@@ -147,46 +136,44 @@ class Circumnavigation:
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets plans and estimates."""
-        self._rounding.reset(count)
+        super().reset(count)
         self._plans = None
-        self._step = 0
         if self._filter is not None:
             self._filter.reset()
 
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; uses the state and the goal's notes, not the observation."""
-        size = len(observation)
-        state, goal = map_leaves(lambda x: np.broadcast_to(x, size), (state, goal))
-        now = self._step * self._period
-        listening = False
-        of_p: Any = 0.0
-        of_v: Any = 0.0
+    def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
+        """See the base; what errors of the estimate explain is left alone."""
+        size = len(state.p.x)
+        # Estimate, with standard deviations of position and velocity; noisy readings are filtered for a while.
+        listens = False
+        position_deviation: Any = 0.0
+        velocity_deviation: Any = 0.0
         if self._filter is not None:
-            state, of_p, of_v = self._estimated(self._filter, state)
-            listening = self._step < _LISTENING
-        self._step += 1
+            state, position_deviation, velocity_deviation = self._estimated(self._filter, state)
+            listens = now < _LISTENING * self._period
         if self._plans is None:
             self._plans = _Plans(*(np.full(size, -1.0) for _ in range(5)))
 
         # Plan where no plan has been made, and where one has ended too soon.
         over = (now > self._plans.finish) & (self.task.unseen(goal) >= self.task.unseen_tolerance)
-        for row in np.flatnonzero(over & (not listening)):
+        for row in np.flatnonzero(over & (not listens)):
             self._plan(int(row), state, goal, now)
 
-        # Gain velocity, except for what errors of the estimate explain.
-        gain = self._velocity_to_gain(state, now, self._plans)
+        # Burn where more is missing than errors of the estimate explain. An error of the position is one of the
+        # velocity to the second burn; on the closed ellipse it is one of its speed, 2 n x.
+        change = self._change_by_plan(state, now, self._plans)
         left = np.maximum(self._plans.second - now, self._period)
-        of_p = np.where(self._plans.second > now, of_p / left, 2.0 * self.task.mean_motion * of_p)
-        alone = np.maximum(_TRIM, _DOUBT * np.hypot(of_v, of_p))
-        burns = (np.linalg.norm(gain, axis=0) > alone) & (not listening)
-        gain = np.where(burns, gain, 0.0)
-        level = Quat(1.0, 0.0, 0.0, 0.0)
-        push = Vec3(*(gain * (self.craft.mass / self._period)))
-        force = np.array(leaves(state.attitude.to(level).rotate(push)))
-        wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
+        by_position = np.where(
+            self._plans.second > now,
+            position_deviation / left,
+            2.0 * self.task.mean_motion * position_deviation,
+        )
+        least = np.maximum(_TRIM, _DOUBT * np.hypot(velocity_deviation, by_position))
+        burns = (np.linalg.norm(change, axis=0) > least) & (not listens)
+        change = np.where(burns, change, 0.0).T
         if self._filter is not None:
-            self._filter.burn(gain.T)
-        return self._rounding.round(wrench, ~burns, state.stores)
+            self._filter.burn(change)
+        return change, burns
 
     def _estimated(self, navigation: NavigationFilter, state: Any) -> tuple[Any, Any, Any]:
         """Estimated state after a reading, and standard deviations (N,) of a component of position and velocity."""
@@ -196,12 +183,11 @@ class Circumnavigation:
         deviations = np.sqrt(variance[:, :3].max(axis=1)), np.sqrt(variance[:, 3:].max(axis=1))
         return replace(state, p=Vec3(*mean[:, :3].T), v=Vec3(*mean[:, 3:].T)), *deviations
 
-    def _velocity_to_gain(self, state: Any, now: float, plans: _Plans) -> np.ndarray:
+    def _change_by_plan(self, state: Any, now: float, plans: _Plans) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, that this period's burn is to give.
 
         A burn over a period acts as an impulse in its middle.
         """
-        n = self.task.mean_motion
         half = 0.5 * self._period
         p, v = self.task.drift.carry(state.p, state.v, half)
         p, v = Vec2(p.x, p.y), Vec2(v.x, v.y)
@@ -210,8 +196,9 @@ class Circumnavigation:
         time = np.where(transfer, left, self._period)
         to_reach = velocity_to_reach(self.task.drift, p, Vec2(plans.x, plans.y), time)
         waits = now < plans.first - half
-        x = np.where(transfer, to_reach.x, 0.5 * n * p.y) - v.x
-        y = np.where(transfer, to_reach.y, -2.0 * n * p.x) - v.y
+        around = closed_ellipse(self.task.mean_motion, p.x, p.y)
+        x = np.where(transfer, to_reach.x, around[0]) - v.x
+        y = np.where(transfer, to_reach.y, around[1]) - v.y
         return np.where(waits, 0.0, np.array([x, y, 0.0 * x]))
 
     def _plan(self, row: int, state: Any, goal: Any, now: float) -> None:
@@ -267,7 +254,7 @@ class Circumnavigation:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Times of both burns (K,), position of the second (2, K), and velocity change (K,) of all plans."""
         n = self.task.mean_motion
-        orbit = 2.0 * math.pi / n
+        orbit = self._orbit
         least = self.task.keep_out + _CLEAR
         grid = np.array(list(itertools.product(_WAITS, _TRANSFERS, _PHASES, _WIDTHS))).T
         # Burns are in the middle of control periods.
@@ -281,12 +268,8 @@ class Circumnavigation:
         p, v = Vec2(p.x, p.y), Vec2(v.x, v.y)
         begin = velocity_to_reach(self.task.drift, p, Vec2(target[0], target[1]), second - first)
         _, arrival = self.task.drift.carry(p, begin, second - first)
-        changes = (
-            begin.x - v.x,
-            begin.y - v.y,
-            0.5 * n * target[1] - arrival.x,
-            -2.0 * n * target[0] - arrival.y,
-        )
+        around = closed_ellipse(n, *target)
+        changes = (begin.x - v.x, begin.y - v.y, around[0] - arrival.x, around[1] - arrival.y)
         return first, second, target, np.sum(np.abs(changes), axis=0)
 
     def _judged(
@@ -303,7 +286,7 @@ class Circumnavigation:
         n = task.mean_motion
         times = np.arange(0.0, left + 1e-9, _STEP)[:, None]
         # The path in three parts: coast to the first burn, transfer to the second, closed ellipse about
-        # the target after it (Clohessy and Wiltshire: v_x = n y / 2, v_y = -2 n x closes it).
+        # the target after it.
         before = self._coasted(state_now.p, state_now.v, times)
         at_first = task.drift.carry(state_now.p, state_now.v, first)
         begin = velocity_to_reach(
@@ -316,7 +299,7 @@ class Circumnavigation:
         z = task.drift.carry(state_now.p, state_now.v, second)
         closed = self._coasted(
             Vec3(target[0], target[1], z[0].z),
-            Vec3(0.5 * n * target[1], -2.0 * n * target[0], z[1].z),
+            Vec3(*closed_ellipse(n, *target), z[1].z),
             times - second,
         )
         p = Vec3(
@@ -351,7 +334,7 @@ class Circumnavigation:
         the first control period.
         """
         n = self.task.mean_motion
-        orbit = 2.0 * math.pi / n
+        orbit = self._orbit
         count = len(first)
         waits = first > self._period
         start = np.tile(np.array([*state_now.p.columns(), *state_now.v.columns()]), (count, 1))
@@ -363,7 +346,7 @@ class Circumnavigation:
         transfer[:, 3:5] = np.stack([begin.x, begin.y], axis=1)
         at_second = carried(n, transfer, second - first)
         closed = at_second.copy()
-        closed[:, 3:5] = np.stack([0.5 * n * target[1], -2.0 * n * target[0]], axis=1)
+        closed[:, 3:5] = np.stack(closed_ellipse(n, *target), axis=1)
         every = np.arange(count)
         nothing = np.zeros(count)
         # Burns give any part of a velocity change: coasts between those before and after it.
@@ -372,8 +355,7 @@ class Circumnavigation:
             Pieces(transfer, transfer, orbit + second - first, nothing, every),
             Pieces(at_second, closed, nothing + orbit, nothing, every),
         ]
-        own = least_distances(n, single_coasts(start[:1], np.array([orbit]), np.array([0])), 1)[0]
-        if own >= self.task.keep_out or now > 0.0:
+        if self._coast_distance(start[0]) >= self.task.keep_out or now > 0.0:
             pieces.append(Pieces(at_first, transfer, nothing + orbit, nothing, every))
         distance = least_distances(n, joined(pieces), count)
         return distance > self.task.keep_out + _COASTS_CLEAR

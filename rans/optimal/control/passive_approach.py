@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rans.model.drift import velocity_to_reach
-from rans.model.fields import Quat, Vec3, leaves, map_leaves
 from rans.model.passive_safety import (
     Pieces,
     carried,
     joined,
     least_distances,
-    pieces_of_periods,
-    pushed,
     single_coasts,
 )
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.arguments import craft_and_task
-from rans.optimal.trajectory.allocation import rounding
+from rans.optimal.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
 from rans.tasks.base import Task
 from rans.tasks.hold import Hold
 
@@ -33,10 +29,10 @@ _CHECKED = 256
 """Number of plans whose coasts are computed at once, the cheapest first."""
 _MOST_CHECKED = 24 * _CHECKED
 """Number of plans of a start whose coasts are computed: twice as many find a plan for few further starts."""
-_FLOWN = 8
-"""Number of plans of each batch, safe if burns were impulses, that are flown ahead."""
-_CLEAR = 0.1
-"""Least distance of the coasts of a flown plan from the ball, m: for rounding."""
+_FIRST_BURN = 1.5
+"""Instant of the first burn, control periods: half of a burn of three periods after the start."""
+_IMPOSSIBLE = 1e3
+"""Price of a plan whose burns overlap, m/s: more than any plan costs."""
 _ARRIVED = 10.0
 """Control periods after the last burn's instant at which a craft has arrived."""
 _SHORTEST = 0.08
@@ -66,7 +62,22 @@ class _Plan:
     """(L, 3) where each coast ends, m."""
 
 
-class PassiveApproach:
+class _Batch(NamedTuple):
+    """K plans of one start with L coasts each."""
+
+    price: np.ndarray
+    """(K,) sum of the changes of velocity along the axes, m/s."""
+    times: np.ndarray
+    """(K, L + 1) instants of the burns, s."""
+    points: np.ndarray
+    """(K, L, 3) where each coast ends, m."""
+    before: np.ndarray
+    """(K, L + 1, 6) states before each burn."""
+    after: np.ndarray
+    """(K, L + 1, 6) states after each burn."""
+
+
+class PassiveApproach(PassivelySafeGuidance[Hold]):
     """Flies to a hold point so that if all thrusters shut, a coast of an orbit never enters the keep-out ball.
 
     >>> rans.PassiveApproach("vbar-chaser", "hold")
@@ -99,49 +110,29 @@ class PassiveApproach:
         task: str | Task,
         timing: Timing | None = None,
     ) -> None:
-        self.craft, task_value = craft_and_task(craft, task)
-        self.task = Hold.expected(task_value, "passive approach flies to hold points")
-        self._period = (self.task.timing if timing is None else timing).control_period
-        self._rounding = rounding(
-            self.craft, self._period, np.zeros(self.craft.degrees_of_freedom, bool)
-        )
+        super().__init__(craft, task, timing, Hold, "passive approach flies to hold points")
         self.reset(0)
-
-    def __repr__(self) -> str:
-        return f"<{self.name}: {type(self.task).__name__} for {self.craft.name}>"
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets plans."""
-        self._rounding.reset(count)
+        super().reset(count)
         self._plans: list[_Plan] = []
-        self._step = 0
 
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; uses the state and the goal's notes, not the observation."""
-        size = len(observation)
-        state, goal = map_leaves(lambda x: np.broadcast_to(x, size), (state, goal))
+    def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
+        """See the base; craft that have arrived and drift to the edge of the tolerance come back."""
         states = np.stack([*state.p.columns(), *state.v.columns()], axis=1)
         goals = np.stack(goal.p.columns(), axis=1)
         if not self._plans:
             deadlines = np.asarray(goal.notes[0])
-            self._plans = [
-                self._planned(*row) for row in zip(states, goals, deadlines, strict=True)
-            ]
-        now = self._step * self._period
-        self._step += 1
-        gain = self._burns(self._plans, states, goals, now)
-        # Who has arrived and drifts to the edge comes back.
+            self._plans = [self._plan(*row) for row in zip(states, goals, deadlines, strict=True)]
+        change = self._change_by_plans(self._plans, states, goals, now)
         staying = np.stack(self.task.staying(state, goal).columns(), axis=1)
         away = np.linalg.norm(states[:, :3] - goals, axis=1) > self.task.position_tolerance * _EDGE
         over = np.array([now > plan.times[-1] + _ARRIVED * self._period for plan in self._plans])
-        gain = np.where((over & away)[:, None], staying - states[:, 3:], gain)
-        burns: Any = gain.any(axis=1)
-        push = Vec3(*(gain * (self.craft.mass / self._period)).T)
-        force = np.array(leaves(state.attitude.to(Quat(1.0, 0.0, 0.0, 0.0)).rotate(push)))
-        wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
-        return self._rounding.round(wrench, ~burns, state.stores)
+        change = np.where((over & away)[:, None], staying - states[:, 3:], change)
+        return change, change.any(axis=1)
 
-    def _burns(
+    def _change_by_plans(
         self, plans: list[_Plan], states: np.ndarray, goals: np.ndarray, now: float
     ) -> np.ndarray:
         """(N, 3) change of velocity in W, m/s, that plans ask of this period; a burn acts in its middle.
@@ -150,131 +141,111 @@ class PassiveApproach:
         """
         n = self.task.mean_motion
         middle = carried(n, states, np.full(len(states), 0.5 * self._period))
-        leg = np.array([np.sum(now >= plan.begins - 1e-6) for plan in plans])
-        coasting = np.array([0 < k < len(plan.times) for k, plan in zip(leg, plans, strict=True)])
-        target = np.stack(
-            [
-                plan.points[min(max(k, 1), len(plan.points)) - 1]
-                for k, plan in zip(leg, plans, strict=True)
-            ]
-        )
-        end = np.array(
-            [
-                plan.times[min(max(k, 1), len(plan.points))]
-                for k, plan in zip(leg, plans, strict=True)
-            ]
-        )
+        # Number of burns that have begun, of which the last one leads to the end of the present coast.
+        begun = np.array([np.sum(now >= plan.begins - 1e-6) for plan in plans])
+        coasts = np.array([len(plan.points) for plan in plans])
+        present = np.clip(begun, 1, coasts) - 1
+        target = np.stack([plan.points[k] for plan, k in zip(plans, present, strict=True)])
+        end = np.array([plan.times[k + 1] for plan, k in zip(plans, present, strict=True)])
         time = np.maximum(end - now - 0.5 * self._period, self._period)
-        reach = self._velocity(middle[:, :3], target, time)
-        # The closed ellipse around the hold point.
+        to_target = self._coast_velocity(middle[:, :3], target, time)
+        # After the last burn the craft stays on the closed ellipse around the hold point.
         offset = middle[:, :3] - goals
-        rest = np.stack(
-            [0.5 * n * offset[:, 1], -2.0 * n * offset[:, 0], 0.0 * offset[:, 2]], axis=1
-        )
-        velocity = np.where(coasting[:, None], reach, rest)
-        gain = velocity - middle[:, 3:]
-        most = self.task.braking * self._period
-        largest = np.abs(gain).max(axis=1, keepdims=True)
-        gain = gain * np.minimum(1.0, most / np.maximum(largest, 1e-12))
-        return np.where((leg[:, None] > 0) & (largest > _TRIM), gain, 0.0)
+        along_x, along_y = closed_ellipse(n, offset[:, 0], offset[:, 1])
+        around = np.stack([along_x, along_y, 0.0 * offset[:, 2]], axis=1)
+        coasting = (begun > 0) & (begun <= coasts)
+        change = np.where(coasting[:, None], to_target, around) - middle[:, 3:]
+        # Weaker where a component is too large, and zero before the first burn and where little is missing.
+        limit = self.task.braking * self._period
+        largest = np.abs(change).max(axis=1, keepdims=True)
+        change = change * np.minimum(1.0, limit / np.maximum(largest, 1e-12))
+        return np.where((begun[:, None] > 0) & (largest > _TRIM), change, 0.0)
 
-    def _velocity(self, p: np.ndarray, target: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Velocities (K, 3) with which coasts lead from positions (K, 3) to others in times (K,)."""
-        v = velocity_to_reach(self.task.drift, Vec3(*p.T), Vec3(*target.T), time)
-        return np.stack(v.columns(), axis=1)
-
-    def _planned(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:
-        """The cheapest plan from a state (6,) whose coasts are safe."""
-        n = self.task.mean_motion
-        orbit = 2.0 * math.pi / n
-        own = least_distances(n, single_coasts(start[None], np.array([orbit]), np.array([0])), 1)[0]
+    def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:
+        """The cheapest plan from a state (6,) whose coasts are safe; else the one with the largest distance."""
+        is_unsafe_start = self._coast_distance(start) < self._radius
         random = np.random.default_rng(0)
-        candidates = [
-            self._drawn(random, legs, count, start, goal, deadline) for legs, count in _LEGS
+        batches = [
+            self._sampled(random, legs, count, start, goal, deadline) for legs, count in _LEGS
         ]
-        prices = np.concatenate([batch[0] for batch in candidates])
-        # (number of coasts, row)
-        names = [(k, row) for k, batch in enumerate(candidates) for row in range(len(batch[0]))]
-        order = np.argsort(prices, kind="stable")[:_MOST_CHECKED]
-        k, row = names[order[0]]
-        best, farthest = self._made(*(x[row] for x in candidates[k][1:])), -1.0
-        for begin in range(0, len(order), _CHECKED):
-            some = [names[i] for i in order[begin : begin + _CHECKED]]
+        # Plans have numbers across the batches, each of which has another number of coasts.
+        batch_of = np.repeat(np.arange(len(batches)), [len(batch.price) for batch in batches])
+        row_of = np.concatenate([np.arange(len(batch.price)) for batch in batches])
+
+        def plans(numbers: np.ndarray) -> list[_Plan]:
+            return [self._plan_of(batches[batch_of[i]], int(row_of[i])) for i in numbers]
+
+        def distance_of_impulses(numbers: np.ndarray) -> np.ndarray:
             pieces = []
-            for k, (_, times, _, before, after) in enumerate(candidates):
-                mine = [(index, row) for index, (other, row) in enumerate(some) if other == k]
-                if not mine:
-                    continue
-                index, row = np.array(mine).T
-                nothing = np.zeros(len(row))
-                for j in range(before.shape[1]):
-                    if j > 0 or own >= self.task.keep_out:
-                        # Any part of a burn.
-                        pieces.append(
-                            Pieces(before[row, j], after[row, j], nothing + orbit, nothing, index)
-                        )
-                    if j + 1 < before.shape[1]:
-                        lasting = orbit + times[row, j + 1] - times[row, j]
-                        pieces.append(single_coasts(after[row, j], lasting, index))
-            distance = least_distances(n, joined(pieces), len(some))
-            # Those that are safe as impulses are flown ahead.
-            ahead = np.flatnonzero(distance > self.task.keep_out)[:_FLOWN]
-            if not len(ahead):
-                continue
-            plans = [
-                self._made(*(x[some[i][1]] for x in candidates[some[i][0]][1:])) for i in ahead
-            ]
-            flown = self._flown(plans, start, goal, own < self.task.keep_out)
-            safe = flown > self.task.keep_out + _CLEAR
-            if safe.any():
-                return plans[int(np.argmax(safe))]
-            if flown.max() > farthest:
-                best, farthest = plans[int(np.argmax(flown))], float(flown.max())
-        return best
+            for k, batch in enumerate(batches):
+                flight = np.flatnonzero(batch_of[numbers] == k)
+                if len(flight):
+                    rows = row_of[numbers[flight]]
+                    pieces.extend(self._coasts_of_impulses(batch, rows, flight, is_unsafe_start))
+            return least_distances(self.task.mean_motion, joined(pieces), len(numbers))
 
-    def _made(
-        self, times: np.ndarray, points: np.ndarray, before: np.ndarray, after: np.ndarray
-    ) -> _Plan:
-        begins = times - 0.5 * self._durations((after - before)[:, 3:])
+        def distance_of_flights(numbers: np.ndarray) -> np.ndarray:
+            return self._distance_of_flights(plans(numbers), start, goal, is_unsafe_start)
+
+        order = np.argsort(np.concatenate([batch.price for batch in batches]), kind="stable")
+        safest = self._cheapest_safe(
+            order[:_MOST_CHECKED],
+            _CHECKED,
+            self._radius,
+            distance_of_impulses,
+            distance_of_flights,
+        )
+        # Without a plan that is safe even with impulses, the cheapest.
+        (plan,) = plans(order[:1] if safest is None else np.array([safest.row]))
+        return plan
+
+    def _plan_of(self, batch: _Batch, row: int) -> _Plan:
+        """One plan of a batch; its first burn begins at once, the others half of their duration earlier."""
+        times = batch.times[row]
+        begins = times - 0.5 * self._durations((batch.after[row] - batch.before[row])[:, 3:])
         begins[0] = 0.0
-        return _Plan(times, begins, points)
+        return _Plan(times, begins, batch.points[row])
 
-    def _flown(
-        self, plans: list[_Plan], start: np.ndarray, goal: np.ndarray, unsafe_start: bool
+    def _coasts_of_impulses(
+        self, batch: _Batch, rows: np.ndarray, flight: np.ndarray, is_unsafe_start: bool
+    ) -> Iterator[Pieces]:
+        """Families of coasts of plans if burns are impulses, for an orbit after thrusters shut.
+
+        Args:
+            batch: plans.
+            rows: numbers (K,) of the plans in the batch.
+            flight: numbers (K,) of their flights.
+            is_unsafe_start: whether the coast from the start enters the ball; the first burn then does not count.
+        """
+        zero = np.zeros(len(rows))
+        burns = batch.before.shape[1]
+        for j in range(burns):
+            before, after = batch.before[rows, j], batch.after[rows, j]
+            if j > 0 or not is_unsafe_start:
+                # Thrusters may shut after any part of a burn.
+                yield Pieces(before, after, zero + self._orbit, zero, flight)
+            if j + 1 < burns:
+                lasting = self._orbit + batch.times[rows, j + 1] - batch.times[rows, j]
+                yield single_coasts(after, lasting, flight)
+
+    def _distance_of_flights(
+        self, plans: list[_Plan], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
     ) -> np.ndarray:
-        """Distance (K,) that coasts of plans keep, as they are flown with constant thrust in control periods."""
-        n, period = self.task.mean_motion, self._period
+        """Distance (K,), m, that coasts of plans keep, with burns as they are flown."""
         count = len(plans)
-        states = np.tile(start, (count, 1))
         goals = np.tile(goal, (count, 1))
-        pieces = []
-        since = np.zeros(count)
-        coasts = states
         last = max(plan.times[-1] for plan in plans) + self.task.hold_seconds
-        orbit = 2.0 * math.pi / n
-        for step in range(math.ceil(last / period)):
-            now = step * period
-            gain = self._burns(plans, states, goals, now)
-            after = pushed(n, states, gain / period, period)
-            burn = np.flatnonzero(gain.any(axis=1))
-            if len(burn):
-                # Coasts since the last burn, and from the midst of this one.
-                lasting = orbit + now - since[burn]
-                pieces.append(single_coasts(coasts[burn], lasting, burn))
-                if step or not unsafe_start:
-                    family = pieces_of_periods(
-                        n, states[burn], after[burn], period, orbit, self.task.keep_out, burn
-                    )
-                    pieces.append(family)
-                elif unsafe_start:
-                    pieces.pop()
-                since[burn] = now + period
-                coasts = coasts.copy()
-                coasts[burn] = after[burn]
-            states = after
-        everyone = np.arange(count)
-        pieces.append(single_coasts(coasts, orbit + last - since, everyone))
-        return least_distances(n, joined(pieces), count)
+
+        def law(states: np.ndarray, now: float) -> np.ndarray:
+            return self._change_by_plans(plans, states, goals, now)
+
+        return self._predicted_distance(
+            np.tile(start, (count, 1)),
+            law,
+            math.ceil(last / self._period),
+            self._orbit + last,
+            is_unsafe_start,
+        )
 
     def _durations(self, burns: np.ndarray) -> np.ndarray:
         """Times (..., 1) that changes of velocity (..., 3) take, in whole control periods, s."""
@@ -282,7 +253,7 @@ class PassiveApproach:
         periods = np.ceil(largest / (self.task.braking * self._period) - 1e-6)
         return np.maximum(periods, 1.0) * self._period
 
-    def _drawn(
+    def _sampled(
         self,
         random: np.random.Generator,
         legs: int,
@@ -290,56 +261,65 @@ class PassiveApproach:
         start: np.ndarray,
         goal: np.ndarray,
         deadline: float,
-    ) -> tuple[np.ndarray, ...]:
-        """Plans of so many coasts.
-
-        Returns:
-            Prices (K,), instants of burns (K, L + 1), ends of coasts (K, L, 3), and states (K, L + 1, 6) before and
-            after each burn.
-        """
+    ) -> _Batch:
+        """Plans of a number of coasts from a state (6,) to a goal (3,), m, before a deadline, s."""
+        times = self._sampled_times(random, legs, count, deadline)
+        points = _sampled_points(random, legs, count, start[:3], goal)
         n = self.task.mean_motion
-        # Instants, of which the first is half of a burn of three periods after the start.
-        fractions = np.maximum(random.dirichlet(np.full(legs, 1.5), count), _SHORTEST)
-        fractions /= fractions.sum(axis=1, keepdims=True)
-        first = 1.5 * self._period
-        latest = deadline - 4.0 * self._period
-        total = random.uniform(_EARLIEST, 1.0, (count, 1)) * (latest - first)
-        if legs == 1:
-            total = np.linspace(_EARLIEST, 1.0, count)[:, None] * (latest - first)
-        times = first + np.concatenate(
-            [np.zeros((count, 1)), np.cumsum(fractions * total, axis=1)], axis=1
-        )
-        # Burns begin with control periods: their middles are multiples of half a period.
-        times = first + np.round((times - first) / self._period) * self._period
-        points = np.tile(goal, (count, legs, 1))
-        for j in range(legs - 1):
-            if j == legs - 2:
-                height, ahead, behind = _BEHIND
-                box = random.uniform(
-                    [-height, -behind, -height], [height, ahead, height], (count, 3)
-                )
-                points[:, j] = goal + box
-            else:
-                away = goal + (start[:3] - goal) * random.uniform(0.2, 1.0, (count, 1))
-                points[:, j] = away + random.uniform(-_AROUND, _AROUND, (count, 3))
+        # Coasts between burns as impulses, and their price.
         state = carried(n, np.tile(start, (count, 1)), times[:, 0])
         price = np.zeros(count)
         before, after = [], []
         for j in range(legs):
             time = times[:, j + 1] - times[:, j]
             before.append(state)
-            velocity = self._velocity(state[:, :3], points[:, j], time)
+            velocity = self._coast_velocity(state[:, :3], points[:, j], time)
             after.append(np.concatenate([state[:, :3], velocity], axis=1))
             price += np.abs(after[-1] - before[-1])[:, 3:].sum(axis=1)
             state = carried(n, after[-1], time)
+        # The last burn leaves the craft at rest.
         before.append(state)
         after.append(np.concatenate([state[:, :3], np.zeros((count, 3))], axis=1))
         price += np.abs(state[:, 3:]).sum(axis=1)
         befores, afters = np.stack(before, axis=1), np.stack(after, axis=1)
-        # Burns must not overlap.
+        # Burns must not overlap, and the first one must not begin before the start.
         lasting = self._durations((afters - befores)[:, :, 3:])
-        room = np.diff(times, axis=1) - 0.5 * (lasting[:, 1:] + lasting[:, :-1])
-        crowded = (room < self._period).any(axis=1) | (
-            lasting[:, 0] > 2.0 * first + 2.0 * self._period
+        gap = np.diff(times, axis=1) - 0.5 * (lasting[:, 1:] + lasting[:, :-1])
+        overlap = (gap < self._period).any(axis=1)
+        early = lasting[:, 0] > 2.0 * _FIRST_BURN * self._period + 2.0 * self._period
+        price = np.where(overlap | early, price + _IMPOSSIBLE, price)
+        return _Batch(price, times, points, befores, afters)
+
+    def _sampled_times(
+        self, random: np.random.Generator, legs: int, count: int, deadline: float
+    ) -> np.ndarray:
+        """Instants (K, L + 1) of the burns, s, in the last of which a plan arrives before the deadline."""
+        fractions = np.maximum(random.dirichlet(np.full(legs, 1.5), count), _SHORTEST)
+        fractions /= fractions.sum(axis=1, keepdims=True)
+        first = _FIRST_BURN * self._period
+        latest = deadline - 4.0 * self._period
+        total = random.uniform(_EARLIEST, 1.0, (count, 1)) * (latest - first)
+        if legs == 1:
+            # A single coast has only its time to choose: evenly.
+            total = np.linspace(_EARLIEST, 1.0, count)[:, None] * (latest - first)
+        times = first + np.concatenate(
+            [np.zeros((count, 1)), np.cumsum(fractions * total, axis=1)], axis=1
         )
-        return np.where(crowded, price + 1e3, price), times, points, befores, afters
+        # Burns begin with control periods: their middles are multiples of half a period.
+        return first + np.round((times - first) / self._period) * self._period
+
+
+def _sampled_points(
+    random: np.random.Generator, legs: int, count: int, start: np.ndarray, goal: np.ndarray
+) -> np.ndarray:
+    """Ends (K, L, 3) of coasts, m: the last at the goal, that before in a box around it, others near the way."""
+    points = np.tile(goal, (count, legs, 1))
+    for j in range(legs - 1):
+        if j == legs - 2:
+            height, ahead, behind = _BEHIND
+            box = random.uniform([-height, -behind, -height], [height, ahead, height], (count, 3))
+            points[:, j] = goal + box
+        else:
+            on_the_way = goal + (start - goal) * random.uniform(0.2, 1.0, (count, 1))
+            points[:, j] = on_the_way + random.uniform(-_AROUND, _AROUND, (count, 3))
+    return points

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from rans.model.drift import velocity_to_reach
-from rans.model.fields import Quat, Vec3, leaves, map_leaves
+from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
-from rans.optimal.control.arguments import craft_and_task
-from rans.optimal.trajectory.allocation import rounding
+from rans.optimal.control.velocity_guidance import VelocityGuidance
 from rans.tasks.base import Task
 from rans.tasks.hold import Hold
 from rans.tasks.inspect import Inspect
@@ -27,7 +26,7 @@ _AWAY = 1500.0
 """Time in which a craft that has seen enough goes behind the target, s: a quarter of the orbit at 500 km."""
 
 
-class Visiting:
+class Visiting(VelocityGuidance[Inspect]):
     """Flies from view to view of an inspected target, greedily, without learning.
 
     >>> rans.Visiting("afrl-deputy", "inspect")
@@ -65,9 +64,7 @@ class Visiting:
         turn: float = 0.9,
         least: float = 0.05,
     ) -> None:
-        self.craft, task_value = craft_and_task(craft, task)
-        self.task = Inspect.expected(task_value, "visiting flies inspections")
-        self._timing = self.task.timing if timing is None else timing
+        super().__init__(craft, task, timing, Inspect, "visiting flies inspections")
         self._distance = distance
         self._speed = speed
         self._turn = turn
@@ -79,32 +76,22 @@ class Visiting:
             deadline=(_AWAY, _AWAY),
         )
         self._afterwards = Afterwards(self.craft, self._hold, self._timing)
-        self._rounding = rounding(
-            self.craft, self._timing.control_period, np.zeros(self.craft.degrees_of_freedom, bool)
-        )
-
-    def __repr__(self) -> str:
-        return f"<{self.name}: {type(self.task).__name__} for {self.craft.name}>"
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
-        self._rounding.reset(count)
+        super().reset(count)
         self._afterwards.reset(count)
 
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the state and the goal's notes, not at the observation."""
-        gain = self._velocity_to_gain(state, goal)
-        over = np.broadcast_to(self.task.reached(state, goal), gain.shape[1])
-        burns = (np.linalg.norm(gain, axis=0) > self._least) | over
+    def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
+        """See the base; craft that have seen enough go behind the target, whatever the size of the change."""
+        change = self._change_to_next_view(state, goal)
+        over = np.asarray(self.task.reached(state, goal))
+        burns = (np.linalg.norm(change, axis=0) > self._least) | over
         if over.any():
-            gain = np.where(over, self._velocity_to_leave(state), gain)
-        push = np.where(burns, gain, 0.0) * (self.craft.mass / self._timing.control_period)
-        level = Quat(1.0, 0.0, 0.0, 0.0)
-        force = np.array(leaves(state.attitude.to(level).rotate(Vec3(*push))))
-        wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
-        return self._rounding.round(wrench, ~burns, state.stores)
+            change = np.where(over, self._change_to_leave(state), change)
+        return np.where(burns, change, 0.0).T, burns
 
-    def _velocity_to_leave(self, state: Any) -> np.ndarray:
+    def _change_to_leave(self, state: Any) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, of craft that have seen enough."""
         zero = np.zeros(np.shape(state.p.x))
         still = Vec3(zero, zero, zero)
@@ -117,28 +104,25 @@ class Visiting:
         velocity = map_leaves(partial(np.where, self._afterwards.stays), stays, velocity)
         return np.array(leaves(velocity - state.v))
 
-    def _velocity_to_gain(self, state: Any, goal: Any) -> np.ndarray:
+    def _change_to_next_view(self, state: Any, goal: Any) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, with which the craft coasts to the next view."""
-        state_now = np.array(leaves(state.p))
-        size = state_now.shape[1]
-        unseen, lit = (
-            np.array([np.broadcast_to(x, size) for x in leaves(v)])
-            for v in self.task.directions(goal)
-        )
+        position = np.array(leaves(state.p))
+        # Where most of what has not been seen is in light; without light, where most has not been seen.
+        unseen, lit = (np.array(leaves(v)) for v in self.task.directions(goal))
         outward = np.where(np.linalg.norm(lit, axis=0) > _LEAST, lit, unseen)
-        from_target = _unit(state_now)
-        axis = outward - from_target * (outward * from_target).sum(axis=0)
-        aside = _unit(axis)
-        angle = np.arctan2(np.linalg.norm(axis, axis=0), (outward * from_target).sum(axis=0))
+        # The view is on the great circle from here towards that direction, at most a turn away.
+        from_target = _unit(position)
+        across = outward - from_target * (outward * from_target).sum(axis=0)
+        angle = np.arctan2(np.linalg.norm(across, axis=0), (outward * from_target).sum(axis=0))
         step = np.minimum(angle, self._turn)
-        view = self._distance * (from_target * np.cos(step) + aside * np.sin(step))
-        arc = np.linalg.norm(view - state_now, axis=0)
-        time = np.maximum(arc / self._speed, 2.0 * self._timing.control_period)
-        wanted_v = velocity_to_reach(self.task.drift, state.p, Vec3(*view), time)
-        return np.array([np.broadcast_to(x, size) for x in leaves(wanted_v)]) - np.array(
-            [np.broadcast_to(x, size) for x in leaves(state.v)]
-        )
+        view = self._distance * (from_target * np.cos(step) + _unit(across) * np.sin(step))
+        # The coast there takes as long as the chord at the speed.
+        chord = np.linalg.norm(view - position, axis=0)
+        time = np.maximum(chord / self._speed, 2.0 * self._period)
+        to_view = velocity_to_reach(self.task.drift, state.p, Vec3(*view), time)
+        return np.array(leaves(to_view - state.v))
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
+    """Unit vectors (3, N) of vectors (3, N); zero where a vector is zero."""
     return v / np.maximum(np.linalg.norm(v, axis=0), 1e-12)
