@@ -170,7 +170,7 @@ class Relaxation:
         patterns = lattice.patterns
         torques = lattice.torque_range
         firsts = np.searchsorted(patterns.torque, np.append(torques, torques[-1] + 1))
-        self._fixed = (
+        self._constants = self._kernel.Tables(
             np.cos(self._turned),
             np.sin(self._turned),
             patterns.thrust,
@@ -190,7 +190,8 @@ class Relaxation:
         margin = self.lattice.drift(self.steps) + 1e-9
         return np.isin(n, list(self.net))[:, None] & (error <= self.goal_set.heading + margin)
 
-    def _arguments(self, costate: np.ndarray, branch: Branch) -> tuple[Any, ...]:
+    def _costs(self, costate: np.ndarray, branch: Branch) -> Any:
+        """`lattice_kernel.Costs` of patterns under a costate of the final velocity and position."""
         velocity = complex(*costate[:2])
         position = complex(*costate[2:])
         left = (self.steps - np.arange(self.steps)) * self.lattice.period
@@ -199,21 +200,20 @@ class Relaxation:
             np.conj(velocity + position * left)[:, None, None] * first - np.conj(position) * second
         )
         turns = self._base[:, :, None] * pull / self.lattice.craft.mass
-        return (
+        return self._kernel.Costs(
             self.fuel * self.lattice.period,
             turns,
-            self._fixed,
+            self._constants,
             branch.low,
             branch.high,
             branch.patterns,
         )
 
-    def _sweep(self, arguments: tuple[Any, ...], value: np.ndarray, ahead: bool) -> None:
+    def _sweep(self, costs: Any, value: np.ndarray, ahead: bool) -> None:
         """Fill a table of values, and count the work: every point of the branch, a pattern each."""
-        low, high = arguments[3:5]
-        points = np.maximum(high - low, 0).sum()
+        points = np.maximum(costs.high - costs.low, 0).sum()
         self.work += _EVALUATION + points * len(self.lattice.patterns.torque) / _POINTS_PER_SECOND
-        self._kernel.sweep(*arguments, value, ahead)
+        self._kernel.bellman(costs, value, ahead)
 
     def bound(self, costate: np.ndarray, branch: Branch) -> DualValue:
         """The dual function: its value is infinite where the branch holds no path.
@@ -222,14 +222,14 @@ class Relaxation:
             NonFiniteState: numbers are too large, so that infinity might mean an overflow.
         """
         margin = self.margin(costate)
-        arguments = self._arguments(costate, branch)
-        self._sweep(arguments, self._after, False)
+        costs = self._costs(costate, branch)
+        self._sweep(costs, self._after, False)
         constant, slope = self.constant(costate)
         inside = branch.low[0, self._reach] <= self._origin < branch.high[0, self._reach]
         inner = self._after[0, self._reach, self._origin] if inside else np.inf
         if inner == np.inf:
             return DualValue(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
-        path = self._kernel.trace(*arguments, self._after)
+        path = self._kernel.cheapest_patterns(costs, self._after)
         effect = np.array(self.effect(path)).view(float)  # real and imaginary parts are x and y
         return DualValue(constant + inner - margin, slope + effect, costate, path)
 
@@ -244,9 +244,9 @@ class Relaxation:
         Any costate will do; the better it is, the more is dropped.
         """
         margin = self.margin(costate)
-        arguments = self._arguments(costate, branch)
-        self._sweep(arguments, self._after, False)
-        self._sweep(arguments, self._before, True)
+        costs = self._costs(costate, branch)
+        self._sweep(costs, self._after, False)
+        self._sweep(costs, self._before, True)
         limit = limit - self.constant(costate)[0] + margin
         low, high = self._kernel.shrink(self._before, self._after, limit, branch.low, branch.high)
         return replace(branch, low=low, high=high)

@@ -1,144 +1,151 @@
-"""Dynamic programming over the lattice, compiled: the only loops that cost time.
+"""Dynamic programming over the lattice of spins and headings, compiled: the only loops that cost time.
 
-All take windows ``low`` and ``high``, whole numbers (N + 1, spins): of spin n at period k only the
-indices low[k, n] <= a < high[k, n] are looked at. A value is infinite where no pattern leads on.
+A point is a control period k, a spin index n and a heading index a. A pattern of open thrusters with the net torque
+t leads from (k, n, a) to (k + 1, n + t, a + n). Tables have a row i for the spin n = i - `Tables.spin_origin` and a
+column for the heading. Only the columns low[k, i] <= a < high[k, i] are searched. A value is infinite where no
+pattern leads on.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
 
-Tables = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int, int]
-"""Cosine and sine of the heading indices' angles (headings,); per pattern thrust (P,) and complex force
-(P,), N; the first pattern of each net torque (torques + 1,); the smallest net torque; and the index of
-n = 0 and of a = 0."""
+
+class Tables(NamedTuple):
+    """Constants of a lattice: P patterns in ascending order of their T net torques."""
+
+    cosine: np.ndarray
+    """(headings,) cosine of the angle of each heading index."""
+    sine: np.ndarray
+    """(headings,) its sine."""
+    thrust: np.ndarray
+    """(P,) sum of the thrusts of each pattern, N."""
+    force: np.ndarray
+    """(P,) force of each pattern on B as a complex number x + i y, N."""
+    first_pattern: np.ndarray
+    """(T + 1,) number of the first pattern of each net torque, and P."""
+    least_torque: int
+    """The smallest net torque, in steps of the spin."""
+    spin_origin: int
+    """Row of n = 0."""
+    heading_origin: int
+    """Column of a = 0."""
+
+
+class Costs(NamedTuple):
+    """Costs of the patterns under a costate, and where paths may lead, over N periods and S spins."""
+
+    fuel: float
+    """Price of a newton of thrust over one period."""
+    turns: np.ndarray
+    """(N, S, T) complex: the price of a force on B is the real part of its product with the force and exp(i heading
+    angle)."""
+    tables: Tables
+    low: np.ndarray
+    """(N + 1, S) first columns."""
+    high: np.ndarray
+    """(N + 1, S) columns after the last ones."""
+    allowed: np.ndarray
+    """(N, P) whether a pattern may be used in a period."""
 
 
 @compiled
-def price_row(
-    price: float,
-    turn: complex,
-    tables: Tables,
-    first: int,
-    last: int,
-    allowed: np.ndarray,
-    begin: int,
-    end: int,
-    row: np.ndarray,
+def cheapest_of_torque(
+    costs: Costs, k: int, i: int, t: int, begin: int, end: int, row: np.ndarray
 ) -> None:
-    """Write the cheapest pattern of one net torque for all headings of one spin into ``row``."""
-    cosine, sine, thrust, force = tables[:4]
+    """Write the least cost of a pattern of one net torque for headings from begin to end into ``row``."""
+    tables = costs.tables
     for a in range(begin, end):
         row[a] = np.inf
-    for p in range(first, last):
-        if not allowed[p]:
+    for p in range(tables.first_pattern[t], tables.first_pattern[t + 1]):
+        if not costs.allowed[k, p]:
             continue
-        c = turn * force[p]
-        real = c.real
-        imaginary = c.imag
-        fuel = price * thrust[p]
+        turned = costs.turns[k, i, t] * tables.force[p]
+        real = turned.real
+        imaginary = turned.imag
+        fuel = costs.fuel * tables.thrust[p]
         for a in range(begin, end):
-            cost = fuel + (real * cosine[a] - imaginary * sine[a])
+            cost = fuel + (real * tables.cosine[a] - imaginary * tables.sine[a])
             row[a] = cost if cost < row[a] else row[a]
 
 
 @compiled
-def sweep(
-    fuel: float,
-    turns: np.ndarray,
-    tables: Tables,
-    low: np.ndarray,
-    high: np.ndarray,
-    allowed: np.ndarray,
-    value: np.ndarray,
-    ahead: bool,
-) -> None:
+def bellman(costs: Costs, value: np.ndarray, ahead: bool) -> None:
     """Least cost from every point to the end, or from the start to every point (Bellman's recursion).
 
-    The fuel is the price of a newton of thrust over one period; the turns, complex (N, spins, torques), are
-    what the costate makes of a force on B at heading index 0; allowed are the patterns that may be used,
-    (N, P). The value, (N + 1, spins, headings), is filled from its end, or ahead from its start, given there.
+    The value, (N + 1, S, headings), is filled from its end, or ahead from its start, which has its values already.
     """
-    steps = turns.shape[0]
-    spins = turns.shape[1]
-    firsts, least, reach = tables[4:7]
+    tables = costs.tables
+    low = costs.low
+    high = costs.high
+    steps, spins, torques = costs.turns.shape
     row = np.empty(value.shape[2])
     for step in range(steps):
         k = step if ahead else steps - 1 - step
+        # No path is known yet to the points that this period fills.
         filled = k + 1 if ahead else k
         for i in range(spins):
             for a in range(low[filled, i], high[filled, i]):
                 value[filled, i, a] = np.inf
         for i in range(spins):
-            n = i - reach
-            for t in range(turns.shape[2]):
-                j = i + least + t
+            n = i - tables.spin_origin
+            for t in range(torques):
+                # From row i to row j, for headings that both windows hold.
+                j = i + tables.least_torque + t
                 if j < 0 or j >= spins:
                     continue
                 begin = max(low[k, i], low[k + 1, j] - n)
                 end = min(high[k, i], high[k + 1, j] - n)
                 if begin >= end:
                     continue
-                price_row(
-                    fuel,
-                    turns[k, i, t],
-                    tables,
-                    firsts[t],
-                    firsts[t + 1],
-                    allowed[k],
-                    begin,
-                    end,
-                    row,
-                )
-                for a in range(begin, end):
-                    if ahead:
-                        value[k + 1, j, a + n] = min(
-                            value[k + 1, j, a + n], row[a] + value[k, i, a]
-                        )
-                    else:
-                        value[k, i, a] = min(value[k, i, a], row[a] + value[k + 1, j, a + n])
+                cheapest_of_torque(costs, k, i, t, begin, end, row)
+                if ahead:
+                    for a in range(begin, end):
+                        cost = row[a] + value[k, i, a]
+                        value[k + 1, j, a + n] = min(value[k + 1, j, a + n], cost)
+                else:
+                    for a in range(begin, end):
+                        cost = row[a] + value[k + 1, j, a + n]
+                        value[k, i, a] = min(value[k, i, a], cost)
 
 
 @compiled
-def trace(
-    fuel: float,
-    turns: np.ndarray,
-    tables: Tables,
-    low: np.ndarray,
-    high: np.ndarray,
-    allowed: np.ndarray,
-    value: np.ndarray,
-) -> np.ndarray:
-    """The cheapest patterns from n = a = 0 on, by the values of `sweep`: (N,) indices."""
-    steps = turns.shape[0]
-    spins = turns.shape[1]
-    cosine, sine, thrust, force, firsts, least, reach, origin = tables
+def cheapest_patterns(costs: Costs, value: np.ndarray) -> np.ndarray:
+    """Numbers (N,) of the cheapest patterns from n = a = 0 on, by the values to the end of `bellman`."""
+    tables = costs.tables
+    low = costs.low
+    high = costs.high
+    steps, spins, torques = costs.turns.shape
     chosen = np.zeros(steps, dtype=np.int64)
-    i = reach
-    a = origin
-    # In each period the pattern with the least cost now and afterwards, among those within the limits.
+    i = tables.spin_origin
+    a = tables.heading_origin
     for k in range(steps):
+        # The heading after this period is the same for every pattern.
+        n = i - tables.spin_origin
+        after = a + n
         best = np.inf
-        n = i - reach
-        best_j = i
-        for t in range(turns.shape[2]):
-            j = i + least + t
-            if j < 0 or j >= spins or a + n < low[k + 1, j] or a + n >= high[k + 1, j]:
+        best_row = i
+        for t in range(torques):
+            j = i + tables.least_torque + t
+            if j < 0 or j >= spins or after < low[k + 1, j] or after >= high[k + 1, j]:
                 continue
-            for p in range(firsts[t], firsts[t + 1]):
-                if not allowed[k, p]:
+            for p in range(tables.first_pattern[t], tables.first_pattern[t + 1]):
+                if not costs.allowed[k, p]:
                     continue
-                c = turns[k, i, t] * force[p]
-                cost = fuel * thrust[p] + (c.real * cosine[a] - c.imag * sine[a])
-                cost += value[k + 1, j, a + n]
+                turned = costs.turns[k, i, t] * tables.force[p]
+                real = turned.real * tables.cosine[a] - turned.imag * tables.sine[a]
+                cost = costs.fuel * tables.thrust[p] + real
+                cost += value[k + 1, j, after]
                 if cost < best:
                     best = cost
-                    best_j = j
+                    best_row = j
                     chosen[k] = p
-        i = best_j
-        a = a + n
+        i = best_row
+        a = after
     return chosen
 
 
@@ -146,7 +153,15 @@ def trace(
 def shrink(
     before: np.ndarray, after: np.ndarray, limit: float, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Windows that hold every point through which a path costs at most the limit."""
+    """Windows that hold every point through which a path costs at most the limit.
+
+    Args:
+        before: least cost from the start to every point.
+        after: least cost from every point to the end.
+        limit: largest cost of a path.
+        low: (N + 1, S) first columns of the windows.
+        high: (N + 1, S) columns after the last ones.
+    """
     steps, spins = low.shape
     new_low = np.zeros_like(low)
     new_high = np.zeros_like(high)
@@ -154,6 +169,7 @@ def shrink(
         for i in range(spins):
             begin = low[k, i]
             end = high[k, i]
+            # A sum that is not a number is no path: "not <=" drops it.
             while begin < end and not before[k, i, begin] + after[k, i, begin] <= limit:
                 begin += 1
             while end > begin and not before[k, i, end - 1] + after[k, i, end - 1] <= limit:
