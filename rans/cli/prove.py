@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import shlex
 import time
 from collections.abc import Callable
@@ -246,7 +247,7 @@ class Prove:
         from rans.processes import Workers, nothing
 
         begun = time.monotonic()
-        least = float("inf")
+        least = math.inf
         with progress() as bars:
             task = bars.add_task("checking", total=count)
             answers = Workers(nothing, (), self.workers, "checked a certificate")
@@ -291,39 +292,31 @@ def _files(folder: Path) -> dict[str, bytes]:
 def _trapped(
     _: None, certificate: bytes, files: dict[str, bytes], cells: list[int]
 ) -> tuple[float, str]:
-    """Why the certificate of a trapping set is refused, or ""."""
-    from rans.proof.balls import Refused
+    """Infinity, as a trapping set has no margins, and why its certificate is refused, or ""."""
     from rans.proof.check_trap import check_trap
 
-    try:
+    def judge() -> float:
         check_trap(certificate, files, only=cells)
-        return float("inf"), ""
-    except Refused as refusal:
-        return 0.0, str(refusal)
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        ArithmeticError,
-    ) as error:  # a damaged file
-        return 0.0, f"it is damaged: {type(error).__name__} {error}"
+        return math.inf
+
+    return _verdict(judge)
 
 
 def _checked(_: None, certificate: bytes, network: bytes, cells: list[int]) -> tuple[float, str]:
     """Least margin of some cells, and why the certificate is refused, or ""."""
-    from rans.proof.balls import Refused
     from rans.proof.check import check
 
+    return _verdict(lambda: check(certificate, network, only=cells))
+
+
+def _verdict(judge: Callable[[], float]) -> tuple[float, str]:
+    """The margin that a judge of a certificate computes, and why it refuses the certificate, or ""."""
+    from rans.proof.balls import Refused
+
     try:
-        return check(certificate, network, only=cells), ""
+        return judge(), ""
     except Refused as refusal:
         return 0.0, str(refusal)
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        ArithmeticError,
-    ) as error:  # a damaged file
+    except (ValueError, KeyError, TypeError, IndexError, ArithmeticError) as error:
+        # Judges read without bounds: a damaged file raises one of these.
         return 0.0, f"it is damaged: {type(error).__name__} {error}"
