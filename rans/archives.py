@@ -80,10 +80,10 @@ def content(archive: zipfile.ZipFile, name: str) -> bytes:
         return b"".join(iter(lambda: stream.read(_CHUNK), b""))
 
 
-def _refuse_beyond(most: int, size: int, where: object, what: str) -> None:
-    if size > most:
+def _refuse_beyond(limit: int, size: int, where: object, what: str) -> None:
+    if size > limit:
         raise ConfigError(
-            f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most {most:,} "
+            f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most {limit:,} "
             "are read; no agent needs this much, so it is damaged or malicious."
         )
 

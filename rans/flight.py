@@ -258,10 +258,10 @@ def table(times: np.ndarray, states: np.ndarray, commands: np.ndarray) -> str:
             numbers for headings.
         commands: (T, commands); zeros in the last row.
     """
-    known = max(size for size in _COLUMNS if size <= states.shape[1])
-    further = [f"x_{k}" for k in range(known, states.shape[1])]
+    width = max(size for size in _COLUMNS if size <= states.shape[1])
+    further = [f"x_{k}" for k in range(width, states.shape[1])]
     names = [f"u_{k}" for k in range(commands.shape[1])]
-    header = ",".join(["t (s)", _COLUMNS[known], *further, *names])
+    header = ",".join(["t (s)", _COLUMNS[width], *further, *names])
     held = np.vstack([commands, np.zeros(commands.shape[1])])
     rows = np.column_stack([times, states, held])
     return "\n".join([header, *(",".join(f"{x:.9g}" for x in row) for row in rows)]) + "\n"

@@ -83,9 +83,9 @@ class FlightStatistics:
         """Number of flights that settled at any instant."""
         return int(self.settled_at.sum())
 
-    def settling_step(self, share: float = 0.5) -> float:
+    def settling_step(self, fraction: float = 0.5) -> float:
         """Instant by which a share of all flights has settled; infinite if fewer settle."""
-        reached = np.flatnonzero(np.cumsum(self.settled_at) >= share * self.flights)
+        reached = np.flatnonzero(np.cumsum(self.settled_at) >= fraction * self.flights)
         return float(reached[0]) if len(reached) and self.flights else math.inf
 
     def __add__(self, other: FlightStatistics) -> FlightStatistics:

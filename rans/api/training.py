@@ -130,14 +130,14 @@ def train(
         def tell(members: Sequence[Any]) -> None:
             row = members[0].rows[-1]
             show(row)
-            for other in others:
-                other.write(row)
+            for sink in others:
+                sink.write(row)
             if report:
                 report(row)
 
         trainer.train(tell)
-    for other in others:
-        other.close()
+    for sink in others:
+        sink.close()
     return Agent(trained(folder), str(folder))
 
 

@@ -169,7 +169,7 @@ class Init:
         start: Spacecraft | None = None if isinstance(base, Foreign) else base
         answers: dict[str, Any] = {}
 
-        def one(text: str) -> float:
+        def number(text: str) -> float:
             return numbers_of_text(text, "this", (1,))[0]
 
         if self.name is None:
@@ -179,7 +179,7 @@ class Init:
             dimension = ask("Does it move in the plane (2) or in space (3)", _dimension, "2")
             answers["dimension"] = dimension
         if self.mass is None and foreign is None:
-            answers["mass"] = ask("Mass, kg", one, start and f"{start.mass:g}")
+            answers["mass"] = ask("Mass, kg", number, start and f"{start.mass:g}")
         has_inertia = foreign is not None and foreign.inertia is not None
         if self.inertia is None and self.size is None and not has_inertia:
             answers |= _ask_inertia(dimension, start)
@@ -197,12 +197,12 @@ class Init:
             if kind == "pulsed" and self.counts is None:
                 answers["counts"] = ask(
                     "Into how many steps do valves divide a control period",
-                    lambda text: int(one(text)),
+                    lambda text: int(number(text)),
                     "100",
                 )
-                answers["least"] = ask("Shortest pulse, in these steps", one, "1")
+                answers["least"] = ask("Shortest pulse, in these steps", number, "1")
             if kind == "throttle" and self.least is None:
-                answers["least"] = ask("Least level, a share of full force", one, "0")
+                answers["least"] = ask("Least level, a share of full force", number, "0")
         if foreign is not None and foreign.nozzles and not self.thruster:
             answers["thrusters"] = _ask_nozzles(foreign, dimension)
         elif start is None and not self.thruster:

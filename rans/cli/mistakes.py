@@ -153,23 +153,23 @@ def _flags(
         yield f"--no-{field.name}".replace("_", "-"), ()
 
 
-def _hint(command: str, flag: str, value: str, known: Mapping[str, tuple[str, ...]]) -> str:
+def _hint(command: str, flag: str, value: str, options: Mapping[str, tuple[str, ...]]) -> str:
     """What to write in its place, as the middle of a sentence; empty if that is not known."""
     if flag in ("task", "env", "env-id") and command in ("train", "sweep", "optimal"):
         return f": {_TASK.format(command=command)}"
-    for other in _OPTIONS.get(flag, ()):
-        if f"--{other}" in known:
-            return f" (did you mean --{other}?)"
-    if "--set" in known and (setting := _setting(flag.replace("-", "_"))):
+    for option in _OPTIONS.get(flag, ()):
+        if f"--{option}" in options:
+            return f" (did you mean --{option}?)"
+    if "--set" in options and (setting := _setting(flag.replace("-", "_"))):
         value = value if value and not value.startswith("-") else "VALUE"
         return f": it is a setting, --set {setting}={value}"
-    for other, choices in known.items():
+    for option, choices in options.items():
         if flag in choices:
-            return f" (did you mean {other} {flag}?)"
+            return f" (did you mean {option} {flag}?)"
     if command == "list":
         return f" (did you mean `rans list {flag.upper()}`?)"
-    longer = [candidate for candidate in sorted(known) if candidate.endswith(f"-{flag}")]
-    return f" (did you mean {longer[0]}?)" if longer else meant(f"--{flag}", sorted(known))
+    longer = [candidate for candidate in sorted(options) if candidate.endswith(f"-{flag}")]
+    return f" (did you mean {longer[0]}?)" if longer else meant(f"--{flag}", sorted(options))
 
 
 def _setting(name: str) -> str:
@@ -177,6 +177,6 @@ def _setting(name: str) -> str:
     from rans.fast.learn.changes import OTHERS_NAMES
     from rans.fast.learn.config import PPOSettings, TrainConfig
 
-    other = OTHERS_NAMES.get(name, name).rpartition(".")[2]
+    setting = OTHERS_NAMES.get(name, name).rpartition(".")[2]
     entries = {field.name for kind in (PPOSettings, TrainConfig) for field in fields(kind)}
-    return other if other in entries else ""
+    return setting if setting in entries else ""

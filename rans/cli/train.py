@@ -286,12 +286,12 @@ class Train:
             trainer.train(
                 lambda members: [
                     write(members[0].rows[-1])
-                    for write in (progress.show, *(other.write for other in others))
+                    for write in (progress.show, *(sink.write for sink in others))
                 ],
                 lambda: stop.requested,
             )
-        for other in others:
-            other.close()
+        for sink in others:
+            sink.close()
         # Result: curve, summary, and a warning where the training left the nominal craft out.
         rows = trainer.run.metrics()
         if rows and curve is not None:

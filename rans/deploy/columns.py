@@ -92,9 +92,9 @@ def _quantities(state: State, goal: State) -> dict[str, Sequence[Field]]:
     }
 
 
-def _named(columns: Sequence[Field], known: Mapping[str, Sequence[Field]]) -> list[str]:
+def _named(columns: Sequence[Field], meanings: Mapping[str, Sequence[Field]]) -> list[str]:
     """One meaning for all of an entry's columns."""
-    for meaning, values in known.items():
+    for meaning, values in meanings.items():
         if len(values) == len(columns) and all(
             np.allclose(a, b, rtol=0.0, atol=1e-9) for a, b in zip(columns, values, strict=True)
         ):

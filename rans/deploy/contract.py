@@ -467,10 +467,10 @@ def wiring(task: Task, craft: Spacecraft) -> dict[str, Any]:
     }
 
 
-def _at(state: State, place: Any) -> Any:
+def _at(state: State, index: Any) -> Any:
     """One state of numbers among many."""
     shape = np.broadcast_shapes(*(np.shape(x) for x in leaves(state)))
-    return map_leaves(lambda x: float(np.broadcast_to(x, shape)[place]), state)
+    return map_leaves(lambda x: float(np.broadcast_to(x, shape)[index]), state)
 
 
 def _in_ranges(outputs: np.ndarray, craft: Spacecraft | None) -> np.ndarray:

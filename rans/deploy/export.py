@@ -162,8 +162,8 @@ def _check_alone(folder: Path, form: Form, pairs: str) -> None:
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
     others = [
         name
-        for other, names in _FILES.items()
-        if other != form
+        for exported, names in _FILES.items()
+        if exported != form
         for name in names
         if name not in _FILES[form] and (folder / name).exists()
     ]

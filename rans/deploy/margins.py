@@ -212,9 +212,9 @@ def _setting(conditions: Any, path: Sequence[str]) -> Any:
 def _changed(conditions: Conditions, path: Sequence[str], value: float) -> Conditions:
     """Conditions, and all of their mixture, with one setting at a value."""
 
-    def one(part: Any, path: Sequence[str]) -> Any:
-        inner = value if len(path) == 1 else one(getattr(part, path[0]), path[1:])
+    def replaced(part: Any, path: Sequence[str]) -> Any:
+        inner = value if len(path) == 1 else replaced(getattr(part, path[0]), path[1:])
         return replace(part, **{path[0]: inner})
 
-    changed = one(conditions, path)
-    return replace(changed, others=tuple(one(part, path) for part in conditions.others))
+    changed = replaced(conditions, path)
+    return replace(changed, others=tuple(replaced(part, path) for part in conditions.others))

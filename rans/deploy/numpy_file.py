@@ -94,20 +94,20 @@ def write_numpy(folder: Path, program: Program, architecture: Architecture, titl
 def printed(program: Program) -> tuple[list[str], list[str]]:
     """The program's lines, and the names of the tables in them, each ``w["name"]``."""
     uses = Counter(name for step in program.steps for name in step.inputs)
-    known: dict[str, str] = {}
+    texts: dict[str, str] = {}
     lines = []
     tables = []
     for name, value in program.constants.items():
-        known[name] = repr(float(value)) if value.ndim == 0 else f'w["{name}"]'
+        texts[name] = repr(float(value)) if value.ndim == 0 else f'w["{name}"]'
         tables += [name] if value.ndim else []
     for step in program.steps:
-        text = _text(step, program, known)
+        text = _text(step, program, texts)
         (first, *others) = step.outputs
         if not others and uses[first] == 1 and len(text) < _ROOM and re.fullmatch(r"x\d+", first):
-            known[first] = text if step.operation in _CALLS else f"({text})"
+            texts[first] = text if step.operation in _CALLS else f"({text})"
             continue
         name = first if not others else _PARTS.get(step.inputs[0], f"{step.inputs[0]}_parts")
-        known |= (
+        texts |= (
             {part: f"{name}[{index}]" for index, part in enumerate(step.outputs)} if others else {}
         )
         lines.append(f"{name} = {text}")
@@ -130,9 +130,9 @@ def _broken(line: str) -> str:
     )
 
 
-def _text(step: Step, program: Program, known: Mapping[str, str]) -> str:
+def _text(step: Step, program: Program, texts: Mapping[str, str]) -> str:
     """The operation on its inputs as they are known: by name, or written out."""
-    inputs = [known.get(name, name) for name in step.inputs]
+    inputs = [texts.get(name, name) for name in step.inputs]
     whole = program.constants.get(step.inputs[-1], np.zeros(()))
     match step.operation:
         case "Concat":

@@ -40,8 +40,8 @@ class Processes:
         """Whether this is the process that writes the run folder and prints."""
         return self.rank == 0
 
-    def share(self, name: str, count: int) -> int:
-        """Share of this process in a count.
+    def portion(self, name: str, count: int) -> int:
+        """Portion of this process of a count.
 
         Raises:
             ConfigError: the count is not a multiple of the number of processes.

@@ -67,9 +67,11 @@ class Transfer(NamedTuple):
     at_goal: Vec3
     """Velocity at the arrival before the brake, m/s."""
 
-    def replaced_where(self, better: Field, other: Transfer) -> Transfer:
+    def replaced_where(self, better: Field, candidate: Transfer) -> Transfer:
         """This transfer, or another one where that is better."""
-        leaves = map_leaves(lambda mine, its: where(better, its, mine), tuple(self), tuple(other))
+        leaves = map_leaves(
+            lambda mine, its: where(better, its, mine), tuple(self), tuple(candidate)
+        )
         return Transfer(*leaves)
 
     def mixed(self, other: Transfer, fraction: Field) -> Transfer:
@@ -230,9 +232,9 @@ class ConeApproach:
     def _cheapest(self) -> Transfer:
         """The cheapest transfer, inside the cone or not."""
         best = self._burning_now
-        for possible, other in self._postponed:
-            better = possible & (other.price < best.price * (1.0 - LEAST_SAVING))
-            best = best.replaced_where(better, other)
+        for possible, candidate in self._postponed:
+            better = possible & (candidate.price < best.price * (1.0 - LEAST_SAVING))
+            best = best.replaced_where(better, candidate)
         return best
 
     def _cheapest_inside(self) -> Transfer:
@@ -240,9 +242,9 @@ class ConeApproach:
         best = self._penalized(self._burning_now)
         others = [*self._postponed, *(self._bent(j) for j in range(1, len(BURN_TIMES) + 1))]
         for possible, transfer in others:
-            other = self._penalized(transfer)
-            better = possible & (other.price < best.price * (1.0 - LEAST_SAVING))
-            best = best.replaced_where(better, other)
+            candidate = self._penalized(transfer)
+            better = possible & (candidate.price < best.price * (1.0 - LEAST_SAVING))
+            best = best.replaced_where(better, candidate)
         return best
 
     def _bent(self, j: int) -> tuple[Field, Transfer]:

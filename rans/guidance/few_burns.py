@@ -100,13 +100,13 @@ class _PlaneTransfer(NamedTuple):
     offset: Pair
     """Position at the arrival relative to the goal, m."""
 
-    def replaced_where(self, better: Field, other: _PlaneTransfer) -> _PlaneTransfer:
+    def replaced_where(self, better: Field, candidate: _PlaneTransfer) -> _PlaneTransfer:
         """This transfer, or another one where that is better."""
         return _PlaneTransfer(
-            where(better, other.price, self.price),
-            where(better, other.brake, self.brake),
-            _pair_where(better, other.now, self.now),
-            _pair_where(better, other.offset, self.offset),
+            where(better, candidate.price, self.price),
+            where(better, candidate.brake, self.brake),
+            _pair_where(better, candidate.now, self.now),
+            _pair_where(better, candidate.offset, self.offset),
         )
 
 

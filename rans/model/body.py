@@ -72,7 +72,7 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
             f"{'the plane it has 1' if len(nominal.inertia) == 1 else 'space it has 6'}."
         )
 
-    def place(
+    def in_fields(
         bounds: Mapping[str, str], written: tuple[Any, ...], usual: tuple[Any, ...]
     ) -> tuple[Any, ...]:
         if len(written or usual) != len(usual):
@@ -89,14 +89,14 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
     thrusters = range(len(nominal.gain))
     result = Body(
         _placed("mass", "> 0", body.mass, count, field),
-        place(_MOMENTS[len(nominal.inertia)], body.inertia, nominal.inertia),
-        place(
+        in_fields(_MOMENTS[len(nominal.inertia)], body.inertia, nominal.inertia),
+        in_fields(
             {f"centre {axis}": "" for axis in "xyz"[: len(nominal.centre)]},
             body.centre,
             nominal.centre,
         ),
-        place({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
-        place({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak),
+        in_fields({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
+        in_fields({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak),
     )
     if len(body.inertia) == 6:
         _check_rigid(body.inertia)

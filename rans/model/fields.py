@@ -196,12 +196,12 @@ class Vector(ABC):
         return sqrt(self.dot(self))
 
 
-def _columns_of(other: Vector) -> tuple[Field, ...]:
-    if not isinstance(other, Vector):
+def _columns_of(vector: Vector) -> tuple[Field, ...]:
+    if not isinstance(vector, Vector):
         raise TypeError(
-            f"a vector and {type(other).__name__} cannot be added; a vector of W is Vec2 or Vec3"
+            f"a vector and {type(vector).__name__} cannot be added; a vector of W is Vec2 or Vec3"
         )
-    return other.columns()
+    return vector.columns()
 
 
 class Attitude(ABC):

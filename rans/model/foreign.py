@@ -141,8 +141,8 @@ class _Pose:
     R: np.ndarray
     p: np.ndarray
 
-    def then(self, other: _Pose) -> _Pose:
-        return _Pose(self.R @ other.R, self.p + self.R @ other.p)
+    def then(self, child: _Pose) -> _Pose:
+        return _Pose(self.R @ child.R, self.p + self.R @ child.p)
 
 
 _AT_ORIGIN = _Pose(np.eye(3), np.zeros(3))
@@ -403,15 +403,15 @@ def _sdf(root: ET.Element, name: str) -> Foreign:
     poses = {"__model__": _AT_ORIGIN}
     waiting = dict(placed)
     while waiting:
-        ready = [own for own, (other, _) in waiting.items() if other in poses]
+        ready = [own for own, (parent, _) in waiting.items() if parent in poses]
         if not ready:
-            own, (other, _) = next(iter(waiting.items()))
+            own, (parent, _) = next(iter(waiting.items()))
             raise ConfigError(
-                f"the pose of {brief(own)} is relative to {brief(other)}, which is none or depends on it."
+                f"the pose of {brief(own)} is relative to {brief(parent)}, which is none or depends on it."
             )
         for own in ready:
-            other, pose = waiting.pop(own)
-            poses[own] = poses[other].then(pose)
+            parent, pose = waiting.pop(own)
+            poses[own] = poses[parent].then(pose)
     return _lumped(name, links, poses, _forces(model.iterfind("plugin"), links))
 
 

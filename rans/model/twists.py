@@ -35,7 +35,7 @@ def normals(columns: np.ndarray) -> np.ndarray:
     for column in columns:
         if (length := np.linalg.norm(column)) > 0.0:
             line = column / length
-            if all(abs(line @ other) < 1.0 - _PARALLEL for other in lines):
+            if all(abs(line @ previous) < 1.0 - _PARALLEL for previous in lines):
                 lines.append(line)
     width = columns.shape[1]
     if len(lines) < width - 1:
@@ -47,10 +47,10 @@ def normals(columns: np.ndarray) -> np.ndarray:
     for row in range(1, width - 1):
         minors = {
             axes: sum(
-                (-1.0) ** (row + place)
+                (-1.0) ** (row + omitted)
                 * rows[:, row, axis]
-                * minors[axes[:place] + axes[place + 1 :]]
-                for place, axis in enumerate(axes)
+                * minors[axes[:omitted] + axes[omitted + 1 :]]
+                for omitted, axis in enumerate(axes)
             )
             for axes in itertools.combinations(range(width), row + 1)
         }

@@ -60,13 +60,13 @@ def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float = 
     ordered = columns[order]
     # All subsets, or those with few open thrusters.
     count = len(ordered)
-    most = count
-    while sum(math.comb(count, k) for k in range(most + 1)) > MOST_SUBSETS:
-        most -= 1
+    largest = count
+    while sum(math.comb(count, k) for k in range(largest + 1)) > MOST_SUBSETS:
+        largest -= 1
     chosen = itertools.chain.from_iterable(
-        itertools.combinations(range(count), k) for k in range(most + 1)
+        itertools.combinations(range(count), k) for k in range(largest + 1)
     )
-    numbers = np.array(sorted(sum(1 << k for k in one) for one in chosen))
+    numbers = np.array(sorted(sum(1 << k for k in subset) for subset in chosen))
     masks = (numbers[:, None] >> np.arange(count)) & 1
     shares = masks / np.maximum(masks.sum(axis=1, keepdims=True), 1) if shared else masks
     # Sums one column after the other, so that their bits do not depend on a library's order.
@@ -101,21 +101,21 @@ def shares(
     """
     pushing = directions(len(demand))
     left = list(demand)
-    share: list[Field] = [0.0] * len(columns)
+    result: list[Field] = [0.0] * len(columns)
     order = in_order(columns)
     for turn in range(passes):
         for k in order:
             column = [float(x) for x in columns[k]]
             square = sum(x * x for x in column)
             if square == 0.0:
-                share[k] = left[0] * 0.0
+                result[k] = left[0] * 0.0
                 continue
             offset = 0.5 * price * math.hypot(*column[:pushing]) / square
             # Where the cost is least along this thruster, within its range.
             step = sum(x / square * e for x, e in zip(column, left, strict=True)) - offset
-            before = share[k]
+            before = result[k]
             after = within(step if turn == 0 else before + step, 0.0, 1.0)
             change = after if turn == 0 else after - before
             left = [e - x * change for x, e in zip(column, left, strict=True)]
-            share[k] = after
-    return share
+            result[k] = after
+    return result

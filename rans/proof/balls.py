@@ -29,7 +29,7 @@ def sizes(matrix: Any) -> Any:
     return arb_mat(matrix.nrows(), matrix.ncols(), [abs(x) for x in matrix.entries()])
 
 
-def row_sums(matrix: Any) -> list[Any]:
+def absolute_row_sums(matrix: Any) -> list[Any]:
     """Sums of absolute values along rows."""
     return [sum((abs(x) for x in row), arb(0)) for row in matrix.tolist()]
 
@@ -62,12 +62,12 @@ def parallel(low: Any, high: Any, kind: str) -> tuple[Any, Any, Any]:
     else:
         points.append(low.union(high))
     values = [bend(z) - slope * z for z in points]
-    least = min((x.lower() for x in values), key=float)
-    most = max((x.upper() for x in values), key=float)
-    least = (least - abs(least) * arb(1e-14) - arb(1e-300)).lower()  # as floats order them
-    most = (most + abs(most) * arb(1e-14) + arb(1e-300)).upper()
-    middle = ((least + most) / 2).mid()
-    half = ((most - least) / 2).upper()
+    lowest = min((x.lower() for x in values), key=float)
+    highest = max((x.upper() for x in values), key=float)
+    lowest = (lowest - abs(lowest) * arb(1e-14) - arb(1e-300)).lower()  # as floats order them
+    highest = (highest + abs(highest) * arb(1e-14) + arb(1e-300)).upper()
+    middle = ((lowest + highest) / 2).mid()
+    half = ((highest - lowest) / 2).upper()
     if kind != "Sigmoid":
         return slope, middle, half
     return slope / 4, arb("0.5") + middle / 2, half / 2
@@ -79,11 +79,13 @@ def _rectified(z: Any) -> Any:
 
 
 def with_sizes(layers: Sequence[Any]) -> list[Any]:
-    """Layers of weight, bias and activation, and the absolute weights that `enclose` needs."""
+    """Layers of weight, bias and activation, and the absolute weights that `network_enclosure` needs."""
     return [(*layer, sizes(layer[0])) for layer in layers]
 
 
-def enclose(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any, list[Any]]:
+def network_enclosure(
+    layers: Sequence[Any], centre: Any, spread: Any
+) -> tuple[Any, Any, list[Any]]:
     """Gain, offset and errors: answers to c + G s lie in gain x + offset +- errors."""
     gain: Any = None
     offset: Any = None
@@ -105,7 +107,7 @@ def enclose(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any, 
         if not kind:
             return gain, offset, passed
         middle = (gain * centre + offset).entries()
-        reach = [a + b for a, b in zip(row_sums(gain * spread), passed, strict=True)]
+        reach = [a + b for a, b in zip(absolute_row_sums(gain * spread), passed, strict=True)]
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middle, reach, strict=True)]
         slopes.append([line[0] for line in lines])
         errors.append([line[2] for line in lines])
@@ -115,8 +117,8 @@ def enclose(layers: Sequence[Any], centre: Any, spread: Any) -> tuple[Any, Any, 
     return gain, offset, last
 
 
-def beside(*matrices: Any) -> Any:
-    """Matrices beside one another."""
+def side_by_side(*matrices: Any) -> Any:
+    """One matrix of the columns of several, from left to right."""
     return arb_mat(
         [
             [x for row in rows for x in row]
@@ -139,13 +141,13 @@ def polynomial(text: str, states: int, width: int) -> dict[tuple[int, ...], Any]
         if isinstance(node, ast.Constant):
             return {(0,) * width: arb(float(str(node.value)))}
         if isinstance(node, ast.Name):
-            place = int(node.id[1:]) + (states if node.id[0] == "u" else 0)
-            return {tuple(int(i == place) for i in range(width)): arb(1)}
+            variable = int(node.id[1:]) + (states if node.id[0] == "u" else 0)
+            return {tuple(int(i == variable) for i in range(width)): arb(1)}
         if isinstance(node, ast.UnaryOp):
             return plus({}, read(node.operand), -1)
         left, right = read(node.left), read(node.right)
         if isinstance(node.op, ast.Mult):
-            return times(left, right)
+            return polynomial_product(left, right)
         return plus(left, right, 1 if isinstance(node.op, ast.Add) else -1)
 
     return read(ast.parse(text, mode="eval").body)
@@ -159,7 +161,7 @@ def plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any
     return result
 
 
-def times(a: dict[Any, Any], b: dict[Any, Any]) -> dict[Any, Any]:
+def polynomial_product(a: dict[Any, Any], b: dict[Any, Any]) -> dict[Any, Any]:
     """Product of polynomials."""
     result: dict[Any, Any] = {}
     for key, value in a.items():

@@ -23,17 +23,17 @@ from onnx import numpy_helper
 
 from rans.proof.balls import (
     Refused,
-    beside,
+    absolute_row_sums,
     column,
     derivative,
     diagonal,
-    enclose,
     matrix,
+    network_enclosure,
     plus,
     polynomial,
-    row_sums,
+    polynomial_product,
+    side_by_side,
     sizes,
-    times,
     value_at,
     with_sizes,
 )
@@ -82,14 +82,18 @@ def _cover(box: list[Any], cells: list[Any]) -> None:
     while stack:
         box, inside = stack.pop()
         pairs = [list(zip(box, cell, strict=True)) for cell in inside]
-        pairs = [one for one in pairs if all((a < d and c < b) or a == b for (a, b), (c, d) in one)]
-        inside = [[cell for _, cell in one] for one in pairs]
-        if any(all(c <= a and b <= d for (a, b), (c, d) in one) for one in pairs):
+        pairs = [
+            overlap
+            for overlap in pairs
+            if all((a < d and c < b) or a == b for (a, b), (c, d) in overlap)
+        ]
+        inside = [[cell for _, cell in overlap] for overlap in pairs]
+        if any(all(c <= a and b <= d for (a, b), (c, d) in overlap) for overlap in pairs):
             continue
         cuts = [
             (axis, edge)
-            for one in pairs
-            for axis, ((a, b), ends) in enumerate(one)
+            for overlap in pairs
+            for axis, ((a, b), ends) in enumerate(overlap)
             for edge in ends
             if a < edge < b
         ]
@@ -141,7 +145,7 @@ def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
     spread = diagonal([(arb(b) - arb(a)) / 2 for a, b in cell])
     least = math.inf if problem["steps"] >= 1 else -math.inf
     for _ in range(problem["steps"]):
-        for begin, end, sag in move(centre, spread, *enclose(layers, centre, spread)):
+        for begin, end, sag in move(centre, spread, *network_enclosure(layers, centre, spread)):
             least = _least((least, _margin(problem["keep"], begin, end, sag)))
             centre, spread = end
         if not least > 0.0:
@@ -160,7 +164,7 @@ def _least(values: Iterable[Any]) -> float:
 
 
 def _highest(row: Any, state: tuple[Any, Any]) -> Any:
-    return (row * state[0])[0, 0] + row_sums(row * state[1])[0]
+    return (row * state[0])[0, 0] + absolute_row_sums(row * state[1])[0]
 
 
 def _margin(keep: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]) -> float:
@@ -220,8 +224,10 @@ def _linear(problem: dict[str, Any]) -> Any:
         state = arb_mat([row[:count] for row in whole.tolist()[:count]])
         push = arb_mat([row[count:] for row in whole.tolist()[:count]])
         total = state + push * gain
-        end = total * centre + push * offset, beside(total * spread, push * diagonal(errors))
-        largest = [abs(c) + r for c, r in zip(centre.entries(), row_sums(spread), strict=True)]
+        end = total * centre + push * offset, side_by_side(total * spread, push * diagonal(errors))
+        largest = [
+            abs(c) + r for c, r in zip(centre.entries(), absolute_row_sums(spread), strict=True)
+        ]
         forces = (sizes(gain) * column(largest) + sizes(offset)).entries()
         largest += [f + e for f, e in zip(forces, errors, strict=True)]
         sag = (second * column(largest)).entries()[:count]
@@ -239,25 +245,28 @@ def _taylor(problem: dict[str, Any]) -> Any:
 
     def along(polynomials: Sequence[Any]) -> list[Any]:
         """Their derivatives by time."""
-        parts = [[times(derivative(p, k), f) for k, f in enumerate(rates)] for p in polynomials]
+        parts = [
+            [polynomial_product(derivative(p, k), f) for k, f in enumerate(rates)]
+            for p in polynomials
+        ]
         return [functools.reduce(plus, part) for part in parts]
 
     second = along(rates)
     third = along(second)
     unit = [{tuple(int(i == k) for i in range(width)): arb(1)} for k in range(count)]
     step = [plus(plus(x, f, h), g, h * h / 2) for x, f, g in zip(unit, rates, second, strict=True)]
-    slopes = [[derivative(one, k) for k in range(width)] for one in step]
+    slopes = [[derivative(component, k) for k in range(width)] for component in step]
 
     def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
         middle = [*centre.entries(), *(gain * centre + offset).entries()]
-        below = beside(gain * spread, diagonal(errors))
-        above = beside(spread, arb_mat(count, len(errors)))
+        below = side_by_side(gain * spread, diagonal(errors))
+        above = side_by_side(spread, arb_mat(count, len(errors)))
         wide = arb_mat(above.tolist() + below.tolist())
         pieces = []
         for _ in range(_SUBSTEPS):
             balls = [
                 arb(c.mid(), (r + c.rad()).upper())
-                for c, r in zip(middle, row_sums(wide), strict=True)
+                for c, r in zip(middle, absolute_row_sums(wide), strict=True)
             ]
             grown = balls
             for _ in range(3):  # as Picard's iteration, with some room
@@ -275,7 +284,7 @@ def _taylor(problem: dict[str, Any]) -> Any:
             jacobian = arb_mat([[value_at(entry, balls) for entry in row] for row in slopes])
             fixed = arb_mat([[x.mid() for x in row] for row in jacobian.tolist()])
             loose = arb_mat([[arb(x.rad()) for x in row] for row in jacobian.tolist()])
-            reach = [r + arb(c.rad()) for r, c in zip(row_sums(wide), middle, strict=True)]
+            reach = [r + arb(c.rad()) for r, c in zip(absolute_row_sums(wide), middle, strict=True)]
             off = [a + b for a, b in zip((loose * column(reach)).entries(), rest, strict=True)]
             new = [value_at(polynomial, exact) for polynomial in step]
             drift = (sizes(fixed) * column([arb(c.rad()) for c in middle])).entries()
@@ -284,7 +293,7 @@ def _taylor(problem: dict[str, Any]) -> Any:
             extra = arb_mat(diagonal(off).tolist() + [[arb(0)] * count] * (width - count))
             begin = (column(middle[:count]), arb_mat(wide.tolist()[:count]))
             middle = [n.mid() for n in new] + middle[count:]
-            wide = beside(moved, extra)
+            wide = side_by_side(moved, extra)
             end = (column(middle[:count]), arb_mat(wide.tolist()[:count]))
             pieces.append((begin, end, sag))
         return pieces

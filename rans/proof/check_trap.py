@@ -20,7 +20,15 @@ from typing import Any
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
-from rans.proof.balls import Refused, beside, column, enclose, matrix, row_sums, with_sizes
+from rans.proof.balls import (
+    Refused,
+    absolute_row_sums,
+    column,
+    matrix,
+    network_enclosure,
+    side_by_side,
+    with_sizes,
+)
 
 FILES = ("agent.safetensors", "config.json", "spacecraft.toml")
 _BITS = 64
@@ -165,7 +173,7 @@ class _Loop:
         """Ball of the spins of a cell and so many steps more, in steps of the nominal craft."""
         ends = [arb(k) / self.fine + more for k in cell[4:]]
         products = [x * factor for x in ends for factor in (self.low, self.high)]
-        return functools.reduce(lambda one, other: one.union(other), products)
+        return functools.reduce(lambda hull, ball: hull.union(ball), products)
 
     def commands(self, cell: Any) -> list[tuple[int, ...]]:
         """Every command that states of a cell may have, with errors of the readings."""
@@ -177,11 +185,11 @@ class _Loop:
         centre = column([(r1 + inner) / 2 * c, (r1 + inner) / 2 * s, arb(spin.mid())])
         spread = [[ahead * c, -across * s, 0], [ahead * s, across * c, 0], [0, 0, arb(spin.rad())]]
         errors = [[self.reading[i] if i == k else 0 for k in range(3)] for i in range(3)]
-        both = beside(arb_mat(spread), arb_mat(errors))
+        both = side_by_side(arb_mat(spread), arb_mat(errors))
         self.layers[1](centre, both)
-        gain, offset, off = enclose(self.layers[0], centre, both)
+        gain, offset, off = network_enclosure(self.layers[0], centre, both)
         values = (gain * centre + offset).entries()
-        reach = [a + b + _LOGIT for a, b in zip(row_sums(gain * both), off, strict=True)]
+        reach = [a + b + _LOGIT for a, b in zip(absolute_row_sums(gain * both), off, strict=True)]
         choices = [
             (1,) if m > r else (0,) if m < -r else (0, 1)
             for m, r in zip(values, reach, strict=True)
@@ -271,7 +279,7 @@ class _Loop:
         c, s = straight.cos(), straight.sin()
         corners = itertools.product((x.lower(), x.upper()), (y.lower(), y.upper()))
         angles = [arb.atan2(c * arb(b) - s * arb(a), c * arb(a) + s * arb(b)) for a, b in corners]
-        whole = functools.reduce(lambda one, other: one.union(other), angles)
+        whole = functools.reduce(lambda hull, ball: hull.union(ball), angles)
         whole = (whole + straight) / arb.pi() + middle - turn
         return arb(whole.lower()), arb(whole.upper())
 
@@ -339,7 +347,7 @@ def _network(content: bytes, thrusters: int) -> tuple[Any, Any]:
 
     def check(centre: Any, spread: Any) -> None:
         values = (columns * centre + shift).entries()
-        for value, reach in zip(values, row_sums(columns * spread), strict=True):
+        for value, reach in zip(values, absolute_row_sums(columns * spread), strict=True):
             if not abs(value) + reach < _CLIP:
                 raise Refused("a column is clipped.")
 

@@ -54,7 +54,7 @@ def read_network(file: Path) -> list[Layer]:
 
 
 def _layers(graph: Any, tables: dict[str, np.ndarray], file: Path) -> list[Layer]:
-    inputs = [one.name for one in graph.input if one.name not in tables]
+    inputs = [tensor.name for tensor in graph.input if tensor.name not in tables]
     if len(inputs) != 1:
         raise ConfigError(f"{file} has {len(inputs)} inputs; a proof is about a network of one.")
     current = inputs[0]

@@ -91,9 +91,9 @@ class _Compiled:
         ]
         self._exponents = torch.tensor(keys, device=device)
         table = torch.zeros((len(keys), len(polynomials)), dtype=torch.float64, device=device)
-        for k, one in enumerate(polynomials):
+        for k, polynomial in enumerate(polynomials):
             for row, key in enumerate(keys):
-                table[row, k] = one.terms.get(key, 0.0)
+                table[row, k] = polynomial.terms.get(key, 0.0)
         self._table = table
         self._highest = int(self._exponents.max())
         self.operations = len(keys) + width * (self._highest + 1)

@@ -107,9 +107,9 @@ class Problem:
 
     def rates(self, states: Sequence[Any], commands: Sequence[Any]) -> list[Any]:
         """Derivatives, of whatever can be added and multiplied."""
-        known = {f"x{i}": x for i, x in enumerate(states)}
-        known |= {f"u{i}": u for i, u in enumerate(commands)}
-        return [evaluate(text, known) for text in self.derivative]
+        values = {f"x{i}": x for i, x in enumerate(states)}
+        values |= {f"u{i}": u for i, u in enumerate(commands)}
+        return [polynomial_value(text, values) for text in self.derivative]
 
     def linear(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one."""
@@ -167,7 +167,7 @@ def _as_row(value: Any, width: int) -> np.ndarray:
     return row
 
 
-def evaluate(text: str, known: Mapping[str, Any]) -> Any:
+def polynomial_value(text: str, values: Mapping[str, Any]) -> Any:
     """Value of a polynomial: numbers, names, +, - and *; no other syntax is executed.
 
     Raises:
@@ -177,21 +177,21 @@ def evaluate(text: str, known: Mapping[str, Any]) -> Any:
         tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ConfigError(f"{brief(text)} is no formula.") from None
-    return _value(tree, known, text, 0)
+    return _value(tree, values, text, 0)
 
 
-def _value(node: ast.expr, known: Mapping[str, Any], text: str, depth: int) -> Any:
+def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> Any:
     if depth > 50:
         raise ConfigError(f"{brief(text)} is nested too deep.")
 
-    def inner(one: ast.expr) -> Any:
-        return _value(one, known, text, depth + 1)
+    def inner(operand: ast.expr) -> Any:
+        return _value(operand, values, text, depth + 1)
 
     match node:
         case ast.Constant(value=int() | float() as number):
             return float(number)
-        case ast.Name(id=name) if name in known:
-            return known[name]
+        case ast.Name(id=name) if name in values:
+            return values[name]
         case ast.UnaryOp(op=ast.USub(), operand=one):
             return -inner(one)
         case ast.BinOp(left=left, op=ast.Add(), right=right):
@@ -201,7 +201,7 @@ def _value(node: ast.expr, known: Mapping[str, Any], text: str, depth: int) -> A
         case ast.BinOp(left=left, op=ast.Mult(), right=right):
             return inner(left) * inner(right)
     raise ConfigError(
-        f"{brief(text)} is no polynomial: formulas have numbers, {', '.join(known)}, +, - and *."
+        f"{brief(text)} is no polynomial: formulas have numbers, {', '.join(values)}, +, - and *."
     )
 
 
@@ -218,12 +218,12 @@ def read_problem(file: Path) -> Problem:
 def problem_of(text: str, where: object = "the problem") -> Problem:
     """Problem of a TOML text; raises as `read_problem`."""
     table = read_toml(text)
-    known = {"name", "period", "steps", "derivative", "commands", "start", "keep"}
-    if table.keys() - {"end"} != known:
+    required = {"name", "period", "steps", "derivative", "commands", "start", "keep"}
+    if table.keys() - {"end"} != required:
         raise ConfigError(
-            f"{where} must have the keys {', '.join(sorted(known))}, and has {', '.join(table)}."
+            f"{where} must have the keys {', '.join(sorted(required))}, and has {', '.join(table)}."
         )
-    derivative = tuple(str(one) for one in table["derivative"])
+    derivative = tuple(str(entry) for entry in table["derivative"])
     count = len(derivative)
     commands = table["commands"]
     steps = table["steps"]

@@ -113,7 +113,7 @@ def prove(
             low, high = _halves(low[~small], high[~small], np.where(wide, worth, -1.0)[~small])
             if len(low):
                 queue.append((low, high))
-        report(done, sum(len(one) for one, _ in queue))
+        report(done, sum(len(cells) for cells, _ in queue))
     return _proof(problem, proved, stuck, None)
 
 
@@ -137,7 +137,9 @@ def _grid(problem: Problem, first: Sequence[int]) -> tuple[np.ndarray, np.ndarra
     ]
     lows = np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij")
     highs = np.meshgrid(*(edge[1:] for edge in edges), indexing="ij")
-    return np.stack([one.ravel() for one in lows], 1), np.stack([one.ravel() for one in highs], 1)
+    return np.stack([edge_grid.ravel() for edge_grid in lows], 1), np.stack(
+        [edge_grid.ravel() for edge_grid in highs], 1
+    )
 
 
 def _halves(low: np.ndarray, high: np.ndarray, worth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -256,9 +258,9 @@ class ClosedLoop:
         upper = torch.tensor(keep.upper, dtype=torch.float64, device=self.device)
         axes = torch.eye(len(lower), dtype=torch.float64, device=self.device)[None]
         ends = (piece.begin, piece.end)
-        most = torch.stack([end.highest(axes) for end in ends]).amax(dim=0) + piece.sag
-        least = -torch.stack([end.highest(-axes) for end in ends]).amax(dim=0) - piece.sag
-        return torch.maximum(lower - most, least - upper).amax(dim=1)
+        highest = torch.stack([end.highest(axes) for end in ends]).amax(dim=0) + piece.sag
+        lowest = -torch.stack([end.highest(-axes) for end in ends]).amax(dim=0) - piece.sag
+        return torch.maximum(lower - highest, lowest - upper).amax(dim=1)
 
     def _within(self, piece: Piece, keep: Within) -> Tensor:
         """Distance from the faces of a box, from inside."""
@@ -300,7 +302,7 @@ class ClosedLoop:
         stretched = self._round / np.cos(np.pi / _DIRECTIONS) * (1.0 + 1e-14)
         functions[:, :, velocity] = stretched
         functions[:, :, position] -= keep.slope * ahead[:, None, :]
-        most = torch.stack([end.highest(functions).amax(dim=1) for end in ends]).amax(dim=0)
+        highest = torch.stack([end.highest(functions).amax(dim=1) for end in ends]).amax(dim=0)
         sag = torch.linalg.vector_norm(piece.sag[:, velocity], dim=1)
         sag = sag + keep.slope * torch.linalg.vector_norm(piece.sag[:, position], dim=1)
-        return keep.base - most - sag * (1.0 + 1e-9)
+        return keep.base - highest - sag * (1.0 + 1e-9)

@@ -81,9 +81,9 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
         slope = ((high.relu() - low.relu()) / (high - low).clamp(min=1e-9)).clamp(0.0, 1.0)
         places = (low, high, torch.zeros_like(low).clamp(min=low, max=high))
         corners = torch.stack([z.relu() - slope * z for z in places])
-        least, most = corners.amin(dim=0), corners.amax(dim=0)
+        lowest, highest = corners.amin(dim=0), corners.amax(dim=0)
         rounding = 4.0 * _ULPS * _UNIT * torch.maximum(low.abs(), high.abs())
-        return slope, 0.5 * (most + least), 0.5 * (most - least) + rounding
+        return slope, 0.5 * (highest + lowest), 0.5 * (highest - lowest) + rounding
     scale = 1.0 if activation == "tanh" else 0.5  # sigmoid(z) = 1/2 + tanh(z / 2) / 2
     low = scale * low
     high = scale * high
@@ -92,11 +92,11 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
     point = torch.atanh(torch.sqrt(1.0 - slope).clamp(max=1.0 - 1e-16))
     places = (low, high, point.clamp(min=low, max=high), (-point).clamp(min=low, max=high))
     corners = torch.stack([torch.tanh(z) - slope * z for z in places])
-    least = corners.amin(dim=0)
-    most = corners.amax(dim=0)
+    lowest = corners.amin(dim=0)
+    highest = corners.amax(dim=0)
     size = 1.0 + slope * torch.maximum(low.abs(), high.abs())
-    error = 0.5 * (most - least) + 4.0 * _ULPS * _UNIT * size
-    offset = 0.5 * (most + least)
+    error = 0.5 * (highest - lowest) + 4.0 * _ULPS * _UNIT * size
+    offset = 0.5 * (highest + lowest)
     if activation == "tanh":
         return slope, offset, error
     return 0.25 * slope, 0.5 + 0.5 * offset, 0.5 * error + _ULPS * _UNIT

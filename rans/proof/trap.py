@@ -488,10 +488,10 @@ class _Maps:
         either = np.abs(value) <= reach
         for thruster in range(value.shape[1]):
             both = either[number, thruster]
-            other = commands[both].copy()
-            other[:, thruster] = True
+            open_too = commands[both].copy()
+            open_too[:, thruster] = True
             number = np.concatenate((number, number[both]))
-            commands = np.concatenate((commands, other))
+            commands = np.concatenate((commands, open_too))
         return number, commands.astype(float)
 
     def _moved(self, cells: np.ndarray, commands: np.ndarray) -> np.ndarray:
@@ -520,8 +520,8 @@ class _Maps:
         x = np.stack((r0 * np.cos(half) + ahead - off, r1 + ahead + off))
         y = np.stack((-r1 * np.sin(half) + across - off, r1 * np.sin(half) + across + off))
         nearest = [np.where(z[0] * z[1] <= 0.0, 0.0, np.abs(z).min(axis=0)) for z in (x, y)]
-        least = np.hypot(*nearest)
-        most = np.hypot(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
+        lowest = np.hypot(*nearest)
+        highest = np.hypot(np.abs(x).max(axis=0), np.abs(y).max(axis=0))
         straight = np.arctan2(y.mean(axis=0), x.mean(axis=0))
         corners = np.stack([np.arctan2(b, a) - straight for a in x for b in y])
         corners = (corners + np.pi) % (2.0 * np.pi) - np.pi
@@ -544,15 +544,15 @@ class _Maps:
         # Cells that the image touches.
         first = np.floor(begin / dphi - _SLACK).astype(int)
         last = np.ceil(end / dphi + _SLACK).astype(int)
-        round_about = ((least == 0.0) & ~coasts) | (last - first >= trap.sectors)
+        round_about = ((lowest == 0.0) & ~coasts) | (last - first >= trap.sectors)
         first, last = np.where(round_about, 0, first), np.where(round_about, trap.sectors, last)
         shift = first // trap.sectors * trap.sectors
         rings = [
-            np.where(coasts, cells[:, 0], np.floor(least / dr - _SLACK)).astype(int),
-            np.where(coasts, cells[:, 1], np.ceil(most / dr + _SLACK)).astype(int),
+            np.where(coasts, cells[:, 0], np.floor(lowest / dr - _SLACK)).astype(int),
+            np.where(coasts, cells[:, 1], np.ceil(highest / dr + _SLACK)).astype(int),
         ]
         rings[0] = np.maximum(rings[0], 0)
-        too_fast = ~coasts & (np.maximum(most, r1) + sag > trap.speed * (1.0 - 1e-12))
+        too_fast = ~coasts & (np.maximum(highest, r1) + sag > trap.speed * (1.0 - 1e-12))
         jump = np.round(steps).astype(int) * trap.fine + trap.layers
         result = np.stack(
             (*rings, first - shift, last - shift, cells[:, 4] + jump, cells[:, 5] + jump), axis=1

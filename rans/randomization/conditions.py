@@ -372,11 +372,11 @@ class Conditions(Settings):
         return self.delay + max(largest(thrusters.rise), largest(thrusters.fall or 0.0))
 
 
-def _check(conditions: Any, place: str) -> None:
+def _check(conditions: Any, section: str) -> None:
     """Reject ranges that are not finite numbers >= 0 in ascending order."""
     for range_field in fields(conditions):
         value = getattr(conditions, range_field.name)
-        name = place + range_field.name
+        name = section + range_field.name
         if str(range_field.type).endswith("Conditions"):
             _check(checked(name, value, globals()[str(range_field.type)]), name + ".")
         elif is_range(range_field) and value is not None:
@@ -390,12 +390,12 @@ def _check(conditions: Any, place: str) -> None:
             )
 
 
-def _check_alike(one: Any, other: Any, place: str) -> None:
+def _check_alike(first: Any, second: Any, section: str) -> None:
     """Reject conditions of a mixture that differ in anything but ranges."""
-    for range_field in fields(one):
-        value = getattr(one, range_field.name)
-        other_value = getattr(other, range_field.name)
-        name = place + range_field.name
+    for range_field in fields(first):
+        value = getattr(first, range_field.name)
+        other_value = getattr(second, range_field.name)
+        name = section + range_field.name
         if is_dataclass(value):
             _check_alike(value, other_value, name + ".")
         elif name not in ("description", "weight", "others"):

@@ -17,7 +17,7 @@ from rans.randomization.conditions import Range, SensorConditions, SensorsCondit
 class Outage:
     """Periodic outages of all sensors."""
 
-    share: Field
+    fraction: Field
     """Duration of an outage over the time from the start of one to the start of the next."""
     rate: Field
     """Outages per second."""
@@ -27,7 +27,7 @@ class Outage:
     def at(self, time: Field) -> Field:
         """Whether sensors are out at a time since the start of the episode (s)."""
         gone = time * self.rate + self.phase
-        return gone - floor(gone) < self.share
+        return gone - floor(gone) < self.fraction
 
 
 @dataclass(frozen=True)

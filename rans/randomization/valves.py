@@ -101,7 +101,7 @@ def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field) -> 
     rest: Piece | None = None
     for healthy, broken in zip(sound, failed, strict=True):
         duration = healthy[0]
-        gone = _share(instant - begin, duration)
+        gone = _completed_part(instant - begin, duration)
         until = _until(healthy, gone)
         yield until if rest is None else _either(instant >= begin, until, rest)
         rest = _from(broken, gone)
@@ -130,17 +130,17 @@ def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
     return map_leaves(lambda a, b: a + (b - a) * fraction, first, last)
 
 
-def _either(condition: Field, one: Piece, second: Piece) -> Piece:
-    """One piece where the condition is true, else the other."""
+def _either(condition: Field, first: Piece, second: Piece) -> Piece:
+    """The first piece where the condition is true, else the second."""
 
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)
 
     last = None
-    if one[2] is not None or second[2] is not None:
-        last = map_leaves(choose, one[2] or one[1], second[2] or second[1])
-    first = map_leaves(choose, one[1], second[1])
-    return choose(one[0], second[0]), first, last, max(one[3], second[3])
+    if first[2] is not None or second[2] is not None:
+        last = map_leaves(choose, first[2] or first[1], second[2] or second[1])
+    begin = map_leaves(choose, first[1], second[1])
+    return choose(first[0], second[0]), begin, last, max(first[3], second[3])
 
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:
@@ -156,8 +156,8 @@ def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece
         gone = gone + lag.rise
     elif lag.rise is not None and lag.fall is not None and jump.down is not None:
         first = where(lag.rise < lag.fall, lag.rise, lag.fall)
-        up = _share(lag.fall, lag.rise)
-        down = _share(lag.rise, lag.fall)
+        up = _completed_part(lag.fall, lag.rise)
+        down = _completed_part(lag.rise, lag.fall)
         middle = map_leaves(lambda x, y, z: x + y * up + z * down, before, jump.up, jump.down)
         rest = lag.rise + lag.fall - first - first
         yield first, before, middle, lag.slowest
@@ -197,15 +197,15 @@ def _at(time: Field, before: Wrench, jumps: Sequence[Jump], lag: Lag) -> Wrench:
     """Wrench at a time from the start of the period (s)."""
     for jump in jumps:
         gone = time - jump.time - lag.latency
-        up = _share(gone, lag.rise)
-        down = _share(gone, lag.rise if lag.fall is None else lag.fall)
+        up = _completed_part(gone, lag.rise)
+        down = _completed_part(gone, lag.rise if lag.fall is None else lag.fall)
         before = map_leaves(lambda x, y, fraction=up: x + y * fraction, before, jump.up)
         if jump.down is not None:
             before = map_leaves(lambda x, y, fraction=down: x + y * fraction, before, jump.down)
     return before
 
 
-def _share(gone: Field, ramp: Field | None) -> Field:
+def _completed_part(gone: Field, ramp: Field | None) -> Field:
     """Share of a change that has taken effect at a time after valves began to move (s)."""
     if ramp is None:
         return where(gone > 0.0, gone * 0.0 + 1.0, gone * 0.0)

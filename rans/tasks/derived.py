@@ -141,9 +141,9 @@ class _Noted(tuple[Field, ...]):
         self.read = True
         return super().__iter__()
 
-    def __getitem__(self, place: Any) -> Any:
+    def __getitem__(self, index: Any) -> Any:
         self.read = True
-        return super().__getitem__(place)
+        return super().__getitem__(index)
 
 
 def watches_switching(task: Task, craft: Spacecraft) -> bool:

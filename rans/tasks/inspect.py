@@ -212,12 +212,12 @@ class Inspect(SingleTask):
         for k, word in enumerate(goal.notes[2:]):
             bits = min(WORD, self.points - k * WORD)
             rest = word
-            known: list[Field] = []
+            seen_in_word: list[Field] = []
             for bit in reversed(range(bits)):
                 is_set = rest > 2.0**bit - 0.5
                 rest = where(is_set, rest - 2.0**bit, rest)
-                known.append(is_set)
-            words.append(known[::-1])
+                seen_in_word.append(is_set)
+            words.append(seen_in_word[::-1])
         return words
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
@@ -279,9 +279,9 @@ class Inspect(SingleTask):
         zero = goal.notes[1] * 0.0
         sums = [[zero, zero, zero], [zero, zero, zero]]
         for normal, is_inspected in zip(self.normals, inspected, strict=True):
-            share = where(is_inspected, zero, zero + 1.0 / self.points)
-            lit = where(_dot(sun, normal) > light, share, zero)
-            for total, weight in zip(sums, (share, lit), strict=True):
+            weight_of_point = where(is_inspected, zero, zero + 1.0 / self.points)
+            lit = where(_dot(sun, normal) > light, weight_of_point, zero)
+            for total, weight in zip(sums, (weight_of_point, lit), strict=True):
                 for axis in range(3):
                     total[axis] = total[axis] + weight * normal[axis]
         return Vec3(*sums[0]), Vec3(*sums[1])

@@ -181,17 +181,17 @@ def _propellant(state: State) -> Field:
 
 
 def upright(
-    bearing: Field, place: tuple[Field, Field], velocity: tuple[Field, Field, Field]
+    bearing: Field, position: tuple[Field, Field], velocity: tuple[Field, Field, Field]
 ) -> SpatialState:
     """State of an upright craft without spin, at a bearing from the site.
 
     Args:
         bearing: horizontal direction from the site to the craft, as an angle from x of W, rad.
-        place: horizontal distance and height, m.
+        position: horizontal distance and height, m.
         velocity: away from the site, across to the left, and upwards, m/s.
     """
     c, s = cos(bearing), sin(bearing)
-    distance, altitude = place
+    distance, altitude = position
     away, across, upwards = velocity
     zero = bearing * 0.0
     return SpatialState(

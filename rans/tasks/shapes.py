@@ -163,21 +163,21 @@ def nearest_first(shapes: Sequence[AnyShape], position: Vector) -> list[AnyShape
     for last in range(len(result) - 1, 0, -1):
         for k in range(last):
             gap, shape = result[k]
-            other_gap, other = result[k + 1]
+            other_gap, next_shape = result[k + 1]
             swap = other_gap < gap
-            result[k] = (where(swap, other_gap, gap), _chosen(swap, other, shape))
-            result[k + 1] = (where(swap, gap, other_gap), _chosen(swap, shape, other))
+            result[k] = (where(swap, other_gap, gap), _chosen(swap, next_shape, shape))
+            result[k + 1] = (where(swap, gap, other_gap), _chosen(swap, shape, next_shape))
     return [shape for _, shape in result]
 
 
-def _chosen(condition: Field, one: AnyShape, other: AnyShape) -> AnyShape:
+def _chosen(condition: Field, first: AnyShape, second: AnyShape) -> AnyShape:
     """One shape where the condition is true, else the other; a number that both share stays a number."""
 
     def choose(a: Field, b: Field) -> Field:
         same = a is b or (isinstance(a, int | float) and isinstance(b, int | float) and a == b)
         return a if same else where(condition, a, b)
 
-    return map_leaves(choose, one, other)
+    return map_leaves(choose, first, second)
 
 
 def _length(v: Vector) -> Field:

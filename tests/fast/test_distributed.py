@@ -194,7 +194,7 @@ def test_random_numbers_belong_to_rows() -> None:
 
 def test_a_share_must_be_whole() -> None:
     with pytest.raises(ConfigError, match="n_envs must be a multiple of the 3 processes, got 16"):
-        Processes(0, 3).share("n_envs", 16)
+        Processes(0, 3).portion("n_envs", 16)
 
 
 def test_acting_is_one_graph() -> None:

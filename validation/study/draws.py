@@ -211,7 +211,7 @@ def _sensors(case: Any) -> Ranged:
         found[f"dropout of {name}"] = (case.sensors.dropout[k], 0.2, 0.4)
     outage = case.sensors.outage
     return found | {
-        "outage": (outage.share / outage.rate, 0.4, 1.0),
+        "outage": (outage.fraction / outage.rate, 0.4, 1.0),
         "time between outages": (1.0 / outage.rate, 3.0, 6.0),
         "moment of the first outage": (outage.phase, 0.0, 1.0),
     }

@@ -111,7 +111,7 @@ def write_function(
         def vector(number: Value, _: list[Value]) -> list[Value]:
             values = dict[Symbol, Value]()
 
-            def place(symbol: Symbol) -> Value:
+            def address(symbol: Symbol) -> Value:
                 first = code.mul(number, LONG(LANES))
                 start = code.mul(LONG(rows[symbol]), stride)
                 start = code.mul(start, LONG(4)) if symbol.kind == "bool" else start
@@ -125,7 +125,7 @@ def write_function(
                         else constant(symbol.value)
                     )
                 if symbol not in values:
-                    loaded = code.load(place(symbol), align=1)
+                    loaded = code.load(address(symbol), align=1)
                     values[symbol] = code.trunc(loaded, _BOOLS) if symbol.kind == "bool" else loaded
                 return values[symbol]
 
@@ -140,7 +140,7 @@ def write_function(
                 if symbol in stored:
                     loaded = values[symbol]
                     loaded = code.zext(loaded, _BYTES) if symbol.kind == "bool" else loaded
-                    code.store(loaded, place(symbol), align=1)
+                    code.store(loaded, address(symbol), align=1)
             return []
 
         code.repeat(vectors, [], vector)

@@ -125,9 +125,9 @@ class UDPBus:
                 continue
             (size,) = struct.unpack_from("<H", packet)
             topic, _, kind = packet[2 : 2 + size].decode(errors="replace").partition("\n")
-            known = self._receivers.get(topic)
-            if known is not None and known[0] == kind:
-                known[1](packet[2 + size :])
+            receiver = self._receivers.get(topic)
+            if receiver is not None and receiver[0] == kind:
+                receiver[1](packet[2 + size :])
 
 
 ROUTER = "tcp/localhost:7447"
@@ -286,9 +286,9 @@ class DDSBus:
         """See `Bus`."""
         from cyclonedds.pub import DataWriter
 
-        known = self._topic(topic, kind)
+        dds_topic = self._topic(topic, kind)
         if topic not in self._writers:
-            self._writers[topic] = DataWriter(self._participant, known, self._writes)
+            self._writers[topic] = DataWriter(self._participant, dds_topic, self._writes)
         self._writers[topic].write(self._structures.of(kind).deserialize(data))
 
     def close(self) -> None:

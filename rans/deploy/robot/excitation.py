@@ -98,7 +98,7 @@ def write_excitation(
         "wrenches": np.array(craft.wrench_map),
         "mass": craft.mass,
         "inertia": np.array(craft.inertia)[3 - turns :, 3 - turns :],
-        "low": np.array([one.low for one in craft.commands]),
+        "low": np.array([command.low for command in craft.commands]),
         "period": period,
         "side": side,
         "seed": seed,

@@ -104,8 +104,8 @@ def definition(kind: str) -> str:
 
 def stamp(nanoseconds: int) -> Any:
     """Time of a header, from a clock in ns."""
-    known = types().types["builtin_interfaces/msg/Time"]
-    return known(nanoseconds // 10**9 % 2**31, nanoseconds % 10**9)
+    time_type = types().types["builtin_interfaces/msg/Time"]
+    return time_type(nanoseconds // 10**9 % 2**31, nanoseconds % 10**9)
 
 
 def message_header(nanoseconds: int, frame: str) -> Any:

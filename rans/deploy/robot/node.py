@@ -132,8 +132,8 @@ def fly_over(
     speaker = Speaker(say)
     recorder = None
     if bag is not None:
-        known = {**pilot.inputs, **pilot.interface.outputs, NOTE_TOPIC: TEXT, END_TOPIC: TEXT}
-        recorder = Recorder(bag, {FLIGHT_TOPIC: TEXT, **known})
+        channels = {**pilot.inputs, **pilot.interface.outputs, NOTE_TOPIC: TEXT, END_TOPIC: TEXT}
+        recorder = Recorder(bag, {FLIGHT_TOPIC: TEXT, **channels})
     offset = time.time_ns() - time.monotonic_ns()
     last = 0
 

@@ -167,12 +167,12 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
     if conditions is None or conditions.or_none is None:
         return None
 
-    def late(one: Conditions) -> Conditions:
-        delay: Any = one.sensors.delay
+    def late(variant: Conditions) -> Conditions:
+        delay: Any = variant.sensors.delay
         low, high = delay if isinstance(delay, tuple) else (delay, delay)
         several = (float(round(low * ratio)), float(round(high * ratio)))
         scaled = several if isinstance(delay, tuple) else several[0]
-        return replace(one, sensors=replace(one.sensors, delay=scaled))
+        return replace(variant, sensors=replace(variant.sensors, delay=scaled))
 
     return replace(late(conditions), others=tuple(late(variant) for variant in conditions.others))
 

@@ -66,10 +66,10 @@ def read_ulog(file: Path, craft: Spacecraft) -> FlightLog:
         )
     count = craft.command_count
     controls = [f"control[{k}]" for k in range(count)]
-    known = sum(name in motors for name in controls)
-    if known < count:
+    recorded = sum(name in motors for name in controls)
+    if recorded < count:
         raise ConfigError(
-            f"the log {file} has {counted(known, 'motor')}, but {craft.name!r} takes {count} commands."
+            f"the log {file} has {counted(recorded, 'motor')}, but {craft.name!r} takes {count} commands."
         )
     commands = np.nan_to_num(_stacked(motors, controls).T, nan=0.0)
     given = _ascending(file, _MOTORS, motors["timestamp"])
@@ -168,7 +168,10 @@ def _check_formats(formats: Mapping[str, Any]) -> None:
             return sizes[kind]
         if depth > _DEEPEST_FORMAT:
             raise ValueError(f"its message {kind!r} lies too deep")
-        total = sum(max(count, 1) * size(one, depth + 1) for one, count, _ in formats[kind].fields)
+        total = sum(
+            max(count, 1) * size(field_type, depth + 1)
+            for field_type, count, _ in formats[kind].fields
+        )
         if total > _LARGEST_MESSAGE:
             raise ValueError(f"its message {kind!r} would have {total:,} bytes")
         return total
@@ -230,10 +233,10 @@ def _estimates(topics: Topics) -> tuple[np.ndarray, Readings, np.ndarray]:
 
     Attitudes are interpolated to the times of positions.
     """
-    place, attitude, rates = (topics.get(name) for name in _ESTIMATES)
-    assert place is not None
+    motion, attitude, rates = (topics.get(name) for name in _ESTIMATES)
+    assert motion is not None
     assert attitude is not None
-    times = _sampled(place)
+    times = _sampled(motion)
     turned = _sampled(attitude)
     q = _stacked(attitude, [f"q[{k}]" for k in range(4)])
     # A quaternion and its negative are the same attitude; between neighbours the near one counts.
@@ -244,23 +247,23 @@ def _estimates(topics: Topics) -> tuple[np.ndarray, Readings, np.ndarray]:
     spin = np.full((3, len(times)), np.nan)
     if rates is not None:
         spin = _at(times, _sampled(rates), _stacked(rates, [f"xyz[{k}]" for k in range(3)]))
-    position = _stacked(place, ["x", "y", "z"])
-    velocity = _stacked(place, ["vx", "vy", "vz"])
+    position = _stacked(motion, ["x", "y", "z"])
+    velocity = _stacked(motion, ["vx", "vy", "vz"])
     for valid, rows, columns in (
         ("xy_valid", position, [0, 1]),
         ("z_valid", position, [2]),
         ("v_xy_valid", velocity, [0, 1]),
         ("v_z_valid", velocity, [2]),
     ):
-        rows[np.ix_(columns, place[valid] == 0)] = np.nan
-    counters = [place[name] for name in sorted(place) if name.endswith("reset_counter")]
+        rows[np.ix_(columns, motion[valid] == 0)] = np.nan
+    counters = [motion[name] for name in sorted(motion) if name.endswith("reset_counter")]
     resets = np.column_stack(counters) if counters else np.zeros((len(times), 1))
     return times, _ours(position, q, velocity, spin), resets
 
 
-def _at(times: np.ndarray, known: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _at(times: np.ndarray, sampled: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Rows (R, N) at other times (M,), linearly; NaN before the first and after the last."""
-    return np.stack([np.interp(times, known, row, left=np.nan, right=np.nan) for row in rows])
+    return np.stack([np.interp(times, sampled, row, left=np.nan, right=np.nan) for row in rows])
 
 
 def _ours(

@@ -50,9 +50,9 @@ class VelocityFilter:
 
         # Rotation: what turns the predicted attitude into the measured one, in the body frame.
         to_attitude, to_spin = self._angular.gains(step)
-        turned = quaternion_product(last.attitude, quaternion_of(step * last.spin))
+        turned = quaternion_product(last.attitude, exponential(step * last.spin))
         amiss = logarithm(quaternion_product(conjugate(turned), attitude))
-        corrected = quaternion_product(turned, quaternion_of(to_attitude * amiss))
+        corrected = quaternion_product(turned, exponential(to_attitude * amiss))
 
         self._time = time
         self._motion = Motion(
@@ -98,7 +98,7 @@ def conjugate(q: np.ndarray) -> np.ndarray:
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def quaternion_of(vector: np.ndarray) -> np.ndarray:
+def exponential(vector: np.ndarray) -> np.ndarray:
     """Unit quaternion of a rotation vector, rad."""
     angle = float(np.linalg.norm(vector))
     return np.concatenate(([np.cos(angle / 2.0)], 0.5 * np.sinc(angle / 2.0 / np.pi) * vector))

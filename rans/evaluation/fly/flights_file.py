@@ -156,12 +156,12 @@ class FlightsFile:
             except ConfigError as error:
                 raise ConfigError(f"{self.name}: {error}") from None
             return
-        most = 1.0 / np.abs(self._levers).max()
+        limit = 1.0 / np.abs(self._levers).max()
         largest = np.abs(self._given).max(axis=2)
-        if largest.max() > most * (1.0 + _ROUNDING):
+        if largest.max() > limit * (1.0 + _ROUNDING):
             step, start = np.unravel_index(int(largest.argmax()), largest.shape)
             raise ConfigError(
-                f"{self.name}: {craft.name} changes its velocity by at most {most:.4g} m/s along an axis in a "
+                f"{self.name}: {craft.name} changes its velocity by at most {limit:.4g} m/s along an axis in a "
                 f"control period of {period:g} s, and start {start} asks for {largest[step, start]:.4g} m/s at "
                 f"{step * period:g} s; divide it among several periods."
             )

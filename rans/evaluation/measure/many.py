@@ -38,18 +38,20 @@ def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) ->
 def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metric]:
     count = result.flights
     of_solved, of_settled, of_time = metric_definitions(task)
-    yield _share("success", "solved", of_solved, count - result.unsolved, count)
-    yield _share("success", "settled", of_settled, result.settled, count)
+    yield _percentage("success", "solved", of_solved, count - result.unsolved, count)
+    yield _percentage("success", "settled", of_settled, result.settled, count)
     width = 0.5 * NORMAL_95 / math.sqrt(count)
     median, low, high = (
         period * result.settling_step(level) for level in (0.5, 0.5 - width, 0.5 + width)
     )
     yield Metric("success", "settling time", of_time, "s", median, low, high)
     ended = result.failures[Failure.TERMINATED] + result.failures[Failure.NOT_FINITE]
-    yield _share("success", "failed", "declared failed by the task at any time", ended, count)
-    yield _share("failures", "not solved", "in any of these ways", result.unsolved, count)
+    yield _percentage("success", "failed", "declared failed by the task at any time", ended, count)
+    yield _percentage("failures", "not solved", "in any of these ways", result.unsolved, count)
     for kind, failures in result.failures.items():
-        yield _share("failures", kind.name.lower().replace("_", " "), kind.meaning, failures, count)
+        yield _percentage(
+            "failures", kind.name.lower().replace("_", " "), kind.meaning, failures, count
+        )
     for name, meaning, unit, factor in (
         ("duty at rest", "mean share of thrusters open over the last fifth", "%", 100.0),
         ("impulse", "thrust spent an episode, up to a failure", "N s", 1.0),
@@ -58,7 +60,7 @@ def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metri
         yield Metric("effort", name, meaning, unit, *_mean(result.sums[name], factor))
 
 
-def _share(group: str, name: str, meaning: str, successes: int, count: int) -> Metric:
+def _percentage(group: str, name: str, meaning: str, successes: int, count: int) -> Metric:
     interval = binomtest(successes, count).proportion_ci(method="exact")
     return Metric(
         group,

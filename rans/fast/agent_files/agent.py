@@ -208,10 +208,10 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
 def _settings(table: dict[str, Any]) -> dict[str, Any]:
     """Entries of `PPOSettings`, checked; missing ones have their defaults."""
     names = PPOSettings.__dataclass_fields__.keys() | PPOSettings.former_names  # type: ignore[attr-defined]
-    known = {name: value for name, value in table.items() if name in names}
+    present = {name: value for name, value in table.items() if name in names}
     with warnings.catch_warnings():  # nobody can rename what is in a file of weights
         warnings.simplefilter("ignore", DeprecationWarning)
-        settings = structure(known, PPOSettings, "settings")
+        settings = structure(present, PPOSettings, "settings")
     return {field.name: getattr(settings, field.name) for field in fields(settings)}
 
 
@@ -299,12 +299,12 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     )
     if bank is not None and not bank.fits(blocks.body, architecture.thrusters):
         raise ValueError("its filters are of another spacecraft")
-    known = {
+    choices = {
         "head": (architecture.head, HEADS),
         "activation": (architecture.activation, ACTIVATIONS),
         "backbone": (architecture.backbone, BACKBONES),
     }
-    for name, (key, table) in known.items():
+    for name, (key, table) in choices.items():
         if key not in table:
             hint = f"; {ATTENTION}" if key == "attention" else ""
             raise ValueError(f"its {name} {brief(key)} is unknown here{hint}")

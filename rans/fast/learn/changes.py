@@ -135,21 +135,21 @@ def _typed(value: Any) -> Any:
     return typed(value)
 
 
-def _suggestion(name: str, known: list[str]) -> str:
+def _suggestion(name: str, entries: list[str]) -> str:
     """Suggestion of a similar entry, by its name in other libraries or by its spelling; else an empty text."""
     last = name.rpartition(".")[2].lower()
-    if (other := OTHERS_NAMES.get(last)) in known:
-        return f" (did you mean {other}?)"
+    if (synonym := OTHERS_NAMES.get(last)) in entries:
+        return f" (did you mean {synonym}?)"
     if len(name) > 100:
         return ""
 
-    def likeness(one: str) -> float:
-        alike = difflib.SequenceMatcher(None, name, one).ratio()
+    def likeness(entry: str) -> float:
+        alike = difflib.SequenceMatcher(None, name, entry).ratio()
         return max(
-            alike, difflib.SequenceMatcher(None, last, one.rpartition(".")[2]).ratio() - 1e-3
+            alike, difflib.SequenceMatcher(None, last, entry.rpartition(".")[2]).ratio() - 1e-3
         )
 
-    best = max(known, key=likeness)
+    best = max(entries, key=likeness)
     return f" (did you mean {best}?)" if likeness(best) >= _NEAR else ""
 
 

@@ -317,9 +317,9 @@ class PPOSettings:
             ("head", Head),
             ("matmul", Precision),
         ):
-            known = get_args(kind)
+            choices = get_args(kind)
             require_bounds(
-                self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name
+                self, f"one of {', '.join(choices)}", lambda x, choices=choices: x in choices, name
             )
         if self.backbone not in trainable():
             hint = f"; {ATTENTION}" if self.backbone == "attention" else ""

@@ -101,7 +101,7 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
             raise ConfigError(
                 f"the task has no setting {name!r} to ramp; known are {', '.join(ranges)}."
             )
-        if sum(other.setting == name for other in ramps) > 1:
+        if sum(each.setting == name for each in ramps) > 1:
             raise ConfigError(f"{name} has more than one ramp; give it one.")
         if ramp.shape == "geometric" and not min(_numbers(ranges[name])) > 0:
             raise ConfigError(
@@ -216,6 +216,6 @@ def _numbers_of(task: Task) -> dict[str, Range]:
     return result
 
 
-def _places(setting: str, known: dict[str, Range]) -> list[str]:
+def _places(setting: str, ranges: dict[str, Range]) -> list[str]:
     """Names of the one or two numbers of a setting in `map_settings`."""
-    return [f"{setting}.{i}" for i in (0, 1)] if isinstance(known[setting], tuple) else [setting]
+    return [f"{setting}.{i}" for i in (0, 1)] if isinstance(ranges[setting], tuple) else [setting]

@@ -761,9 +761,11 @@ def train(
     imitate(network, pool, settings, generator)
     number = 0
     while (elapsed := time.perf_counter() - begun) < settings.seconds:
-        share = elapsed / settings.seconds
+        elapsed_part = elapsed / settings.seconds
         # The step size rises within the first hundredth and falls to nothing at the end.
-        rate = settings.learning_rate * min(1.0, 0.02 + 100.0 * share) * (1.0 - share**2)
+        rate = (
+            settings.learning_rate * min(1.0, 0.02 + 100.0 * elapsed_part) * (1.0 - elapsed_part**2)
+        )
         optimizer.param_groups[0]["lr"] = rate
         # The n-th batch is on/off as often as the part says.
         on_off = int((number + 1) * settings.on_off) > int(number * settings.on_off)

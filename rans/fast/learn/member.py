@@ -179,7 +179,7 @@ def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
             f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x "
             f"environments = {samples}, got {batch}."
         )
-    processes.share("batch_size", batch // steps)
+    processes.portion("batch_size", batch // steps)
 
 
 def set_precision(matmul: str, device: torch.device) -> None:

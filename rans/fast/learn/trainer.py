@@ -91,7 +91,7 @@ class Trainer:
         self.warm_up = 0.0
         self.steps = 0
         device = torch.device(first.device)
-        each = processes.share("n_envs", first.ppo.n_envs)
+        each = processes.portion("n_envs", first.ppo.n_envs)
         tasks = [config.settings for config in configs]
         seeds = [config.seed for config in configs]
         algorithm = LEARNERS[first.algorithm]

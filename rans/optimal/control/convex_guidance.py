@@ -164,7 +164,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
                 continue
             states = relative_state[ours]
             firings = self._impulses.firings(states, int(count))
-            feasible = (firings.share <= 1.0).all(axis=1)
+            feasible = (firings.command <= 1.0).all(axis=1)
             last = int(count) * self._timing.checks
             checks = np.unique(np.linspace(1, last, min(last, _CHECKED)).astype(int))
             flown = self._impulses.flown(states, firings, checks)
@@ -195,7 +195,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
 
     def _is_off(self, meeting: Meeting, plan: _Plan, relative_state: np.ndarray) -> bool:
         """Whether a plan that is flown on would miss its arrival."""
-        size = len(meeting.place)
+        size = len(meeting.point)
         free = meeting.transition(len(plan.states) - 1)
         missed = free @ (relative_state - plan.states[0])
         return bool(

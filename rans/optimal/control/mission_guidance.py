@@ -103,13 +103,13 @@ class MissionGuidance(ModelBased):
         """Set the filter and the reserve below speed limits for known errors."""
         sensors = conditions.sensors
         noise = largest(sensors.velocity.noise)
-        least, most = bounds(conditions.thrusters.thrust)
+        weakest, strongest = bounds(conditions.thrusters.thrust)
         soonest, latest = bounds(conditions.thrusters.command_delay)
         self._late = 0.5 * (soonest + latest) / self._period
         """Mean share of a burn that comes in the next period."""
         self._lateness = (latest - soonest) / (_UNIFORM * self._period)
         """Standard deviation of this share."""
-        inexact = math.hypot((most - least) / _UNIFORM, self._lateness)
+        inexact = math.hypot((strongest - weakest) / _UNIFORM, self._lateness)
         position = largest(sensors.position.noise)
         self._filter: NavigationFilter | None = None
         if max(position, noise, inexact, self._late) > 0.0:

@@ -27,14 +27,14 @@ class Firings:
     """(N, d) control period of each firing, from now on."""
     thruster: np.ndarray
     """(N, d)"""
-    share: np.ndarray
+    command: np.ndarray
     """(N, d) command of that thruster in that period, 0 to 1 where the thruster is strong enough."""
 
     def now(self, thrusters: int) -> np.ndarray:
         """(N, thrusters) commands of the period that begins now."""
-        commands = np.zeros((len(self.share), thrusters))
+        commands = np.zeros((len(self.command), thrusters))
         row, column = np.nonzero(self.period == 0)
-        np.add.at(commands, (row, self.thruster[row, column]), self.share[row, column])
+        np.add.at(commands, (row, self.thruster[row, column]), self.command[row, column])
         return commands
 
 
@@ -57,12 +57,12 @@ class Impulses:
     def firings(self, states: np.ndarray, periods: int) -> Firings:
         """Least impulses from states (N, 2 d) for an arrival after so many control periods, at least one."""
         meeting = self._meeting
-        size = len(meeting.place)
+        size = len(meeting.point)
         checks = np.array([periods * meeting.timing.checks])
         free = (
             meeting.free(np.zeros(2 * size), checks)[0] + states @ meeting.transition(checks[0]).T
         )
-        missed = meeting.place - free[:, :size]
+        missed = meeting.point - free[:, :size]
         if periods not in self._hulls:
             self._hulls[periods] = _Hull.of(meeting, periods)
         hull = self._hulls[periods]
@@ -85,10 +85,10 @@ class Impulses:
         meeting = self._meeting
         _, offset, effect = meeting._tables
         result = np.einsum("lij,nj->nli", meeting.transition(checks), states) + offset[checks]
-        for k in range(firings.share.shape[1]):
+        for k in range(firings.command.shape[1]):
             age = checks[None, :] - meeting.timing.checks * firings.period[:, k, None]
             done = effect[np.maximum(age, 0), :, firings.thruster[:, k, None]]
-            result += np.where(age > 0, firings.share[:, k, None], 0.0)[:, :, None] * done
+            result += np.where(age > 0, firings.command[:, k, None], 0.0)[:, :, None] * done
         return result
 
 
@@ -105,7 +105,7 @@ class _Hull:
 
     @classmethod
     def of(cls, meeting: Meeting, periods: int) -> _Hull:
-        size = len(meeting.place)
+        size = len(meeting.point)
         effect = meeting.effect(periods * meeting.timing.checks, periods)[:size]
         points = (effect / np.tile(meeting.price, periods)).T
         hull = ConvexHull(points)

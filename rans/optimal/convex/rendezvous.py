@@ -51,7 +51,7 @@ class Meeting:
     """(d, m) full force of each thruster in W, N."""
     mass: float
     """kg"""
-    place: np.ndarray
+    point: np.ndarray
     """(d,) position to meet at, m."""
     position_tolerance: float
     """m"""
@@ -103,7 +103,7 @@ class Meeting:
 
         A command that began so many checks ago has been held until now, or for its whole period.
         """
-        size = len(self.place)
+        size = len(self.point)
         times = self.interval * np.arange(self.timing.checks * self.timing.episode_steps + 1)
         zero = np.zeros(2 * size)
         offset = self._carried(zero, times)
@@ -123,7 +123,7 @@ class Meeting:
 
     def _carried(self, state: np.ndarray, times: np.ndarray) -> np.ndarray:
         """(L, 2 d) where a free point with this state (2 d,) is after each time."""
-        size = len(self.place)
+        size = len(self.point)
         vector: Any = Vec2 if size == 2 else Vec3
         p, v = self.drift.carry(
             vector(*map(float, state[:size])), vector(*map(float, state[size:])), times
@@ -251,9 +251,9 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.nda
     """
     clarabel = _clarabel()
 
-    size = len(meeting.place)
+    size = len(meeting.point)
     state = meeting.free(start, np.array([check]))[0]
-    state[:size] -= meeting.place
+    state[:size] -= meeting.point
     # Variables: the multiplier y, and bounds of |y_p| and |y_v|.
     objective = -np.concatenate([state, [-meeting.position_tolerance, -meeting.velocity_tolerance]])
     effect = meeting.effect(check, meeting.periods(check))
@@ -310,10 +310,10 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
         last: last check.
         multiplier: (2 d,)
     """
-    size = len(meeting.place)
+    size = len(meeting.point)
     _, _, effect = meeting._tables
     away = meeting.free(start, np.arange(last + 1))
-    away[:, :size] -= meeting.place
+    away[:, :size] -= meeting.point
     constant = meeting.position_tolerance * np.linalg.norm(multiplier[:size])
     constant += meeting.velocity_tolerance * np.linalg.norm(multiplier[size:])
     # What commands of each age may save, added up over all that began before each check.
@@ -541,10 +541,10 @@ class _Rows:
     def arrive(self) -> None:
         """Be within both balls at the meeting."""
         meeting = self.meeting
-        size = len(meeting.place)
+        size = len(meeting.point)
         effect = meeting.effect(self.check, self.periods)[:, self._used]
         free = meeting.free(self._start, np.array([self.check]))[0]
-        free[:size] -= meeting.place
+        free[:size] -= meeting.point
         for part, radius in (
             (slice(0, size), meeting.position_tolerance),
             (slice(size, 2 * size), meeting.velocity_tolerance),
@@ -578,7 +578,7 @@ class _Rows:
         result = self.program(price).solve(f"a meeting at {self.check * self.meeting.interval:g} s")
         if result is None:
             return None
-        size = len(self.meeting.place)
+        size = len(self.meeting.point)
         dual = np.array(result.z)[2 * count :]
         # The arrival's two cones come first; their first rows are the radii.
         multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])

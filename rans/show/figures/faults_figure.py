@@ -42,7 +42,7 @@ def faults_figure(
         axes.grid(which="minor", color="white", linewidth=1.5)
         axes.tick_params(which="minor", length=0)
         singles, pairs = (result.get((kind, n), ()) for n in (1, 2))
-        title = f"{kind}: {_share(singles)} single, {_share(pairs)} pairs recoverable"
+        title = f"{kind}: {_recoverable(singles)} single, {_recoverable(pairs)} pairs recoverable"
         label(axes, title, "thruster", "thruster")
     figure.suptitle(
         f"{craft.name}: green can still push and turn every way; on the diagonal one alone"
@@ -50,5 +50,5 @@ def faults_figure(
     return figure
 
 
-def _share(sets: Sequence[FaultSet]) -> str:
+def _recoverable(sets: Sequence[FaultSet]) -> str:
     return f"{sum(fault_set.recoverable for fault_set in sets)} of {len(sets)}"

@@ -126,7 +126,7 @@ def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, 
 def _motion(states: State, episode: int, stride: int) -> dict[str, list[list[float]]]:
     """Positions, and the first two axes of B, at every kept instant."""
 
-    def one(field: Any) -> np.ndarray:
+    def of_episode(field: Any) -> np.ndarray:
         values = np.asarray(field, dtype=float)
         return (values[:, episode] if values.ndim > 1 else values)[::stride]
 
@@ -135,8 +135,10 @@ def _motion(states: State, episode: int, stride: int) -> dict[str, list[list[flo
     axes = (
         (Vec2(1.0, 0.0), Vec2(0.0, 1.0)) if planar else (Vec3(1.0, 0.0, 0.0), Vec3(0.0, 1.0, 0.0))
     )
-    position = np.stack([one(x) for x in states.p.columns()], axis=1)
-    rotated = [np.stack([one(x) for x in attitude.rotate(axis).columns()], 1) for axis in axes]
+    position = np.stack([of_episode(x) for x in states.p.columns()], axis=1)
+    rotated = [
+        np.stack([of_episode(x) for x in attitude.rotate(axis).columns()], 1) for axis in axes
+    ]
     return {
         "p": [_rounded(row) for row in position],
         "e": [_rounded(row) for row in np.concatenate(rotated, axis=1)],

@@ -43,5 +43,5 @@ def test_a_coast_that_ends_within_the_tolerance_needs_nothing() -> None:
     again = impulses.firings(after, 40)
     assert (found.impulse > 1.0).all()
     # What is left is what was to be fired after 600 s.
-    late = np.where(found.period >= 60, found.share, 0.0) * meeting.price[found.thruster]
+    late = np.where(found.period >= 60, found.command, 0.0) * meeting.price[found.thruster]
     np.testing.assert_allclose(again.impulse, late.sum(axis=1), atol=0.02)
