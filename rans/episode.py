@@ -25,7 +25,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.memory import Memory
-from rans.randomization.parameters import EpisodeParameters, StepInputs, draw, examples
+from rans.randomization.parameters import EpisodeParameters, StepInputs, draw, examples, scaled
 from rans.randomization.sensors import reading
 from rans.tasks.base import Task, goal_after, observation, reward_terms
 from rans.tasks.derived import watches_switching
@@ -340,6 +340,11 @@ class World:
             tuple(map(draws.real, command)) for command in episode.commands[: self._memory.felt]
         )
         body, fails = parameters.flying(step * period)
+        factors = parameters.thrust_factors(self.timing.step(episode.clock), draws)
+        if factors is not None:
+            body = scaled(body, factors)
+            if fails is not None:
+                fails = replace(fails, body=scaled(fails.body, factors))
         return StepInputs(
             body, (command, *earlier), parameters.lag, parameters.disturbance(step, period), fails
         )

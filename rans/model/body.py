@@ -20,6 +20,16 @@ _MOMENTS = {
 
 
 @dataclass(frozen=True)
+class Mounting:
+    """True position and direction of a thruster, axes of B: two entries each in the plane, three in space."""
+
+    offset: tuple[Field, ...]
+    """Vector from the designed position to the true one, m."""
+    direction: tuple[Field, ...]
+    """Unit vector of the force on the spacecraft."""
+
+
+@dataclass(frozen=True)
 class Body:
     """Mass properties and thruster health: floats, or arrays (N,) where spacecraft differ.
 
@@ -41,6 +51,8 @@ class Body:
     """Share of full force that is always given, one per thruster; empty: each is 0."""
     droop: Field | None = None
     """Droop of each supply, see `rans.model.dynamics.thrust`; None: that of the craft."""
+    mountings: tuple[Mounting, ...] = ()
+    """True position and direction of each thruster; empty: as designed."""
 
     @classmethod
     def of(cls, craft: Spacecraft) -> Body:
@@ -97,10 +109,32 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
         ),
         in_fields({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
         in_fields({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak),
+        mountings=_mountings_in_memory(body.mountings, len(thrusters), count, field),
     )
     if len(body.inertia) == 6:
         _check_rigid(body.inertia)
     return result
+
+
+def _mountings_in_memory(
+    mountings: tuple[Mounting, ...], thrusters: int, count: int, field: Callable[[Any], Any]
+) -> tuple[Mounting, ...]:
+    """Checked copy of the mountings of so many thrusters; see `in_memory`."""
+    if len(mountings) not in (0, thrusters):
+        raise ConfigError(
+            f"the body's mountings have {len(mountings)} entries; this craft needs {thrusters}."
+        )
+
+    def vector(name: str, entries: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(_placed(name, "", x, count, field) for x in entries)
+
+    return tuple(
+        Mounting(
+            vector(f"offset of thruster {i}", mounting.offset),
+            vector(f"direction of thruster {i}", mounting.direction),
+        )
+        for i, mounting in enumerate(mountings)
+    )
 
 
 def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:

@@ -163,8 +163,11 @@ def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -
     """Wrench of thrusters that give these shares of their full force; linear in the shares."""
     forces = [thruster.force for thruster in craft.thrusters]
     exhaust = None if craft.propellant is None else _dot(openings, forces)
-    total = [_dot(openings, column) for column in zip(*craft.wrench_map, strict=True)]
     planar = craft.dimension == 2
+    if body is not None and body.mountings:
+        total = _mounted(craft, openings, body)
+    else:
+        total = [_dot(openings, column) for column in zip(*craft.wrench_map, strict=True)]
     force, torque = (Vec2(*total[:2]), total[2]) if planar else (Vec3(*total[:3]), Vec3(*total[3:]))
     if body is None or all(_is(x, 0.0) for x in body.centre):
         return Wrench(force, torque, exhaust)
@@ -172,6 +175,21 @@ def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -
         x, y = body.centre
         return Wrench(force, torque - (x * force.y - y * force.x), exhaust)
     return Wrench(force, torque - Vec3(*body.centre).cross(force), exhaust)
+
+
+def _mounted(craft: Spacecraft, openings: Sequence[Field], body: Body) -> list[Field]:
+    """Wrench about the designed centre of mass of thrusters with true positions and directions."""
+    wrenches = []
+    for thruster, mounting, share in zip(craft.thrusters, body.mountings, openings, strict=True):
+        pushes = share * thruster.force
+        designed = zip(thruster.position, craft.centre_of_mass, mounting.offset, strict=False)
+        arm = [position - centre + offset for position, centre, offset in designed]
+        force = [pushes * x for x in mounting.direction]
+        if craft.dimension == 2:
+            wrenches.append([*force, arm[0] * force[1] - arm[1] * force[0]])
+        else:
+            wrenches.append([*force, *Vec3(*arm).cross(Vec3(*force)).columns()])
+    return [sum(column[1:], start=column[0]) for column in zip(*wrenches, strict=True)]
 
 
 def _dot(factors: Sequence[Field], coefficients: Sequence[float]) -> Field:

@@ -93,6 +93,12 @@ class ThrusterConditions(Settings):
     """Shortest time for which an on/off valve stays open, s."""
     least_off: Range = 0.0
     """Shortest time for which an on/off valve stays shut, s."""
+    noise: Range = 0.0
+    """Standard deviation of the force of each thruster over that force, drawn anew in every control period."""
+    misalignment: Range = 0.0
+    """Angle between the true and the designed direction of each thruster, to a random side, rad."""
+    position: Range = 0.0
+    """Distance between the true and the designed position of each thruster, in a random direction, m."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +152,8 @@ class SensorConditions(Settings):
     """Magnitude of a constant error in a random direction."""
     dropout: Range = 0.0
     """Probability that a control period has no new reading and the last one is kept."""
+    noise_per_m: Range = 0.0
+    """Growth of the standard deviation with range, the distance to the origin of W, in the unit per m."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +171,9 @@ class SensorsConditions(Settings):
     loses its markers."""
     outage_every: Range = 5.0
     """Time from the start of one outage to that of the next, s; the first starts at a random instant."""
+    field_of_view: Range = math.pi
+    """Half-angle of a cone about the axis x of the body, rad. While the origin of W, the target of the sensors, is
+    outside, all sensors keep their last readings. pi: they see it from everywhere."""
 
     def each(self) -> tuple[SensorConditions, ...]:
         """Conditions of position, attitude, velocity and spin, in this order."""
@@ -292,6 +303,25 @@ class Conditions(Settings):
             _require(
                 largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1"
             )
+        _require(
+            largest(thrusters.noise) <= 1,
+            "thrusters.noise",
+            thrusters.noise,
+            "at most 1, all of the force",
+        )
+        _require(
+            largest(thrusters.misalignment) <= math.pi / 2,
+            "thrusters.misalignment",
+            thrusters.misalignment,
+            "at most pi / 2 rad",
+        )
+        view = self.sensors.field_of_view
+        _require(
+            bounds(view)[0] > 0 and largest(view) <= math.pi,
+            "sensors.field_of_view",
+            view,
+            "above 0 and at most pi rad, half of the cone",
+        )
         every = self.sensors.outage_every
         _require(bounds(every)[0] > 0, "sensors.outage_every", every, "> 0 s")
         _require(

@@ -15,9 +15,9 @@ from functools import reduce
 import numpy as np
 
 from rans.errors import ConfigError, brief
-from rans.model.body import Body
+from rans.model.body import Body, Mounting
 from rans.model.dynamics import Piece, Wrench, undelayed
-from rans.model.fields import Field, floor, map_leaves, sin, where
+from rans.model.fields import Field, Vec3, at_least, cos, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, Range, largest
@@ -146,6 +146,8 @@ class EpisodeParameters:
     swing: SinusoidalWrench | None
     kicks: tuple[ImpulsiveWrench, ...]
     sensors: Sensors | None
+    noise: Field | None = None
+    """Standard deviation of each thrust over its force, drawn anew in every control period."""
 
     def body_at(self, time: Field) -> Body:
         """Body at a time since the start of the episode, s."""
@@ -169,7 +171,29 @@ class EpisodeParameters:
         failed = replace(self.body, gain=self.fault.gain, leak=self.fault.leak)
         return self.body, Failing(self.fault.begins - time, failed)
 
+    def thrust_factors(self, step: Field, draws: Draws) -> list[Field] | None:
+        """Factor on the force of each thruster in a control period, never below 0; None: the force has no noise.
+
+        Args:
+            step: number of the control period, a whole number.
+            draws: seed of the random numbers.
+        """
+        if self.noise is None:
+            return None
+        count = len(self.body.gain)
+        # Two normal numbers take two of the four numbers of a block.
+        blocks = count // 4 + 1
+        random = draws.random(2, self.number, step * blocks + THRUST_PER_STEP)
+        return [at_least(1.0 + self.noise * random.normal(), 0.0) for _ in range(count)]
+
     def strongest(self) -> Body:
+        """Body with the largest forces before and after the fault, and with noise of three standard deviations."""
+        strongest = self._strongest()
+        if self.noise is None:
+            return strongest
+        return scaled(strongest, [1.0 + 3.0 * self.noise] * len(strongest.gain))
+
+    def _strongest(self) -> Body:
         """Body whose thrusters have the larger of their forces before and after the fault."""
         if self.fault is None:
             return self.body
@@ -194,6 +218,18 @@ class EpisodeParameters:
             now = where(kick.step == step, kick.step * 0.0 + 1.0 / period, kick.step * 0.0)
             parts.append(map_leaves(lambda x, now=now: x * now, kick.impulse))
         return reduce(lambda a, b: map_leaves(operator.add, a, b), parts) if parts else None
+
+
+def scaled(body: Body, factors: Sequence[Field]) -> Body:
+    """Body whose thrusters have forces times these factors."""
+    gain, leak = (
+        tuple(
+            x if isinstance(x, float) and x == 0.0 else x * k
+            for x, k in zip(xs, factors, strict=True)
+        )
+        for xs in (body.gain, body.leak)
+    )
+    return replace(body, gain=gain, leak=leak)
 
 
 def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodeParameters:
@@ -227,9 +263,14 @@ _STREAMS = {
     "kicks": 8,
     "sensors": 16,
     "mixture": 17,
+    "noise": 18,
+    "mountings": 19,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
 eight streams. These numbers must not change: every seed would then have other episodes."""
+THRUST_PER_STEP = 2**26
+"""First block of the random numbers of thrusts in a step, above those of sensors (`PER_STEP`). The largest
+number of thrusters takes 251 blocks in each of 2^20 steps, which ends below 2^31."""
 
 
 def mixture_parts(
@@ -261,6 +302,10 @@ def draw(
     if conditions.others:
         conditions = conditions.met(random("mixture").unit())
     body = _body(conditions, base, random("body"), random("thrusters"))
+    thrusters = conditions.thrusters
+    mountings = _mountings(thrusters.misalignment, thrusters.position, craft, random("mountings"))
+    # A base of true positions, such as an identified one, stays unless the conditions have errors.
+    body = replace(body, mountings=mountings or base.mountings)
     pushes = conditions.disturbances
     return EpisodeParameters(
         number=number,
@@ -272,7 +317,49 @@ def draw(
         swing=_swing(conditions, random("swing")),
         kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
         sensors=draw_sensors(conditions.sensors, random("sensors")),
+        noise=_noise(conditions.thrusters.noise, random("noise")),
     )
+
+
+def _noise(noise: Range, random: Random) -> Field | None:
+    return random.within(noise) if largest(noise) > 0.0 else None
+
+
+def _mountings(
+    misalignment: Range, position: Range, craft: Spacecraft, random: Random
+) -> tuple[Mounting, ...]:
+    """True positions and directions of thrusters; empty if they are as designed."""
+    if largest(misalignment) == 0.0 and largest(position) == 0.0:
+        return ()
+    mountings = []
+    for thruster in craft.thrusters:
+        designed = thruster.direction[: craft.dimension]
+        if craft.dimension == 2:
+            angle = random.turn(misalignment)
+            sides = [(-designed[1], designed[0])]
+            shares = [sin(angle)]
+        else:
+            way = random.uniform(-math.pi, math.pi)
+            angle = random.within(misalignment)
+            sides = _across(designed)
+            shares = [sin(angle) * cos(way), sin(angle) * sin(way)]
+        along = cos(angle)
+        direction = [
+            sum((share * side[axis] for share, side in zip(shares, sides, strict=True)), along * x)
+            for axis, x in enumerate(designed)
+        ]
+        mountings.append(Mounting(random.vector(position).columns(), tuple(direction)))
+    return tuple(mountings)
+
+
+def _across(direction: Sequence[float]) -> list[Sequence[float]]:
+    """Two unit vectors in space that are normal to a unit vector and to each other."""
+    along = Vec3(*direction)
+    # The axis that is least along the vector is never parallel to it.
+    least = min(range(3), key=lambda axis: abs(direction[axis]))
+    first = along.cross(Vec3(*(float(axis == least) for axis in range(3))))
+    first = first.scale(1.0 / math.sqrt(first.dot(first)))
+    return [first.columns(), along.cross(first).columns()]
 
 
 def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random) -> Body:

@@ -33,6 +33,9 @@ _EDGES: tuple[tuple[str, float, str, str], ...] = (
     ("thrusters.fall", 5.0, "s", "a time in ms"),
     ("thrusters.least_on", 10.0, "s", "a time in ms"),
     ("thrusters.least_off", 10.0, "s", "a time in ms"),
+    ("thrusters.noise", 0.5, "of the force", "a share in percent, or a force in N"),
+    ("thrusters.misalignment", 0.35, "rad (20 degrees)", "an angle in degrees"),
+    ("thrusters.position", 0.2, "m", "a distance in mm or cm"),
     ("sensors.position.noise", 1.0, "m", "a distance in mm or cm"),
     ("sensors.position.bias", 2.0, "m", "a distance in mm or cm"),
     ("sensors.attitude.noise", 0.35, "rad (20 degrees)", "an angle in degrees"),
@@ -41,6 +44,10 @@ _EDGES: tuple[tuple[str, float, str, str], ...] = (
     ("sensors.velocity.bias", 1.0, "m/s", "a velocity in mm/s or cm/s"),
     ("sensors.spin.noise", 1.0, "rad/s (57 degrees/s)", "a rate in degrees/s"),
     ("sensors.spin.bias", 1.0, "rad/s (57 degrees/s)", "a rate in degrees/s"),
+    ("sensors.position.noise_per_m", 0.5, "m per m of range", "a share in percent"),
+    ("sensors.attitude.noise_per_m", 0.1, "rad per m of range", "an angle in degrees"),
+    ("sensors.velocity.noise_per_m", 0.5, "m/s per m of range", "a velocity in mm/s or cm/s"),
+    ("sensors.spin.noise_per_m", 0.5, "rad/s per m of range", "a rate in degrees/s"),
     ("sensors.delay", 25.0, "control periods", "a time in ms"),
 )
 """Setting, size beyond which it is hardly meant, unit, and the usual cause. All conditions that come with RANS, all

@@ -8,7 +8,8 @@ Like the plant it takes nothing of RANS but descriptions: values that say what t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,22 @@ def thrust_pose(thruster: Thruster) -> RigidTransform:
     """Pose in G of a frame whose z axis is the thrust's direction."""
     R_GP = RotationMatrix.MakeFromOneVector(np.array(thruster.direction), axis_index=2)
     return RigidTransform(R_GP, np.array(thruster.position))
+
+
+def mounted(craft: Spacecraft, body: Body, k: int) -> Iterator[Thruster]:
+    """Thrusters of spacecraft number k where they truly are, by the errors of their mountings."""
+    for number, thruster in enumerate(craft.thrusters):
+        if not body.mountings:
+            yield thruster
+            continue
+        mounting = body.mountings[number]
+        # Entries are one number, or one for each spacecraft; the plane has no third.
+        offset, direction = (
+            np.array([np.ravel(x)[k if np.size(x) > 1 else 0] for x in (*vector, 0.0)][:3])
+            for vector in (mounting.offset, mounting.direction)
+        )
+        position = np.array(thruster.position) + offset
+        yield replace(thruster, position=tuple(position), direction=tuple(direction))
 
 
 def gravity(drift: Drift) -> np.ndarray:

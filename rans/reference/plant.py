@@ -49,6 +49,7 @@ from rans.reference.parts import (
     OrbitForces,
     designed,
     gravity,
+    mounted,
     spatial_inertia,
     thrust_pose,
     wheel_inertia,
@@ -303,13 +304,13 @@ class Plant:
         """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
         nozzles = [
             info
-            for body in self._bodies
+            for k, body in enumerate(self._bodies)
             for info in (
                 *(
                     PropellerInfo(
                         body.index(), thrust_pose(t), thrust_ratio=t.force, moment_ratio=0.0
                     )
-                    for t in self.craft.thrusters
+                    for t in mounted(self.craft, self._body, k)
                 ),
                 *(
                     PropellerInfo(body.index(), mounting.pose, mounting.force, mounting.torque)

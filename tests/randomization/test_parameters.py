@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from scipy import stats
 
 from rans.episode import step
+from rans.model.dynamics import wrench
 from rans.model.fields import leaves
 from rans.randomization.conditions import (
     BodyConditions,
@@ -23,7 +25,17 @@ from rans.randomization.conditions import (
 )
 from rans.randomization.parameters import EpisodeParameters
 from rans.scenario import scenarios
-from tests.support.draws import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, begun, parameters
+from tests.support.draws import (
+    BOTH,
+    COUNT,
+    CRAFTS,
+    FLYER,
+    LIKELY,
+    PLATFORM,
+    TASK,
+    begun,
+    parameters,
+)
 from tests.support.worlds import EFFECTS
 
 
@@ -36,6 +48,13 @@ def assert_uniform(values: Any, low: float, high: float) -> None:
         (low + high) / 2, abs=5 * (high - low) / math.sqrt(12 * COUNT)
     )
     assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > LIKELY
+
+
+def turned(found: EpisodeParameters, number: int) -> tuple[Any, Any]:
+    """Parts of a thruster's true direction to the left of the designed one, and along it."""
+    x, y, _ = PLATFORM.thrusters[number].direction
+    true = found.body.mountings[number].direction
+    return x * true[1] - y * true[0], x * true[0] + y * true[1]
 
 
 UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, float]] = {
@@ -123,6 +142,24 @@ UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, 
         0.1,
         0.3,
     ),
+    "noise of thrusts": (
+        Conditions(thrusters=ThrusterConditions(noise=(0.05, 0.1))),
+        lambda c: c.noise,
+        0.05,
+        0.1,
+    ),
+    "misalignment": (
+        Conditions(thrusters=ThrusterConditions(misalignment=(0.02, 0.1))),
+        lambda c: abs(np.arctan2(*turned(c, 3))),
+        0.02,
+        0.1,
+    ),
+    "position of a thruster": (
+        Conditions(thrusters=ThrusterConditions(position=(0.01, 0.02))),
+        lambda c: np.hypot(*c.body.mountings[4].offset),
+        0.01,
+        0.02,
+    ),
     "bias": (
         Conditions(sensors=SensorsConditions(velocity=SensorConditions(bias=(0.01, 0.02)))),
         lambda c: c.sensors and c.sensors.bias and c.sensors.bias[2].norm(),
@@ -157,6 +194,70 @@ def test_thrusts_are_drawn_one_by_one_and_pressure_for_all() -> None:
     assert_uniform(ratio[0], 0.8, 1.0)
 
 
+@BOTH
+def test_thrusts_have_new_noise_in_every_period(dimension: int) -> None:
+    """Normal about the designed force, and independent between thrusters, periods and episodes."""
+    noisy = Conditions(thrusters=ThrusterConditions(noise=0.1))
+    world, own, now = begun(noisy, dimension)
+    still = (0.0,) * world.craft.command_count
+    gains = np.concatenate(
+        [
+            world.step_inputs(replace(now, clock=now.clock + k), still, own).body.gain
+            for k in (0, 1, 2)
+        ]
+    )
+    assert gains.shape == (3 * world.craft.thruster_count, COUNT)
+    for row in gains:
+        assert stats.kstest((row - 1.0) / 0.1, "norm").pvalue > LIKELY
+    assert np.abs(np.corrcoef(gains) - np.eye(len(gains))).max() < 6 / math.sqrt(COUNT)
+
+
+def test_a_thrust_never_pulls() -> None:
+    """With a deviation as large as the force, every sixth number is below zero."""
+    world, own, now = begun(Conditions(thrusters=ThrusterConditions(noise=1.0)))
+    gain = np.array(world.step_inputs(now, (0.0,) * 8, own).body.gain)
+    assert np.min(gain) == 0.0
+    assert np.mean(gain == 0.0) == pytest.approx(stats.norm.cdf(-1.0), abs=5 / math.sqrt(8 * COUNT))
+
+
+def test_misaligned_thrusters_in_space_point_to_all_sides() -> None:
+    """The angle is that of the conditions, and its bearing about the designed direction is uniform."""
+    wrong = Conditions(thrusters=ThrusterConditions(misalignment=0.1, position=0.02))
+    mountings = parameters(wrong, 3).body.mountings
+    for thruster, mounting in zip(FLYER.thrusters, mountings, strict=True):
+        true = np.array([np.broadcast_to(x, COUNT) for x in mounting.direction])
+        designed = np.array(thruster.direction)
+        np.testing.assert_allclose(designed @ true, np.cos(0.1), rtol=1e-12)
+        # Any frame across the thrust serves to measure the bearing.
+        one, two = np.linalg.svd(designed[None])[2][1:] @ true
+        assert_uniform(np.arctan2(two, one), -math.pi, math.pi)
+        np.testing.assert_allclose(np.linalg.norm(mounting.offset, axis=0), 0.02, rtol=1e-12)
+
+
+@BOTH
+def test_the_wrench_of_misaligned_thrusters_is_that_of_their_geometry(dimension: int) -> None:
+    """As NumPy has it from arms and forces, about the true centre of mass."""
+    conditions = Conditions(
+        BodyConditions(centre=0.02), ThrusterConditions(misalignment=0.1, position=0.03)
+    )
+    craft = CRAFTS[dimension]
+    body = parameters(conditions, dimension, 5).body
+    found = leaves(wrench(craft, (1.0,) * craft.thruster_count, body))
+    centre = np.zeros((5, 3))
+    centre[:, :dimension] = np.array(body.centre).T
+    force = np.zeros((5, 3))
+    torque = np.zeros((5, 3))
+    for thruster, mounting in zip(craft.thrusters, body.mountings, strict=True):
+        moved, direction = np.zeros((2, 5, 3))
+        moved[:, :dimension] = np.array(mounting.offset).T
+        direction[:, :dimension] = np.array(mounting.direction).T
+        arm = np.array(thruster.position) - craft.centre_of_mass + moved - centre
+        force += thruster.force * direction
+        torque += np.cross(arm, thruster.force * direction)
+    expected = (force[:, :2], torque[:, 2:]) if dimension == 2 else (force, torque)
+    np.testing.assert_allclose(np.array(found), np.hstack(expected).T, rtol=1e-12, atol=1e-14)
+
+
 def test_directions_in_space_are_uniform_on_the_sphere() -> None:
     push = parameters(EFFECTS["push"], 3).push
     for vector in (push.force, push.torque):  # Archimedes: every coordinate is
@@ -173,6 +274,7 @@ PARTS: dict[str, Callable[[Any], Any]] = {
     "swing": lambda c: c.swing,
     "kicks": lambda c: c.kicks,
     "faults": lambda c: c.fault.begins,
+    "mountings": lambda c: (c.noise, c.body.mountings),
 }
 
 

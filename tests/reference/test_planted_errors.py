@@ -111,6 +111,16 @@ def centre_to_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+def thrusters_misaligned_to_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    def moved(body: Any) -> Any:
+        mountings = tuple(
+            replace(one, offset=tuple(-x for x in one.offset)) for one in body.mountings
+        )
+        return replace(body, mountings=mountings)
+
+    change_thrust(monkeypatch, "wrench_of", moved)
+
+
 def noise_in_the_reward(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if the reward looked at what sensors tell, 1 cm beside the truth."""
     true = rans.episode.Transition
@@ -162,7 +172,12 @@ LATE = {"latency", "rise", "fall", "all"}
         (early, {"latency", "rise", "all"}, "motion"),
         (swapped, {"fall", "all"}, "motion"),
         (earlier_commands_in_the_wrong_order, {"latency", "all"}, "motion"),
-        (fault_on_the_next_nozzle, {"thrust", "faults", "named", "recoverable", "all"}, "motion"),
+        (
+            fault_on_the_next_nozzle,
+            {"thrust", "faults", "named", "recoverable", "mountings", "all"},
+            "motion",
+        ),
+        (thrusters_misaligned_to_the_other_side, {"mountings", "all"}, "motion"),
         (faults_begin_with_the_next_period, {"faults", "named", "recoverable", "all"}, "motion"),
         (supply_never_gives_way, {"thrust", "all"}, "motion"),
         (centre_to_the_other_side, {"body", "all"}, "motion"),

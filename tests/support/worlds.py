@@ -13,7 +13,10 @@ from rans.randomization.conditions import (
 )
 
 _READING = SensorConditions(noise=(0.0, 0.01), bias=(0.0, 0.01))
-_LOST = SensorConditions(noise=(0.0, 0.01), bias=(0.0, 0.01), dropout=(0.0, 0.3))
+_LOST = SensorConditions(
+    noise=(0.0, 0.01), bias=(0.0, 0.01), dropout=(0.0, 0.3), noise_per_m=(0.0, 0.01)
+)
+_FAR = SensorConditions(noise_per_m=(0.0, 0.01))
 _KINDS = ("dead", "stuck-open", "stuck", "weak")
 _Thrusters = ThrusterConditions
 _Disturbances = DisturbanceConditions
@@ -46,6 +49,12 @@ EFFECTS = {
     "outage": Conditions(
         sensors=SensorsConditions(_READING, outage=(0.0, 0.9), outage_every=(1.0, 2.0))
     ),
+    "mountings": Conditions(
+        thrusters=_Thrusters(noise=(0.0, 0.3), misalignment=(0.0, 0.1), position=(0.0, 0.05))
+    ),
+    "range": Conditions(
+        sensors=SensorsConditions(_FAR, _FAR, _FAR, _FAR, field_of_view=(0.8, 1.6))
+    ),
     "all": Conditions(
         BodyConditions(mass=(0.7, 1.4), inertia=(0.7, 1.4), centre=(0.0, 0.03)),
         _Thrusters(
@@ -58,12 +67,17 @@ EFFECTS = {
             (0.0, 0.1),
             (0.0, 0.6),
             (0.0, 0.6),
+            (0.0, 0.3),
+            (0.0, 0.1),
+            (0.0, 0.05),
         ),
         FaultConditions(count=(0.0, 2.0), kinds=_KINDS, time=(0.0, 2.0)),
         _Disturbances(
             (0.0, 0.3), (0.0, 0.1), (0.0, 0.3), (0.0, 0.1), (2.0, 20.0), 2, (0.0, 1.0), (0.0, 0.1)
         ),
-        SensorsConditions(_LOST, _LOST, _LOST, _LOST, (0.0, 2.0), (0.0, 0.9), (1.0, 2.0)),
+        SensorsConditions(
+            _LOST, _LOST, _LOST, _LOST, (0.0, 2.0), (0.0, 0.9), (1.0, 2.0), (0.8, 3.0)
+        ),
     ),
 }
 

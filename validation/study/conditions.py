@@ -29,13 +29,23 @@ _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "thrust and supply": ("thrusters", ("thrust", "pressure", "droop")),
     "late and gradual valves": ("thrusters", ("latency", "command_delay", "rise", "fall")),
     "least on- and off-times": ("thrusters", ("least_on", "least_off")),
+    "errors of thrusters": ("thrusters", ("noise", "misalignment", "position")),
     "faults": ("faults", ("count", "kinds", "share", "time")),
     "steady pushes": ("disturbances", ("force", "torque")),
     "swinging pushes": ("disturbances", ("slow_force", "slow_torque", "slow_period")),
     "kicks": ("disturbances", ("kicks", "kick", "kick_spin")),
     "readings": (
         "sensors",
-        ("position", "attitude", "velocity", "spin", "delay", "outage", "outage_every"),
+        (
+            "position",
+            "attitude",
+            "velocity",
+            "spin",
+            "delay",
+            "outage",
+            "outage_every",
+            "field_of_view",
+        ),
     ),
 }
 """What belongs together, by name: where it is in `Conditions`."""

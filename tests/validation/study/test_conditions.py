@@ -40,7 +40,7 @@ def test_groups_are_what_is_in_the_conditions() -> None:
 def test_groups_leave_nothing_out() -> None:
     """Everything at once falls into all groups, and perfect conditions into none."""
     groups = effect_groups(EFFECTS["all"])
-    assert len(groups) == 10
+    assert len(groups) == 11
     assert list(effect_groups(Conditions())) == ["all together"]
     kicks = DisturbanceConditions(kicks=2, kick=(0.0, 1.0), kick_spin=(0.0, 0.1))
     assert groups["kicks"].disturbances == kicks
