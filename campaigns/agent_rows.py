@@ -40,7 +40,7 @@ class Row:
     def command(self) -> str:
         """Repeats the evaluation of the agent that comes with RANS."""
         if self.path:
-            return f"rans follow pretrained:{self.agent} --path {self.path}"
+            return f"rans follow pretrained:{self.agent} {self.path}"
         protocol = "" if self.protocol == "own" else f" --protocol {self.protocol}"
         return f"rans evaluate pretrained:{self.agent}{protocol}"
 

@@ -182,7 +182,7 @@ def test_nothing_is_put_in_the_place_of_a_device(capsys: pytest.CaptureFixture[s
     [
         ["list", "odd.toml"],
         ["evaluate", "lqr:go-to-pose-2d@odd.toml"],
-        ["follow", "lqr:track-velocity-2d", "--path", "odd.csv"],
+        ["follow", "lqr:track-velocity-2d", "odd.csv"],
         ["train", "go-to-pose", "--spacecraft", "odd.toml"],
         ["train", "odd.json"],
         ["train", "go-to-pose", "--conditions", "odd.toml"],

@@ -302,4 +302,4 @@ def test_plan_of_a_bag(here: Path, trained: Path) -> None:
         call(lambda: replay_bag(Path("flight.mcap")))
         call(command("replay flight.mcap"))
         if where == ".task.name":  # trust of one's own agent is none of what a bag names
-            call(command("replay flight.mcap --trust --agent mine"))
+            call(command("replay flight.mcap mine --trust"))

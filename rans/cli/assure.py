@@ -46,8 +46,6 @@ class Assure:
     prints how many flights the campaign takes."""
     failure_below: float | None = None
     """Failure probability to show or to refute, such as 1e-4; the campaign ends as soon as its count decides."""
-    confidence: float = 0.99
-    """Confidence of every bound."""
     rare: int = 0
     """Also estimate the probability of rarer failures, by subset simulation with this many flights (at least
     1600) a factor of ten: a probability of 1e-6 takes six times as many."""
@@ -70,6 +68,10 @@ class Assure:
         ASSURANCE_SEED
     )
     """Seed of starts, goals and conditions."""
+    confidence: Annotated[
+        float, Former("leave it out, or call rans.assure(..., confidence=...) in Python")
+    ] = 0.99
+    """Confidence of every bound."""
     plan: Annotated[bool, Former("write --episodes 0")] = False
     """Print how many flights the campaign takes, and fly nothing."""
 

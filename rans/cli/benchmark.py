@@ -7,7 +7,7 @@ from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
 from rans.api import laboratory
 from rans.api.names import load_spacecraft
@@ -34,12 +34,11 @@ class Benchmark:
     measured.
     """
 
-    spacecraft: tuple[str, ...] = ("floating-platform", "free-flyer")
+    crafts: Annotated[tuple[str, ...], Positional, arg(metavar="[SPACECRAFT...]")] = (
+        "floating-platform",
+        "free-flyer",
+    )
     """Names of spacecraft that come with RANS, or your own TOML files."""
-    device: str | None = None
-    """cpu or cuda; by default a GPU if there is one."""
-    num_envs: tuple[int, ...] = ()
-    """Batch sizes; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
     peers: bool = False
     """Measure other simulators and trainers too, and say which cannot be measured. Missing ones are installed
     with pip, each into an environment of its own of up to 1.5 GB, in the user's cache (XDG_CACHE_HOME)."""
@@ -47,6 +46,17 @@ class Benchmark:
     """Rough figures in seconds: one small batch, few repeats, nothing compiled on a CPU."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """JSON file to write all values to, warm-up times and notes too, with a figure next to it."""
+    spacecraft: Annotated[tuple[str, ...], Former("name them after the command")] = ()
+    """Names of spacecraft, or TOML files."""
+    device: Annotated[
+        str | None, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
+    ] = None
+    """cpu or cuda; by default a GPU if there is one."""
+    num_envs: Annotated[
+        tuple[int, ...],
+        Former("leave it out, or call rans.benchmark(..., num_envs=...) in Python"),
+    ] = ()
+    """Batch sizes; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
     peer_folder: Annotated[Path | None, Former("set XDG_CACHE_HOME")] = None
     """Folder of the environments of other packages."""
     full: Annotated[bool, Former("write --output FILE, which has everything")] = False
@@ -77,7 +87,7 @@ class Benchmark:
     def _measure(self, console: Terminal, device: str, result: list[Measurement]) -> None:
         from rans.api.speed import measured
 
-        crafts = [load_spacecraft(name) for name in self.spacecraft]
+        crafts = [load_spacecraft(name) for name in self.spacecraft or self.crafts]
         with console.status("measuring ...") as status:
             for measurement in measured(crafts, self.task, self.num_envs, device, self.quick):
                 result.append(measurement)

@@ -25,16 +25,21 @@ class Follow:
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
     with @SPACECRAFT if you like."""
-    path: str = "circle"
-    """Path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m."""
-    speed: float = 0.25
-    """Speed along the path, m/s."""
+    course: Annotated[str, Positional, arg(metavar="[PATH]")] = "circle"
+    """Path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m. The speed
+    along it is 0.25 m/s."""
     episodes: int = 16
     """Number of flights; each starts at rest near the first point of the path, with another attitude."""
     seed: Annotated[int, Former("leave it out, or call rans.follow(..., seed=...) in Python")] = (
         EVALUATION_SEED
     )
     """Seed of the starts."""
+    path: Annotated[str | None, Former("name it after the agent")] = None
+    """Path, by name or CSV file."""
+    speed: Annotated[
+        float, Former("leave it out, or call rans.follow(..., speed=...) in Python")
+    ] = 0.25
+    """Speed along the path, m/s."""
     look_ahead: Annotated[
         float, Former("leave it out, or call rans.follow(..., look_ahead=...) in Python")
     ] = 0.25
@@ -59,13 +64,14 @@ class Follow:
 
         episodes = self.episodes if self.flights is None else self.flights
         check_count("--episodes", episodes)
-        planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
+        path = self.path or self.course
+        planner = LookAhead(find_path(path), self.speed, self.look_ahead)
         contestant(self.contestant)  # reject a wrong name before a folder is created
         file = ready_folder(ContestantName.parse(self.contestant).output_folder)
         file = file / f"follow-{planner.path.label}.json"
         following = follow(
             self.contestant,
-            self.path,
+            path,
             speed=self.speed,
             look_ahead=self.look_ahead,
             flights=episodes,

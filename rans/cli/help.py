@@ -74,7 +74,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "rans prove network.onnx --problem docking.toml",
         "rans prove network.onnx --check docking.certificate.json",
     ),
-    "follow": ("rans follow pretrained:track-velocity-2d --path lemniscate",),
+    "follow": ("rans follow pretrained:track-velocity-2d lemniscate",),
     "view": (
         "rans view runs/first lqr",
         "rans view pretrained:go-to-pose-3d --episodes 4 --save flights.html",

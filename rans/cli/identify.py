@@ -30,13 +30,14 @@ class Identify:
     """Data sheet from which to begin: a name, or a TOML file."""
     excite: str = ""
     """Instead of reading logs, write an agent that flies the most informative commands about this spacecraft (name
-    or TOML file) for a minute, by `rans fly --trust`."""
-    box: float = 3.0
-    """Side of the box in which these commands keep the spacecraft, m, round the goal of the flight."""
+    or TOML file) for a minute, by `rans fly --trust`. They keep it in a box of 3 m round the goal of the flight, or
+    of another side (m), as in `--excite mine.toml,box=2`."""
     output: Path | None = None
     """Folder of the results; by default identified, or excitation with --excite."""
     robot: Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"] | None = None
     """Kind of robot whose topics a bag has; by default the bag says it."""
+    box: Annotated[float | None, Former("write --excite CRAFT,box=SIDE")] = None
+    """Side of the box in which these commands keep the spacecraft, m."""
     window: Annotated[
         float, Former("leave it out, or call rans.identify(..., window=...) in Python")
     ] = 5.0
@@ -109,12 +110,18 @@ class Identify:
             raise ConfigError(
                 "--excite reads no logs and takes the spacecraft itself: leave out both."
             )
-        folder = excite(self.excite, self.output or Path("excitation"), self.box)
+        craft, comma, text = self.excite.rpartition(",box=")
+        craft, side = (craft, text) if comma else (self.excite, "3")
+        try:
+            box = float(side) if self.box is None else self.box
+        except ValueError:
+            raise ConfigError(f"--excite CRAFT,box=SIDE takes a side in m, got {side!r}.") from None
+        folder = excite(craft, self.output or Path("excitation"), box)
         console = Terminal()
         console.say(
-            f"Written to {folder}: 60 s of commands that keep {self.excite} in a box of {self.box:g} m. Fly them "
+            f"Written to {folder}: 60 s of commands that keep {craft} in a box of {box:g} m. Fly them "
             "from the middle of the box, and identify the spacecraft from the bag:"
         )
         console.command(shlex.join(["rans", "fly", str(folder), "--trust", "--seconds", "60"]))
-        console.command(f"rans identify FLIGHT.mcap --spacecraft {shlex.quote(self.excite)}")
+        console.command(f"rans identify FLIGHT.mcap --spacecraft {shlex.quote(craft)}")
         return 0

@@ -22,6 +22,8 @@ from rans.terminal import Terminal, progress
 
 _CHUNK = 4
 """Cells that a process checks between two reports, some seconds."""
+_SMALLEST = 1.0 / 512
+"""Part of the range of a start, below which a network's cells are not split with --resolution 1."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +46,20 @@ class Prove:
     """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and how late
     thrusters may open and shut; by default 0."""
     resolution: int = 1
-    """How much finer the cells of an agent's proof are along each coordinate."""
+    """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
+    are 1/512 of the range of a start by default."""
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
     """Plant, starts and property, a TOML file; see docs/proofs.md."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
     check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
     """Certificate to check; nothing is proved then."""
-    smallest: float = 1.0 / 512
-    """Part of the range of a start, below which cells are not split."""
     onnx: Annotated[Path | None, Former("name the file without it")] = None
     """Network that takes the state and gives the commands."""
+    smallest: Annotated[
+        float | None, Former("write --resolution N, which splits down to 1/(512 N)")
+    ] = None
+    """Part of the range of a start, below which cells are not split."""
     cells: Annotated[int, Former("leave it out: cells are split where that is necessary")] = 4
     """Number of cells along each state to begin with, for up to four states; with more states it is 1."""
     workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
@@ -68,6 +73,8 @@ class Prove:
         """Prove or check, and print the result."""
         if self.onnx is None and self.agent is not None and self.agent.endswith(".onnx"):
             return replace(self, agent=None, onnx=Path(self.agent)).run()
+        if not 1 <= self.resolution <= 8:
+            raise ConfigError(f"--resolution must be from 1 to 8, got {self.resolution}.")
         if (self.agent is None) == (self.onnx is None):
             raise ConfigError("name an agent, or the file of a network that ends in .onnx.")
         if self.agent is not None and self.check is not None:
@@ -93,8 +100,6 @@ class Prove:
             raise ConfigError(
                 "limits must be above 0 and at most 10, and --from within --property."
             )
-        if not 1 <= self.resolution <= 8:
-            raise ConfigError(f"--resolution must be from 1 to 8, got {self.resolution}.")
         folder = ContestantName.parse(agent).folder
         run = load_policy(folder)
         files = _files(folder)
@@ -179,10 +184,11 @@ class Prove:
 
         assert self.problem is not None
         assert self.onnx is not None
-        if not (1 <= self.cells <= 1000 and 0.0 < self.smallest <= 1.0):
+        smallest = self.smallest or _SMALLEST / self.resolution
+        if not (1 <= self.cells <= 1000 and 0.0 < smallest <= 1.0):
             raise ConfigError(
                 "--cells must be from 1 to 1000 and --smallest above 0 and at most 1, got "
-                f"{self.cells} and {self.smallest:g}."
+                f"{self.cells} and {smallest:g}."
             )
         # Prove: cells are split until each holds or a flight breaks the property.
         problem = read_problem(self.problem)
@@ -196,7 +202,7 @@ class Prove:
                 problem,
                 layers,
                 torch_device(self.device),
-                self.smallest,
+                smallest,
                 [self.cells if problem.states <= 4 else 1] * problem.states,
                 lambda done, left: bars.update(task, completed=done, total=done + left),
             )
@@ -213,8 +219,8 @@ class Prove:
         if not proof.is_whole:
             terminal.say(
                 f"Open: {100 * proof.volume:.2f} % of the starts' volume is proved, and {len(proof.open_low):,} "
-                f"cells of the smallest size are neither proved nor refuted, after {seconds:.1f} s. A smaller "
-                "--smallest may prove them."
+                f"cells of the smallest size are neither proved nor refuted, after {seconds:.1f} s. A larger "
+                "--resolution may prove them."
             )
             return 1
         digest = write_certificate(proof, self.onnx, output)

@@ -8,6 +8,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from rans.cli.options import Former
+
 
 @dataclass(frozen=True)
 class Replay:
@@ -18,15 +20,17 @@ class Replay:
 
     bag: Annotated[Path, Positional, arg(metavar="BAG")]
     """MCAP file that `rans fly` wrote."""
-    agent: Path | None = None
+    folder: Annotated[Path | None, Positional, arg(metavar="[AGENT]")] = None
     """Folder of the exported agent; by default the one that flew."""
+    agent: Annotated[Path | None, Former("name the folder after the bag")] = None
+    """Folder of the exported agent."""
 
     def run(self) -> int:
         """Print the number of equal commands; the exit code is 0 if all are equal."""
         from rans.deploy.robot.node import replay_bag
         from rans.terminal import Terminal
 
-        result = replay_bag(self.bag, self.agent)
+        result = replay_bag(self.bag, self.agent or self.folder)
         Terminal().say(f"{result.equal} of {result.decisions} commands come out the same.")
         if result.first_difference is not None:
             Terminal().say(f"The first that does not is command {result.first_difference}.")

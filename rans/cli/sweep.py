@@ -44,13 +44,7 @@ class Sweep:
     """Number of seeds, counted from 0."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
     """Values of an entry of the config (see `rans list TRAINING`), as in
-    `--set ppo.gamma=0.98,0.99` or `--set total_timesteps=5e6`; may be repeated."""
-    spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
-    floating-platform."""
-    conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
-    TOML file; by default everything is nominal."""
+    `--set ppo.gamma=0.98,0.99`, `--set spacecraft=mine.toml` or `--set conditions=lab`; may be repeated."""
     output: Path | None = None
     """Folder for the results; by default a new one under runs/."""
     resume: Path | None = None
@@ -67,6 +61,10 @@ class Sweep:
     """Learner."""
     device: Annotated[str | None, Former("write --set device=NAME")] = None
     """cpu or cuda; by default a GPU if there is one."""
+    spacecraft: Annotated[str | None, Former("write --set spacecraft=NAME")] = None
+    """Name of a spacecraft, or a TOML file."""
+    conditions: Annotated[str | None, Former("write --set conditions=NAME")] = None
+    """Conditions, by name or TOML file."""
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
@@ -144,11 +142,20 @@ class Sweep:
                 f"--set seed=... would train the same {self.seeds} times; add --seeds 1."
             )
         for changes in itertools.product(*map(_changes, self.set)):
+            # Names of files, which the options of `rans train` read.
+            named = {"spacecraft": self.spacecraft, "conditions": self.conditions}
+            for change in changes:
+                key, _, text = change.partition("=")
+                if key in named and not text.startswith("{"):  # a table of conditions has no file
+                    named[key] = text.strip('"')
+            changes = tuple(
+                change for change in changes if named.get(change.partition("=")[0]) is None
+            )
             for seed in range(self.seeds):
                 yield Train(
                     self.task,
-                    self.spacecraft,
-                    self.conditions,
+                    named["spacecraft"],
+                    named["conditions"],
                     seed=seed,
                     device=self.device,
                     total_timesteps=self.total_timesteps,

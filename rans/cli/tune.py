@@ -35,7 +35,7 @@ class Tune:
     controller: Annotated[str, Positional, arg(metavar="CONTROLLER[:TASK-2d@SPACECRAFT]")]
     """Name of the controller (see `rans list`), or MODULE:NAME; with task and spacecraft to tune it for, such as
     lqr:track-velocity-2d@mine.toml. By default go-to-pose and its spacecraft, floating-platform."""
-    like: Annotated[str | None, arg(metavar="CONTESTANT")] = None
+    contestant: Annotated[str | None, Positional, arg(metavar="[CONTESTANT]")] = None
     """Take task, starts, spacecraft and control period from this contestant, such as
     pretrained:go-to-pose-2d-pingu."""
     conditions: str | None = None
@@ -43,6 +43,8 @@ class Tune:
     seconds: float = math.inf
     """Processor time after which no further candidate is flown; use the same for every controller to give all
     an equal budget."""
+    like: Annotated[str | None, Former("name the contestant after the controller")] = None
+    """Contestant whose task, starts, spacecraft and control period are taken."""
     task: Annotated[str | None, Former("write CONTROLLER:TASK-2d")] = None
     """Task to tune it for."""
     spacecraft: Annotated[str | None, Former("write CONTROLLER:TASK-2d@SPACECRAFT")] = None
@@ -78,14 +80,15 @@ class Tune:
         check_count("--starts", self.starts)
         name, setup_text = _parts(self.controller)
         within = ranges(typed(name))
-        if self.like is not None and (setup_text or self.task or self.spacecraft):
+        like = self.like or self.contestant
+        if like is not None and (setup_text or self.task or self.spacecraft):
             raise ConfigError(
-                f"--like has a task and a spacecraft of its own: name the controller alone, {name}."
+                f"{like} has a task and a spacecraft of its own: name the controller alone, {name}."
             )
         if setup_text:
             task, craft, timing = _of_contestant(self.controller)
             again = ["rans", "evaluate", self.controller]
-        elif self.like is None:
+        elif like is None:
             named = self.task or "go-to-pose"
             task = TASKS[typed(named)]()
             spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
@@ -97,8 +100,8 @@ class Tune:
                 f"{name}:{named}-{craft.dimension}d@{spacecraft}",
             ]
         else:
-            task, craft, timing = _of_contestant(self.like)
-            again = ["rans", "compare", self.like, "--with", name]
+            task, craft, timing = _of_contestant(like)
+            again = ["rans", "compare", like, "--with", name]
         world = None if self.conditions is None else load_conditions(self.conditions)
         label = conditions_label(self.conditions, world) if self.conditions and world else ""
         conditions = None if world is None else world.or_none

@@ -53,7 +53,7 @@ def test_targets_from_certificates() -> None:
     [
         (Row("", "a", ()), "rans evaluate pretrained:a"),
         (Row("", "a", (), "paper"), "rans evaluate pretrained:a --protocol paper"),
-        (Row("", "a", (), path="circle"), "rans follow pretrained:a --path circle"),
+        (Row("", "a", (), path="circle"), "rans follow pretrained:a circle"),
     ],
 )
 def test_commands_that_repeat_a_row(row: Row, command: str) -> None:

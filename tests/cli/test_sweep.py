@@ -10,6 +10,7 @@ import pytest
 
 from rans.cli import main
 from rans.cli.sweep import Sweep
+from rans.cli.train import Train
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.randomization.conditions_file import load_conditions
@@ -142,7 +143,8 @@ def test_an_interrupt_keeps_what_there_is(
             id="deeper than JSON goes",
         ),
         (["go-to-pose", "--output", "."], ". exists already"),
-        (["go-to-pose", "--conditions", "labb"], "named 'labb' (did you mean lab?)"),
+        (["go-to-pose", "--set", "conditions=labb"], "named 'labb' (did you mean lab?)"),
+        (["go-to-pose", "--set", "spacecraft=atmoss"], "atmoss"),
     ],
 )
 def test_wrong_arguments(
@@ -152,6 +154,23 @@ def test_wrong_arguments(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_spacecraft_and_conditions_are_entries_like_others() -> None:
+    """Names as in rans train: a craft in space begins with the recipe of space, and each value of a list trains."""
+    flyer, lab, nominal = (
+        "spacecraft=free-flyer",
+        "conditions=lab,harsh",
+        'conditions={"description": "still air"}',
+    )
+    one, other = Sweep("go-to-pose", seeds=1, set=(flyer, lab))._configs()
+    assert (one.spacecraft, one.ppo) == (
+        "free-flyer",
+        Train("go-to-pose", "free-flyer").resolved().ppo,
+    )
+    assert (one.conditions, other.conditions) == (load_conditions("lab"), load_conditions("harsh"))
+    [table] = Sweep("go-to-pose", seeds=1, set=(nominal,))._configs()
+    assert table.conditions == Train("go-to-pose", set=(nominal,)).resolved().conditions
 
 
 def test_a_sweep_that_goes_on_replaces_its_best_agent() -> None:

@@ -46,12 +46,12 @@ def test_what_is_tuned_flies_from_then_on(
 def test_tunes_for_the_setup_of_a_contestant(tmp_path: Path) -> None:
     """An agent of a CubeSat flies at 1 Hz, where its task alone would be at 5 Hz."""
     file = tmp_path / "tuned.json"
-    like = ["--like", "pretrained:go-to-pose-3d-afrl-12kg"]
+    like = "pretrained:go-to-pose-3d-afrl-12kg"
     few = ["--candidates", "1", "--starts", "1", "--output", str(file)]
-    assert main(["tune", "lqr", *like, *few]) == 0
+    assert main(["tune", "lqr", like, *few]) == 0
     result = Tuned.read(file)
     assert result.control_period == 1.0
-    assert result.fits("lqr", contestant(like[1]).judged)
+    assert result.fits("lqr", contestant(like).judged)
 
 
 @pytest.mark.slow
@@ -100,7 +100,7 @@ def test_what_is_damaged_is_told_before_anything_is_flown(
         (["lqr", "--starts", "0"], "--starts must be >= 1"),
         (["lqr:hover-2d"], "hover"),
         (
-            ["lqr:go-to-pose-2d", "--like", "pretrained:go-to-pose-2d"],
+            ["lqr:go-to-pose-2d", "pretrained:go-to-pose-2d"],
             "name the controller alone, lqr",
         ),
         (["lqr", "--output", "/dev/null/x"], "cannot write"),

@@ -88,7 +88,7 @@ def write_excitation(
     check_identifiable(craft)
     if craft.wheels:
         raise ConfigError(f"{craft.name!r} has reaction wheels, for which no commands are chosen.")
-    for name, value in (("--box", side), ("seconds", seconds), ("period", period)):
+    for name, value in (("box", side), ("seconds", seconds), ("period", period)):
         positive(name, value)
     if folder.exists():
         raise ConfigError(f"{folder} exists already: name another one with --output.")

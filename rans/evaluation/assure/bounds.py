@@ -138,7 +138,7 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
     if not 0.5 <= confidence < 1.0:
         percent = f" (did you mean {confidence / 100:g}?)" if 50.0 <= confidence < 100.0 else ""
         raise ConfigError(
-            f"--confidence must be at least 0.5 and below 1, such as 0.99, got {confidence:g}{percent}: it is the "
+            f"confidence must be at least 0.5 and below 1, such as 0.99, got {confidence:g}{percent}: it is the "
             "probability that a bound holds, not that it fails."
         )
     if below is not None and not 0.0 < below < 1.0:

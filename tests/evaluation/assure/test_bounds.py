@@ -108,7 +108,7 @@ def test_what_a_look_allows_is_the_most_that_it_finds_rare_enough() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((1.0, 100, None), "--confidence"),
+        ((1.0, 100, None), "confidence"),
         ((0.99, 100, 0.0), "--failure-below"),
         ((0.99, 1000, 1e-7), "47,105,3"),
         ((0.99, None, 1e-300), "cannot show a probability below 1e-300"),
