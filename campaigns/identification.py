@@ -28,6 +28,7 @@ from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.processes import Workers, nothing
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import draws
 from rans.tasks.go_to_pose import GoToPose
@@ -177,6 +178,16 @@ def _calming(
     return choices[best, np.arange(count)]
 
 
+def _identified(
+    _: None, craft: Spacecraft, log: FlightLog
+) -> tuple[np.ndarray, np.ndarray, tuple[float, float], float]:
+    """Values and deviations of all parameters, the mean delay with its deviation, s, and the time of the fit, s."""
+    began = time.process_time()
+    found = Identification(fit(craft, [log]))
+    spent = time.process_time() - began
+    return found.fit.values, found.fit.deviations, (found.delay, found.delay_deviation), spent
+
+
 @dataclass(frozen=True)
 class Hidden:
     """Identify hidden craft, write the evidence, and print the table."""
@@ -198,21 +209,15 @@ class Hidden:
         """Fly, identify and compare."""
         craft = load_spacecraft(self.spacecraft)
         logs, truth = hidden_flights(craft, self.count, self.seconds, self.period, self.seed)
-        values = []
-        deviations = []
-        delays = []
-        spent = []
+        found = []
         with progress() as bars:
             stage = stages(bars)(f"{self.count} hidden craft", self.count)
-            for log in logs:
-                began = time.process_time()
-                found = Identification(fit(craft, [log]))
-                spent.append(time.process_time() - began)
-                values.append(found.fit.values)
-                deviations.append(found.fit.deviations)
-                delays.append((found.delay, found.delay_deviation))
+            jobs = [(craft, log) for log in logs]
+            for one in Workers(nothing, work="identified craft").ordered(_identified, jobs):
+                found.append(one)
                 stage(1)
-        rows = [*self._rows(craft, np.array(values), np.array(deviations), np.array(delays), truth)]
+        values, deviations, delays, spent = map(np.array, zip(*found, strict=True))
+        rows = [*self._rows(craft, values, deviations, delays, truth)]
         Terminal().show("Identified from one flight", _HEADINGS, rows)
         Terminal().say(f"A fit takes {np.median(spent):.1f} s of a processor in the median.")
         if self.docs is not None:

@@ -243,6 +243,8 @@ def compared(
     headings = list(published.headings)
     pairs = _paired(published.rows, found.rows)
     for before, now in pairs:
+        if now is None and quick and source.fewer_rows:
+            continue
         label = _label(before)
         for heading, old, new in zip(headings, before, now or [""] * len(before), strict=True):
             if any(part and part in heading for part in source.uncompared):
