@@ -31,6 +31,7 @@ extensions = [
     "repository_links",
     "mathml",
     "reference",
+    "live_pages",
     "search_words",
     "self_contained",
 ]
@@ -87,7 +88,7 @@ warnings.filterwarnings("ignore", message=".*FigureCanvasAgg is non-interactive.
 html_theme = "pydata_sphinx_theme"
 html_title = "RANS"
 html_static_path = ["_static"]
-html_extra_path = ["_extra"]  # written by docs/_ext/reference.py
+html_extra_path = ["_extra"]  # written by docs/_ext/live_pages.py
 (DOCS / "_extra").mkdir(exist_ok=True)
 html_css_files = ["rans.css"]
 html_logo = "_static/mark.svg"

@@ -171,6 +171,8 @@ class Registry(Mapping[str, T]):
         package = self.package(name)
         if name not in self and ":" not in name:
             near = meant(name, self) or (meant_file(name) if self._or_else else "")
+            if self._or_else and "=" in name:
+                near = " (write the line into a file, such as mine.toml, and name that)"
             raise ConfigError(
                 f"there is no {self._kind} named {brief(name)}{near}; known are "
                 f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."

@@ -85,20 +85,6 @@ API = {
 
 PICTURES = Path(__file__).parents[1] / "_pictures"
 """Folder of the pictures of spacecraft and tasks, which are made once and never committed."""
-FLOWN = (
-    "go-to-pose-2d",
-    "go-to-pose-2d-robust",
-    "go-to-pose-2d-pingu",
-    "any-craft-2d",
-    "avoid-2d",
-    "dock-port-2d",
-    "track-velocity-2d",
-    "go-to-pose-3d-cubesat-3u",
-    "go-to-pose-3d",
-    "dock-port-3d",
-    "land-3d",
-)
-"""Agents that fly in pages of the site (docs/fly.md)."""
 
 SETTLED = ("solved", "settling time", "impulse", "position error", "attitude error", "duty at rest")
 """Metrics of a card that are in the table of agents, as far as the card has them."""
@@ -534,10 +520,6 @@ def _write(app: Sphinx) -> None:
     for file in folder.rglob("*.*"):
         if file.is_file() and file.relative_to(folder).as_posix() not in made:
             file.unlink()
-    playgrounds = Path(app.srcdir) / "_extra" / "play"
-    playgrounds.mkdir(parents=True, exist_ok=True)
-    for name in FLOWN:
-        rans.load_agent(name).playground(playgrounds / f"{name}.html")
     for name in spacecraft_names():
         if not (PICTURES / f"{name}.svg").exists():
             save_picture(draw_layout(SPACECRAFT[name].craft), PICTURES / f"{name}.svg")

@@ -157,7 +157,7 @@ def check_count(option: str, value: int | None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    if arguments == ["--version"]:
+    if arguments in (["--version"], ["-V"], ["-v"], ["version"]):
         from rans.files import package_version
 
         print(f"rans {package_version('rans')}")

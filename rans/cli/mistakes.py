@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from itertools import takewhile
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from tyro.conf import Positional
 
-from rans.cli.options import former
+from rans.cli.options import former, option_name
 from rans.errors import ConfigError, brief, meant
 
 COMMAND_NAMES = {
@@ -50,6 +51,8 @@ COMMAND_NAMES = {
 }
 """Commands by words of other programs."""
 
+_YES_OR_NO = ("yes", "no", "true", "false", "on", "off", "1", "0")
+"""Values that people give to switches, in lower case."""
 _TASK = "the task follows the command without an option, as in `rans {command} go-to-pose`"
 _OPTIONS = {
     "checkpoint": ("resume",),
@@ -102,6 +105,7 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
         words: that follow the name of the command.
     """
     flags = dict(_flags(command))
+    _check_words(name, command, words)
     for k, word in enumerate(words):
         flag, _, value = word.partition("=")
         flag = flag.replace("_", "-")
@@ -121,6 +125,47 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
             f"`rans {name}` has no option {brief(word.partition('=')[0])[1:-1]}{hint}; "
             f"`rans {name} --help` prints all."
         )
+
+
+def _check_words(name: str, command: type, words: Sequence[str]) -> None:
+    """Raise ConfigError with a sentence if a word stands where the command takes none."""
+    hints = get_type_hints(command, include_extras=True)
+    # Words between the command and its first option.
+    begun = list(takewhile(lambda word: not word.startswith("-"), words))
+    positional = [hints[f.name] for f in fields(command) if _is_positional(hints[f.name])]  # pyright: ignore[reportArgumentType]
+    takes_many = any(get_origin(get_args(hint)[0]) is tuple for hint in positional)
+    if not takes_many and len(begun) > len(positional):
+        extra = brief(" ".join(begun[len(positional) :]))
+        takes = f"only {brief(begun[0])}, got also" if positional else "options only, got"
+        raise ConfigError(f"`rans {name}` takes {takes} {extra}; `rans {name} --help` prints all.")
+    # Values of options that take none, and second values of --set.
+    switches = {option_name(f, hint) for f, hint in hints.items() if _plain(hint) is bool}
+    for k, word in enumerate(words):
+        flag, equals, value = word.partition("=")
+        if equals and flag in switches and value.lower() in _YES_OR_NO:
+            raise ConfigError(
+                f"{flag} takes no value: write {flag} for yes, and leave it out for no."
+            )
+        following = words[k + 2] if word == "--set" and k + 2 < len(words) else ""
+        if following and not following.startswith("-") and "=" not in following:
+            raise ConfigError(
+                f"--set takes one KEY=VALUE, got also {brief(following)}: "
+                + (
+                    f"values of a sweep are divided by commas, as in --set {words[k + 1]},{following}."
+                    if name == "sweep"
+                    else "write --set before each change."
+                )
+            )
+
+
+def _plain(hint: Any) -> Any:
+    """A type without its annotations."""
+    return get_args(hint)[0] if get_origin(hint) is Annotated else hint
+
+
+def _is_positional(hint: Any) -> bool:
+    """Whether a field is a word without an option, by its type hint."""
+    return get_origin(hint) is Annotated and Positional in get_args(hint)
 
 
 def _flags(

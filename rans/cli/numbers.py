@@ -83,9 +83,11 @@ def _read(kind: type, word: str) -> Any:
     try:
         return kind(word)
     except ValueError:
-        raise ValueError(
-            f"it must be {_KINDS[kind]}, got {brief(word)}.{_COUNTS * (kind is int)}"
-        ) from None
+        advice = _COUNTS if kind is int else ""
+        if kind is float and word.endswith("%"):
+            with contextlib.suppress(ValueError):
+                advice = f" Did you mean {float(word[:-1]) / 100.0:g}?"
+        raise ValueError(f"it must be {_KINDS[kind]}, got {brief(word)}.{advice}") from None
 
 
 def named_numbers(

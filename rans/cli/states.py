@@ -50,6 +50,8 @@ def read_state(words: Sequence[str], dimension: int, option: str) -> WrittenStat
         ConfigError: there are too many or too few words, one is no finite number, or an angle is where a length
             must be.
     """
+    # A pose in quotation marks or with commas is one word of several numbers.
+    words = [piece for word in words for piece in word.replace(",", " ").split()]
     numbers = [word for word in words if "=" not in word]
     counts = (0, 3) if dimension == 2 else (0, 3, 6)
     if len(numbers) not in counts:
@@ -87,7 +89,10 @@ def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[
     for word, zone in zip(words, zones, strict=True):
         if len(zone) != dimension + 1:
             form = "x,y,r" if dimension == 2 else "x,y,z,r"
-            raise ConfigError(f"{option} takes {form} of each zone, m, got {brief(word)}.")
+            example = "1.5,0.2,0.4" if dimension == 2 else "1.5,0.2,0,0.4"
+            raise ConfigError(
+                f"{option} takes {form} of each zone, m, such as {example}, got {brief(word)}."
+            )
     return zones
 
 
@@ -151,7 +156,8 @@ def _number(word: str, option: str, is_angle: bool) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ConfigError(f"{option} takes finite numbers, got {brief(word)}.")
+        units = ": lengths in m without a unit" + ", angles with deg or rad" * is_angle
+        raise ConfigError(f"{option} takes finite numbers{units}, got {brief(word)}.")
     if unit and not is_angle:
         raise ConfigError(f"{option}: {brief(word)} is an angle where a length must be.")
     return value

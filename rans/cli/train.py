@@ -301,6 +301,10 @@ class Train:
             Terminal().say(hole)
         if stop.requested:
             return stop.code
+        # No page has the safety filter.
+        page = None if trainer.config.guard else _live_page(trainer.run.path)
+        if page is not None:
+            Terminal().say(f"Open {page} in a browser to see it fly.")
         Terminal().suggest(*self._next(trainer))
         return 0
 
@@ -372,6 +376,21 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
+
+
+def _live_page(path: Path) -> Path | None:
+    """The page in which the agent flies, in its run folder; None: no page computes its policy or its task."""
+    from rans.evaluation.fly.agent import load_policy
+    from rans.show.pages.playground import playground
+
+    with doing("writing the page in which it flies", in_log=False):
+        try:
+            page = playground(load_policy(path))
+        except ConfigError:
+            return None
+        file = inside(path, "fly.html")
+        page.write(file)
+    return file
 
 
 def _has_solved(config: TrainConfig, rows: Rows) -> bool:

@@ -14,7 +14,7 @@ from rans.display import Settings
 from rans.errors import ConfigError
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
-from rans.model.fields import Field, where
+from rans.model.fields import Field, Vector, where
 from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
@@ -142,6 +142,10 @@ class Task(Settings, metaclass=AcceptsFormerNames):
 
         They are the shapes whose margins `constraints` returns and whose entries `observation_terms` contains.
         """
+        return ()
+
+    def markers(self, goal: State) -> tuple[tuple[Vector, Field], ...]:
+        """Points in W, m, that pages mark, each with whether the mission has dealt with it; by default none."""
         return ()
 
     @property

@@ -224,6 +224,14 @@ class Inspect(SingleTask):
         """The keep-out ball around the target."""
         return (Ball(goal.p, goal.v, self.keep_out),)
 
+    def markers(self, goal: State) -> tuple[tuple[Vector, Field], ...]:
+        """Points of the target's surface, each with whether it has been seen."""
+        seen = reduce(add, self._known(goal))
+        return tuple(
+            (goal.p + Vec3(*(self.surface_distance * x for x in normal)), is_inspected)
+            for normal, is_inspected in zip(self.normals, seen, strict=True)
+        )
+
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
         """Distance from the keep-out ball, and from the end of the zone, m."""
         return {

@@ -111,12 +111,16 @@ class Land(SingleTask):
         """Guidance law from a state to the goal."""
         return DescentLaw.of(state.p - goal.p, state.v - goal.v, self.gravity, self.haste)
 
+    def scenery(self, goal: Any) -> tuple[GlideSlope]:
+        """The glide slope, whose apex is so far below the site that all of the site is allowed."""
+        up = Vec3(0.0, 0.0, 1.0)
+        below = self.position_tolerance * (sin(self.glide_slope) / cos(self.glide_slope))
+        return (GlideSlope(goal.p - up.scale(below), up, self.glide_slope),)
+
     def constraints(self, state: Any, goal: Any) -> dict[str, Field]:
         """Height above the ground, m; margin of the glide slope, m; cosine of the tilt less that of its limit."""
         up = Vec3(0.0, 0.0, 1.0)
-        # Within the site the glide slope is below the ground.
-        below = self.position_tolerance * (sin(self.glide_slope) / cos(self.glide_slope))
-        slope = GlideSlope(goal.p - up.scale(below), up, self.glide_slope)
+        (slope,) = self.scenery(goal)
         return {
             "ground": state.p.z - goal.p.z,
             "glide slope": slope.gap(state.p),

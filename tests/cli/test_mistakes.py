@@ -46,6 +46,15 @@ from rans.structure import structure
         ("init slider", "slider.toml"),
         ("report runs/nowhere", "there is no such folder"),
         ("optimal go-to-pose --start 3,1", "such as 3 1 40deg"),
+        ("optimal go-to-pose --start 3 1 40m", "angles with deg or rad"),
+        ("optimal go-to-pose --zones 1 1 0.5", "such as 1.5,0.2,0.4"),
+        ("train go-to-pose dock", "takes only 'go-to-pose', got also 'dock'"),
+        ("reproduce tables", "takes options only, got 'tables'"),
+        ("sweep go-to-pose --set ppo.gamma=0.9 0.99", "--set ppo.gamma=0.9,0.99"),
+        ("train go-to-pose --set seed=1 gamma", "write --set before each change"),
+        ("view x --play=yes", "--play takes no value"),
+        ("assure x --confidence 95%", "Did you mean 0.95?"),
+        ("evaluate go-to-pose-2d --conditions latency=0.03", "write the line into a file"),
     ],
 )
 def test_leads_to_what_it_is_called_here(

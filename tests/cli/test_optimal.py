@@ -127,7 +127,7 @@ def test_lost_starts_are_told_and_the_rest_is_made(
         ),
         (("go-to-pose", "pretrained:dock-3d"), "agents are for missions on an orbit"),
         (("go-to-pose", "--limits", "pace=1"), "--limits takes speed=..., spin=..., got 'pace=1'"),
-        (("go-to-pose", "--zones", "1,2"), "--zones takes x,y,r of each zone, m, got '1,2'"),
+        (("go-to-pose", "--zones", "1,2"), "of each zone, m, such as 1.5,0.2,0.4, got '1,2'"),
         (
             ("go-to-pose", "--start", "3", "0", "0", "--episodes", "3"),
             "--episodes is for starts of a seed",

@@ -25,6 +25,11 @@ def test_a_pose_in_space_may_leave_out_its_attitude() -> None:
     assert turned == (1.0, 2.0, 3.0, 0.0, 0.0, 40.0)
 
 
+def test_quotation_marks_and_commas_change_nothing() -> None:
+    for words in (["3 1 40deg"], ["3,1,40deg"], ["3,", "1", "40deg"]):
+        assert read_state(words, 2, "--start").pose == (3.0, 1.0, 40.0)
+
+
 def test_velocities_follow_by_name() -> None:
     state = read_state(["3", "1", "40deg", "v.x=0.1", "w=-0.2"], 2, "--start")
     assert state == ((3.0, 1.0, 40.0), {"v.x": 0.1, "w": -0.2})
@@ -37,8 +42,8 @@ def test_velocities_follow_by_name() -> None:
         (["3", "1"], 2, "x, y and heading, such as 3 1 40deg, got '3 1'"),
         (["3", "1", "2", "40deg"], 3, "x, y, z and perhaps roll, pitch, yaw"),
         (["3", "1", "40deg"], 3, "'40deg' is an angle where a length must be"),
-        (["3", "1", "nan"], 2, "finite numbers, got 'nan'"),
-        (["3", "1", "40degrees"], 2, "finite numbers, got '40degrees'"),
+        (["3", "1", "nan"], 2, "angles with deg or rad, got 'nan'"),
+        (["3", "1", "40degrees"], 2, "with deg or rad, got '40degrees'"),
         (["3", "1", "0", "v.z=1"], 2, "each of v.x, v.y, w once"),
         (["3", "1", "0", "w=1", "w=2"], 2, "each of v.x, v.y, w once"),
         (["3", "1", "0", "w=1deg"], 2, "'1deg' is an angle"),
@@ -54,5 +59,7 @@ def test_zones_are_words_with_commas() -> None:
         (-1.5, 0.0, 0.4),
         (2.0, 1.0, 0.3),
     ]
-    with pytest.raises(ConfigError, match=r"x,y,z,r of each zone, m, got '1,2,3'"):
+    with pytest.raises(
+        ConfigError, match=r"x,y,z,r of each zone, m, such as 1.5,0.2,0,0.4, got '1,2,3'"
+    ):
         read_zones(["1,2,3"], 3, "--zones")

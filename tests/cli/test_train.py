@@ -65,6 +65,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
         "checkpoint.safetensors",
         "agent.safetensors",
         "tensorboard",
+        "fly.html",
         "learning_curve.svg",
         ".lock",
     }

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,7 +14,7 @@ import numpy as np
 
 from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError
-from rans.model.fields import Heading, Quat, map_leaves
+from rans.model.fields import Field, Heading, Quat, floor, map_leaves, within
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
@@ -87,6 +89,7 @@ class MissionGuidance(ModelBased):
         self._identity = Heading(0.0) if self._craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._period = self._timing.control_period
         self._levers = np.array(per_velocity(self._craft, self._period))
+        """Command that gives 1 m/s along each axis of B, 1/(m/s), (thrusters, d)."""
         self._changes = self._levers / (self._levers**2).sum(axis=1, keepdims=True)
         """Change of velocity in B that each full command gives, m/s, (thrusters, d)."""
         self._counts: int | None = None
@@ -131,6 +134,24 @@ class MissionGuidance(ModelBased):
         result._expect(Conditions() if conditions is None else conditions)
         result.reset(0)
         return result
+
+    def command(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """Commands of a perfect world from a state until the arrival, as arithmetic on fields; see `act`.
+
+        Args:
+            state: exact state.
+            goal: goal with the times in its notes.
+        """
+        change = self._mission.recommended(state, goal, self._mission.arrival(goal)) - state.v
+        along = state.attitude.to(self._identity).rotate(change).columns()
+        commands = []
+        for lever in self._levers.tolist():
+            parts = [x * component for x, component in zip(lever, along, strict=True) if x]
+            command = within(reduce(add, parts), 0.0, 1.0)
+            if self._counts is not None:
+                command = floor(command * self._counts) * (1.0 / self._counts)
+            commands.append(command)
+        return tuple(commands)
 
     @staticmethod
     def keeps_limits(task: OrbitalMission) -> bool:

@@ -2,7 +2,7 @@
 const at = id => document.getElementById(id);
 const flight = new Flight(DATA.episode);
 const field = at("field"), strip = at("history");
-const SPAN = 25;  // seconds of the history
+const SPAN = 25 * DATA.pace;  // seconds of the history
 let running = !matchMedia("(prefers-reduced-motion: reduce)").matches;
 let speed = 1, frames = [flight.pose()], clock = 0, last = 0, records = [], trail = [], dragged = "";
 const DIMENSION = DATA.planar ? 2 : 3, SIZE = DATA.planar ? 3 : 7;  // of a position and of a pose
@@ -64,10 +64,15 @@ function frame() {
 }
 const centre = (a, b) => [0, 1, 2].map(k => k < DIMENSION ? (a[k] + b[k]) / 2 : 0);
 function begin_anew() {
-  const pose = flight.pose(), goal = flight.goal;
+  const pose = flight.pose(), goal = flight.goal, start = flight.seen;
   view = {centre: centre(pose, goal), half: DATA.planar ? 1.5 : 5 * DATA.radius, floor: Math.min(pose[2], goal[2]) - 2 * DATA.radius};
   records = []; trail = [pose]; frames = [pose]; clock = 0;
-  frame(); view.half *= 1.1; told(); draw();
+  frame(); view.half *= 1.1;
+  // A keep-out zone is seen as a whole.
+  shapes(start.scenery, (kind, values) => {
+    if (kind === "Ball") view.half = Math.max(view.half, ...offset(values.slice(0, DIMENSION)).slice(0, 2).map(x => Math.abs(x) + values[2 * DIMENSION]));
+  });
+  told(); draw();
 }
 
 function path(pen, points) {
@@ -109,15 +114,21 @@ function lines(pen, [x0, y0], [x1, y1], every) {
   for (let x = Math.ceil(x0 / every) * every; x <= x1; x += every) { path(pen, [shown([x, y0]), shown([x, y1])]); pen.stroke(); }
   for (let y = Math.ceil(y0 / every) * every; y <= y1; y += every) { path(pen, [shown([x0, y]), shown([x1, y])]); pen.stroke(); }
 }
+// Calls back with the kind and the numbers of each zone, cone and slope.
+function shapes(numbers, each) {
+  let from = 0;
+  for (const {kind, size} of DATA.scenery) { each(kind, numbers.slice(from, from + size)); from += size; }
+}
 function scenery(pen, numbers) {
   pen.strokeStyle = ink("--zone"); pen.fillStyle = ink("--zone"); pen.lineWidth = 2;
-  let from = 0;
-  for (const {kind, size} of DATA.scenery) {
-    const values = numbers.slice(from, from + size);
-    from += size;
+  shapes(numbers, (kind, values) => {
     pen.beginPath();
     if (kind === "Ball") {
       pen.arc(...shown(values), values[2 * DIMENSION] * scale(), 0, 7);
+    } else if (kind === "GlideSlope") {
+      const [apex, up, angle] = [values.slice(0, 3), values.slice(3, 6), values[6]];
+      cone(pen, [...apex, ...up, Math.PI / 2 - angle, view.half]);
+      pen.strokeStyle = ink("--good");
     } else if (!DATA.planar) {
       cone(pen, values);
       pen.strokeStyle = ink("--good");
@@ -133,6 +144,15 @@ function scenery(pen, numbers) {
     pen.globalAlpha = 1;
     pen.stroke();
     pen.strokeStyle = ink("--zone");
+  });
+}
+// Points that the mission has dealt with are green, others are rings.
+function markers(pen, numbers) {
+  for (let k = 0; k < numbers.length; k += DIMENSION + 1) {
+    const done = numbers[k + DIMENSION];
+    pen.fillStyle = pen.strokeStyle = ink(done ? "--good" : "--soft"); pen.lineWidth = 1;
+    pen.beginPath(); pen.arc(...shown(numbers.slice(k, k + DIMENSION)), 2.5, 0, 7);
+    if (done) pen.fill(); else pen.stroke();
   }
 }
 // The rim of a cone in space, and lines from its apex.
@@ -252,6 +272,7 @@ let draw = () => {
   const [pen, width, height] = ready(field), pose = frames[0];
   floor(pen, width, height);
   scenery(pen, flight.seen.scenery);
+  markers(pen, flight.seen.markers);
   pen.strokeStyle = ink("--link"); pen.globalAlpha = 0.5; pen.lineWidth = 2;
   path(pen, trail.map(shown)); pen.stroke(); pen.globalAlpha = 1;
   goal(pen);
@@ -289,7 +310,7 @@ function tick(now) {
   const passed = Math.min(0.1, (now - last) / 1000);
   last = now;
   if (running && !flight.over) {
-    clock += passed * speed;
+    clock += passed * speed * DATA.pace;
     // One frame of the control period after the other, then the next period.
     const each = DATA.period / DATA.checks;
     while (clock >= each) {
@@ -320,7 +341,9 @@ function moved(coordinates) {
 }
 at("pause").onclick = () => { running = !running; told(); };
 at("step").onclick = () => { running = false; advance_flight(); frames = [flight.pose()]; draw(); };
-at("back").onclick = () => rewound(Math.round(5 / DATA.period));
+const back = 5 * DATA.pace;
+at("back").textContent = `Back ${back} s`;
+at("back").onclick = () => rewound(Math.max(1, Math.round(back / DATA.period)));
 at("again").onclick = () => { flight.restart(); begin_anew(); };
 at("next").onclick = () => { flight.restart(flight.number + 1); begin_anew(); };
 at("repair").onclick = () => { flight.faults.fill("ok"); told(); draw(); };
@@ -344,9 +367,9 @@ function slider(parent, label, [low, high, each], get, set, write) {
   return {show: () => { input.value = get(); value.textContent = write(get()); }};
 }
 const sliders = [
-  slider("world", "delay", [0, DATA.longest, 0.05], () => flight.delay, x => { flight.delay = x; }, x => `${(x * DATA.period * 1000).toFixed(0)} ms`),
+  slider("world", "delay", [0, DATA.longest, 0.05], () => flight.delay, x => { flight.delay = x; }, x => DATA.period > 2 ? `${(x * DATA.period).toFixed(1)} s` : `${(x * DATA.period * 1000).toFixed(0)} ms`),
   slider("world", "noise", [0, 1, 0.05], () => flight.noise, x => { flight.noise = x; }, x => `${(100 * x).toFixed(0)} %`),
-  slider("world", "speed", [0.25, 4, 0.25], () => speed, x => { speed = x; }, x => `${x} ×`),
+  slider("world", "speed", [0.25, 4, 0.25], () => speed, x => { speed = x; }, x => `${x * DATA.pace} ×`),
 ];
 if (DATA.moves) {
   const set = (k, x) => moved(flight.goal.map((old, n) => n === k ? x : old));
@@ -364,9 +387,12 @@ if (DATA.moves) {
   }
 } else {
   at("goals").hidden = true;
-  at("lead").textContent = "The agent flies in this page. Click a thruster to make it fail.";
+  at("lead").textContent = at("lead").textContent.replace("Drag the goal, or click", "Click");
 }
 
+const NAMES = {Ball: "The red zone is forbidden.", Cone: "The green cone is the way in.", GlideSlope: "The green cone is the glide slope, below which the craft must not fly."};
+for (const text of new Set(DATA.scenery.map(({kind}) => NAMES[kind]))) at("lead").append(` ${text}`);
+if (flight.seen.markers.length) at("lead").append(" Points turn green once they have been seen in sunlight.");
 if (!DATA.planar) {
   at("lead").append(" Drag the background to turn the view.");
   field.setAttribute("aria-label", "The spacecraft and its goal in space. Arrow keys move the goal; with Shift they turn the view.");

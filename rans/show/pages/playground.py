@@ -1,7 +1,7 @@
-"""A page in which an exported agent flies in the browser: physics and policy as JavaScript, printed from the code.
+"""A page in which an agent or mission guidance flies in the browser: physics and policy as printed JavaScript.
 
-The step of an episode and the policy are traced (`rans.model.trace`) and printed (`rans.compile.javascript`);
-only the page's controls and its drawing are written by hand. It opens offline, from a file.
+The step of an episode and the policy, or the law of guidance, are traced (`rans.model.trace`) and printed
+(`rans.compile.javascript`); only the page's controls and its drawing are written by hand. It opens offline.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ from rans.evaluation.fly.tuned import task_name
 from rans.files import write_text
 from rans.model.body import Body
 from rans.model.coordinates import around
+from rans.model.drift import FREE
 from rans.model.fields import Field, leaves, unflatten
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
+from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.policy.allocation import MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, is_for_any_craft
 from rans.policy.architecture import Architecture
@@ -44,14 +46,18 @@ from rans.policy.traced import parameters, policy_program
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
 from rans.scenario import EVALUATION_SEED
-from rans.show.scene.interactive import interactive_world, may_move_goal, noise_scale
+from rans.show.scene.interactive import FRAME, interactive_world, may_move_goal, noise_scale
 from rans.tasks.quantities import QUANTITIES
-from rans.tasks.shapes import Ball, Cone, Shape
+from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
 _LONGEST_DELAY = 5
 """Control periods up to which the page's delay may be set."""
 _BITS = {10_000: 32, 80_000: 16, math.inf: 8}
 """Bits of a weight by the number of weights up to which they have as many: 53 kB or 213 kB as base64, or more."""
+_PACES = (1, 2, 5, 10, 20, 50, 100, 200)
+"""Seconds of flight in a second on the screen that a page begins with."""
+_SECONDS = 30.0
+"""Time on the screen of an episode at that pace, at most twice as long."""
 _MOST_DRAWN = 12
 """Largest number of thrusters that a visitor may draw: all their subsets are compared."""
 
@@ -62,6 +68,7 @@ class Playground:
 
     Attributes:
         title: who flies which spacecraft with which task.
+        is_agent: whether an agent flies, rather than guidance without a network.
         script: JavaScript without a browser in it: the functions ``begin``, ``act``, ``advance`` and
             ``describe`` printed from the code, the weights, and a class ``Flight`` that drives them.
         data: what the page must know of the spacecraft and the task.
@@ -70,6 +77,7 @@ class Playground:
     title: str
     script: str
     data: Mapping[str, Any]
+    is_agent: bool = True
 
     def html(self) -> str:
         """The page, which fetches nothing."""
@@ -84,6 +92,7 @@ class Playground:
         return template.render(
             title=self.title,
             bits=self.data.get("bits"),
+            is_agent=self.is_agent,
             draws=bool(self.data.get("drawing")),
             script=self.script,
             page=_text("playground.js"),
@@ -96,23 +105,26 @@ class Playground:
 
 
 def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) -> Playground:
-    """The page of an agent that flies in its task, from the starts of a seed.
+    """The page of an agent, or of mission guidance, that flies in its task, from the starts of a seed.
 
     Everything is as designed, but the delay, which begins in the middle of that of the training's conditions.
 
     Args:
-        run: a trained agent with its spacecraft and task.
+        run: a trained agent, or mission guidance, with its spacecraft and task.
         seed: of starts and goals.
         episode: number of the first start; the page has a button for the next ones.
 
     Raises:
-        ConfigError: this is no trained agent, or the page cannot compute its policy or its task.
+        ConfigError: this is neither, or the page cannot compute its policy or its task.
     """
     controller = run.controller
+    if isinstance(controller, MissionGuidance):
+        return _guided(controller, run, seed, episode)
     if not isinstance(controller, Agent):
         raise ConfigError(
             f"{controller.name} is no trained agent: a page flies the network of a run folder or of an agent that "
-            "comes with RANS. `rans view --play` flies every controller."
+            "comes with RANS, or mission guidance, such as mission:dock-3d. `rans view --play` flies every "
+            "controller."
         )
     architecture = controller.network.architecture
     if missing := JAVASCRIPT.missing(architecture):
@@ -120,7 +132,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
             f"{controller.name} has {missing}, which no page computes; `rans view --play` flies it."
         )
     setup = run.judged
-    world = interactive_world(setup)
+    world = interactive_world(setup, FRAME * pace(setup))
     tables = parameters(controller.network)
     try:
         traced = _Traced(world)
@@ -144,7 +156,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     names = [name for name in tables if name.endswith(".weight")]
     size = sum(tables[name].size for name in names)
     bits = next(bits for limit, bits in _BITS.items() if size <= limit)
-    data = _data(traced, run, seed, episode) | {"bits": bits}
+    data = _data(traced, run, seed, episode, architecture.memory) | {"bits": bits}
     if _is_allocated_here(architecture):
         data["allocation"] = _allocation_data(architecture)
     if draws:
@@ -155,7 +167,32 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         )
         for name in names
     }
-    script = "\n".join(
+    return Playground(_title(run), _script(data, layers, text), data)
+
+
+def _guided(guidance: MissionGuidance, run: LoadedRun, seed: int, episode: int) -> Playground:
+    """The page of mission guidance, which knows its state and a world as designed."""
+    guidance = guidance.expecting(None)
+    setup = run.judged
+    traced = _Traced(interactive_world(setup, FRAME * pace(setup)))
+    text = [traced.begin(), traced.describe(), traced.guided(guidance), traced.advance()]
+    data = _data(traced, run, seed, episode, 0)
+    return Playground(_title(run), _script(data, {}, text), data, is_agent=False)
+
+
+def pace(setup: Setup) -> int:
+    """Seconds of flight in a second on the screen: 1 for an episode of a minute or less, more for longer ones."""
+    seconds = setup.timing.control_period * setup.timing.episode_steps / _SECONDS
+    return max((x for x in _PACES if x <= seconds), default=1)
+
+
+def _title(run: LoadedRun) -> str:
+    return f"{run.controller.name}: {task_name(run.judged.task)}, {run.judged.craft.name}"
+
+
+def _script(data: Mapping[str, Any], layers: Mapping[str, Any], text: Sequence[str]) -> str:
+    """The script without a browser in it: data, weights, printed functions, and the class that drives them."""
+    return "\n".join(
         (
             f"const DATA = {json.dumps(data, separators=(',', ':'))};",
             f"const WEIGHTS = {json.dumps(layers, separators=(',', ':'))};",
@@ -164,8 +201,6 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
             _text("flight.js"),
         )
     )
-    title = f"{controller.name}: {task_name(setup.task)}, {setup.craft.name}"
-    return Playground(title, script, data)
 
 
 class _Traced:
@@ -217,14 +252,26 @@ class _Traced:
         arguments = {"carried": self.carried, "errors": errors, "memory": memory}
         return function("act", arguments, results, stages)
 
-    def _observed(self) -> tuple[list[Symbol], Any]:
-        """Errors of the measured state, coordinates around the true one, and the observation with them."""
+    def guided(self, guidance: MissionGuidance) -> str:
+        """``act(carried, errors, memory)``: commands of guidance for the measured state, without a memory."""
+        errors, measured = self._measured()
+        command = guidance.command(measured, self.episode.goal)
+        arguments = {"carried": self.carried, "errors": errors, "memory": []}
+        return function("act", arguments, {"command": command, "memory": ()})
+
+    def _measured(self) -> tuple[list[Symbol], Any]:
+        """Errors of the measured state, coordinates around the true one, and the measured state."""
         errors = inputs("error", len(noise_scale(self.world.craft)))
         measured = replace(
             around(self.episode.state, tuple(errors)),
             notes=self.episode.state.notes,
             stores=self.episode.state.stores,
         )
+        return errors, measured
+
+    def _observed(self) -> tuple[list[Symbol], Any]:
+        """Errors of the measured state, coordinates around the true one, and the observation with them."""
+        errors, measured = self._measured()
         return errors, self.world.observe(replace(self.episode, state=measured, reading=None))
 
     def demand(self, agent: Agent, tables: Mapping[str, np.ndarray]) -> str:
@@ -328,7 +375,7 @@ class _Traced:
         return substep_functions(substeps), text
 
     def describe(self) -> str:
-        """``describe(carried)``: errors, whether all are within their tolerances, and scenery."""
+        """``describe(carried)``: errors, whether all are within their tolerances, scenery and markers."""
         task = self.world.task
         state = self.episode.state
         goal = self.episode.goal
@@ -339,6 +386,7 @@ class _Traced:
                 "errors": [*task.errors(state, goal).values()],
                 "reached": [task.reached(state, goal)],
                 "scenery": [x for shape in self.scenery for x in leaves(shape)],
+                "markers": leaves(task.markers(goal)),
             },
         )
 
@@ -346,7 +394,7 @@ class _Traced:
     def scenery(self) -> list[Shape]:
         """Shapes of the task that the page draws."""
         shapes = self.world.task.scenery(self.episode.goal)
-        return [shape for shape in shapes if isinstance(shape, Ball | Cone)]
+        return [shape for shape in shapes if isinstance(shape, Ball | Cone | GlideSlope)]
 
 
 def _is_allocated_here(architecture: Architecture) -> bool:
@@ -451,7 +499,7 @@ def _drawing_data(run: LoadedRun) -> dict[str, Any]:
     }
 
 
-def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str, Any]:
+def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int) -> dict[str, Any]:
     """Data of the page; lengths in m, angles in rad, times in s."""
     world = traced.world
     craft = world.craft
@@ -459,8 +507,6 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str,
     largest = max(thruster.force for thruster in craft.thrusters)
     errors = world.task.errors(traced.episode.state, traced.episode.goal)
     tolerances = world.task.tolerances()
-    controller = run.controller
-    assert isinstance(controller, Agent)
     # A delay of the training's conditions, without which the agent may not fly: the middle of its range.
     conditions = run.conditions or Conditions()
     every = (conditions, *conditions.others)
@@ -472,6 +518,7 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str,
     delay = round(0.5 * (shortest + longest) / world.timing.control_period, 6)
     return {
         "planar": craft.dimension == 2,
+        "pace": pace(run.judged),
         "period": world.timing.control_period,
         "delay": delay,
         "longest": max(_LONGEST_DELAY, math.ceil(delay)),
@@ -479,10 +526,11 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int) -> dict[str,
         "words": seed_words(seed),
         "episode": episode,
         "goal": len(leaves(traced.episode.state)),
-        "memory": controller.network.architecture.memory,
+        "memory": memory,
         "commands": craft.command_count,
         "noise": noise_scale(craft).tolist(),
-        "moves": may_move_goal(world.task),
+        # Missions on an orbit have planned for their goal, and others far away leave the range of the sliders.
+        "moves": may_move_goal(world.task) and world.task.drift == FREE,
         "turned": "attitude" in errors,
         "radius": craft.radius,
         "thrusters": [

@@ -33,10 +33,10 @@ FRAME = 0.05
 """Longest time between two states to draw, s."""
 
 
-def interactive_world(setup: Setup) -> World:
-    """World of a flight that a person changes: nominal, with a state to draw every `FRAME` seconds at least."""
+def interactive_world(setup: Setup, frame: float = FRAME) -> World:
+    """World of a flight that a person changes: nominal, with a state to draw every ``frame`` seconds at least."""
     timing = setup.timing
-    frames = math.ceil(timing.control_period / FRAME)
+    frames = math.ceil(timing.control_period / frame)
     checks = math.ceil(max(frames, timing.checks) / timing.checks) * timing.checks
     return World(setup._replace(conditions=None, timing=replace(timing, checks=checks)))
 

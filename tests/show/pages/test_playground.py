@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 
+import rans
 from rans.api.pages import flyers
 from rans.compile.javascript import activations, function
 from rans.deploy.contract import flights_of_training, golden
@@ -22,9 +23,11 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft, timing_for
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Controller
 from rans.model.fields import leaves, wrap
-from rans.model.random import hash4
+from rans.model.random import hash4, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.trace import Symbol
@@ -32,8 +35,9 @@ from rans.policy.activations import ACTIVATIONS
 from rans.policy.any_craft import authority
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.randomization.layouts import authority_margin, sample_layout
-from rans.show.pages.playground import Playground, playground
-from rans.show.scene.interactive import InteractiveFlight
+from rans.scenario import scenarios
+from rans.show.pages.playground import Playground, _Traced, playground
+from rans.show.scene.interactive import InteractiveFlight, interactive_world
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaScript")
@@ -363,3 +367,70 @@ def test_its_title_is_text() -> None:
     """Names of strangers' agents are no mark-up."""
     page = Playground("<b>x</b>", "", {})
     assert "<title>&lt;b&gt;x&lt;/b&gt;</title>" in page.html()
+
+
+@needs_node
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mission:dock-3d",
+        pytest.param("mission:hold-3d", marks=pytest.mark.slow),
+        pytest.param("mission:rendezvous-3d", marks=pytest.mark.slow),
+    ],
+)
+def test_guidance_flies_in_a_page_as_in_python(name: str, tmp_path: Path) -> None:
+    """The page wins its mission from ten starts; the first periods are those of Python, within a millimetre.
+
+    Burns of 10 to 50 s follow from differences of large numbers, which double precision has to 1e-9 or so.
+    """
+    run = contestant(name)
+    page = playground(run, SEED)
+    script = f"""{page.script}
+const found = Array.from({{length: 10}}, (_, number) => {{
+  const flight = new Flight(number), path = [flight.pose().slice(0, 3)];
+  while (!flight.over && path.length < {run.timing.episode_steps}) {{
+    flight.step();
+    path.push(flight.pose().slice(0, 3));
+  }}
+  return {{path, over: flight.over}};
+}});
+console.log(JSON.stringify(found));"""
+    found = answer(script, tmp_path)
+
+    assert [row["over"] for row in found] == ["won"] * 10
+    run = run._replace(timing=replace(run.timing, episode_steps=25))
+    flight = fly_episodes(run.controller, run.judged, SEED, 1, workers=1).flight
+    positions = np.stack(flight.states.p.columns(), axis=-1)[:, 0]
+    path = np.array(found[0]["path"])[: len(positions)]
+    np.testing.assert_allclose(path, positions[: len(path)], rtol=0, atol=1e-3)
+
+
+@needs_node
+def test_points_of_an_inspection_are_marked_once_they_are_seen(tmp_path: Path) -> None:
+    """After a period with shut thrusters: those above whose horizon both craft and sun are, or were before."""
+    task = rans.load_task("inspect")
+    craft = load_spacecraft("afrl-deputy")
+    traced = _Traced(interactive_world(Setup(craft, task, task.timing), 10.0))
+    script = f"""{traced.begin()}
+{traced.describe()}
+{traced.advance()}
+let carried = begin([...{json.dumps(seed_words(SEED))}, 0]).carried;
+const found = [];
+for (let k = 0; k < 3; ++k) {{
+  carried = advance(carried, Array(6).fill(0), Array(6).fill(1), Array(6).fill(0)).carried;
+  found.push({{position: carried.slice(0, 3), markers: describe(carried).markers}});
+}}
+console.log(JSON.stringify(found));"""
+    rows = answer(script, tmp_path)
+    sun = float(np.ravel(scenarios(task, craft, SEED, 1).goal.notes[0])[0])
+    seen = np.zeros(100, dtype=bool)
+    for k, row in enumerate(rows, 1):
+        markers = np.array(row["markers"], dtype=float).reshape(-1, 4)
+        points = markers[:, :3]
+        np.testing.assert_allclose(np.linalg.norm(points, axis=1), 10.0)
+        angle = sun - 20.0 * k * 0.001027
+        lit = points @ np.array([math.cos(angle), math.sin(angle), 0.0]) > 0.0
+        seen |= lit & ((np.array(row["position"]) - points) @ points.T > 0.0).diagonal()
+        # The check in the middle of a period sees a point or two more or less on the terminator.
+        assert np.count_nonzero(seen != markers[:, 3].astype(bool)) <= 2
+    assert 20 < seen.sum() < 80
