@@ -134,7 +134,6 @@ def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str])
         ([AGENT, "--episodes", "-1"], "--episodes"),
         ([AGENT, "--rare", "-1"], "--rare"),
         ([AGENT, "--rare", "1000"], "--rare must be at least 1,600"),
-        ([AGENT, "--confidence", "99"], "confidence"),
         ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
         ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
         ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),

@@ -24,7 +24,7 @@ def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "240")
 
 
-QUICK = ["--device", "cpu", "--spacecraft", "floating-platform", "--quick"]
+QUICK = ["floating-platform", "--device", "cpu", "--quick"]
 
 
 @pytest.mark.slow
@@ -175,7 +175,7 @@ def test_interrupted_before_anything_was_measured_it_writes_nothing(
         (["--device", "tpu"], "device must be cpu or cuda, got 'tpu'"),
         ([*QUICK, "--num-envs", "0"], "must be a whole number >= 1 and < 2^31, got 0"),
         (["--task", "hover"], "no task named 'hover'"),
-        (["--spacecraft", "nowhere.toml"], "nowhere.toml"),
+        (["nowhere.toml"], "nowhere.toml"),
         pytest.param(
             ["--device", "cuda"],
             "torch sees no CUDA device",
