@@ -340,7 +340,7 @@ print(ended)
 def _signals(*arguments: str, begin: str = "") -> dict[int, str]:
     text = subprocess.run(
         [sys.executable, "-c", begin + _ENDED, *arguments],
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         capture_output=True,
         text=True,
         check=True,
@@ -390,7 +390,7 @@ class Node:
                 *(sys.executable, "-m", "rans", "fly", str(agent), "--trust", "--bus", "udp"),
                 *("--domain", str(domain), "--output", str(folder / "flight"), *options),
             ],
-            cwd=Path(__file__).parents[2],
+            cwd=Path(__file__).parents[3],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
