@@ -21,12 +21,10 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
 from rans.flight import Flight
-from rans.model.drift import ClohessyWiltshire
+from rans.model.drift import EARTH, ClohessyWiltshire
 from rans.model.fields import Quat, map_leaves
 from rans.tasks import Task
 
-EARTH = 3.986004418e14
-"""Gravitational parameter of the Earth, m^3/s^2 (IERS Conventions 2010)."""
 FRAME = "EME2000"
 """Inertial frame of messages: x towards the vernal equinox, z along the Earth's axis, at J2000."""
 _ECCENTRICITY = 0.01

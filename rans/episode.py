@@ -218,7 +218,7 @@ class World:
             body,
             command,
             self.timing,
-            self.task.drift,
+            self.task.drift if step_inputs.drift is None else step_inputs.drift,
             self.nodes,
             step_inputs.disturbance,
             pieces,
@@ -333,8 +333,9 @@ class World:
         """Body, commands and disturbances of a control period in which a command is held."""
         parameters = episode.parameters
         period = self.timing.control_period
+        drift = self.task.drift_at(episode.goal)
         if parameters is None or draws is None:
-            return StepInputs(episode.body or Body.of(self.craft), (command,))
+            return StepInputs(episode.body or Body.of(self.craft), (command,), drift=drift)
         step = draws.real(self.timing.step(episode.clock))
         earlier = (
             tuple(map(draws.real, command)) for command in episode.commands[: self._memory.felt]
@@ -346,7 +347,12 @@ class World:
             if fails is not None:
                 fails = replace(fails, body=scaled(fails.body, factors))
         return StepInputs(
-            body, (command, *earlier), parameters.lag, parameters.disturbance(step, period), fails
+            body,
+            (command, *earlier),
+            parameters.lag,
+            parameters.disturbance(step, period),
+            fails,
+            drift,
         )
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:

@@ -1,7 +1,8 @@
-"""Two-body gravity: what moves a craft near a target on a circular orbit without linearised equations.
+"""Two-body gravity: what moves a craft near a target on an orbit without linearised equations.
 
-It shares no equation with RANS, which flies Clohessy-Wiltshire's: target and craft fall about the Earth in axes
-that do not rotate, and SciPy integrates the difference of their accelerations.
+It shares no equation with RANS, which flies those of Clohessy and Wiltshire, or of Tschauner and Hempel: target
+and craft fall about the Earth in axes that do not rotate, and SciPy integrates the difference of their
+accelerations.
 """
 
 from __future__ import annotations
@@ -12,16 +13,16 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
+from rans.model.drift import EARTH, EllipticOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.parameters import StepInputs
 
-EARTH = 3.986004418e14
-"""Gravitational parameter of the Earth, m^3/s^2 (IERS Conventions 2010)."""
 _RELATIVE = 1e-12
 """Tolerance of SciPy's integrator relative to a component."""
 _ABSOLUTE = 1e-10
@@ -35,54 +36,83 @@ def relative_motion(
     times: Sequence[float] | np.ndarray,
     push: np.ndarray | None = None,
     mu: float = EARTH,
+    eccentricity: float = 0.0,
+    true_anomaly: np.ndarray | float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of N craft in the Hill frame of a target on a circular orbit.
+    """Positions and velocities of N craft in the Hill frame of a target on an orbit.
 
-    The Hill frame has x radially outwards, y along the track and z across it, and rotates with the target.
+    The Hill frame has x radially outwards, y along the track and z across it, and turns with the target. A
+    target on an ellipse is integrated beside its craft.
 
     Args:
-        mean_motion: mean motion n of the target, rad/s; its orbit has the radius (mu / n^2)^(1/3).
+        mean_motion: mean motion n of the target, rad/s; its orbit has the semi-major axis (mu / n^2)^(1/3).
         p: positions at time 0 in the Hill frame, m, (N, 3).
         v: velocities relative to it, m/s, (N, 3).
         times: increasing instants above 0, s.
         push: acceleration by thrusters, constant in the Hill frame, m/s^2, (N, 3); None: no thrust.
         mu: gravitational parameter, m^3/s^2.
+        eccentricity: eccentricity of the target's orbit.
+        true_anomaly: true anomaly of the target at time 0, rad, a number or (N,).
 
     Returns:
         Positions, m, and velocities, m/s, (times, N, 3).
     """
     count = len(p)
-    radius = (mu / mean_motion**2) ** (1.0 / 3.0)
+    size = (mu / mean_motion**2) ** (1.0 / 3.0)
+    # The target at time 0, on the x axis of axes that do not turn: radius, and both components of its velocity.
+    anomaly = np.broadcast_to(np.asarray(true_anomaly, float), count)
+    parameter = size * (1.0 - eccentricity**2)
+    radius = parameter / (1.0 + eccentricity * np.cos(anomaly))
+    outwards = np.sqrt(mu / parameter) * eccentricity * np.sin(anomaly)
+    along = np.sqrt(mu * parameter) / radius
 
-    def turned(vectors: np.ndarray, angle: float) -> np.ndarray:
-        """Vectors (N, 3) about z by an angle, rad."""
+    def turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Vectors (N, 3) about z by angles (N,), rad."""
         c, s = np.cos(angle), np.sin(angle)
         x, y, z = vectors.T
         return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
+    def target(t: float, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position of the target (N, 3), angle of its Hill frame (N,) and the rate of that (N,)."""
+        if eccentricity == 0.0:
+            angle = np.full(count, mean_motion * t)
+            place = size * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+            return place, angle, np.full(count, mean_motion)
+        place, rate = flat.reshape(4, count, 3)[2:]
+        x, y, _ = place.T
+        square = np.sum(place**2, axis=1)
+        return place, np.arctan2(y, x), (x * rate[:, 1] - y * rate[:, 0]) / square
+
     def slope(t: float, flat: np.ndarray) -> np.ndarray:
-        r, rate = flat.reshape(2, count, 3)
-        target = radius * np.array([np.cos(mean_motion * t), np.sin(mean_motion * t), 0.0])
+        r, rate = flat.reshape(-1, count, 3)[:2]
+        place, angle, _ = target(t, flat)
+        square = np.sum(place**2, axis=1, keepdims=True)
         # The difference of both pulls in Battin's form, which subtracts no large numbers ("An Introduction to the
         # Mathematics and Methods of Astrodynamics", 1999, section 8.4).
-        q = np.sum(r * (r + 2.0 * target), axis=1, keepdims=True) / radius**2
+        q = np.sum(r * (r + 2.0 * place), axis=1, keepdims=True) / square
         f = q * (3.0 + 3.0 * q + q * q) / (1.0 + (1.0 + q) ** 1.5)
-        distance = np.linalg.norm(target + r, axis=1, keepdims=True)
-        pull = mu / distance**3 * (f * target - r)
+        distance = np.linalg.norm(place + r, axis=1, keepdims=True)
+        pull = mu / distance**3 * (f * place - r)
         if push is not None:
-            pull = pull + turned(push, mean_motion * t)
-        return np.concatenate([rate, pull]).ravel()
+            pull = pull + turned(push, angle)
+        parts = [rate, pull]
+        if eccentricity != 0.0:
+            parts += [flat.reshape(4, count, 3)[3], -mu / square**1.5 * place]
+        return np.concatenate(parts).ravel()
 
-    def rotation(vectors: np.ndarray) -> np.ndarray:
+    def rotation(vectors: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Velocity (N, 3) of points that rest in the Hill frame."""
-        return mean_motion * np.stack(
-            [-vectors[:, 1], vectors[:, 0], np.zeros(len(vectors))], axis=1
-        )
+        x, y, z = vectors.T
+        return np.stack([-rate * y, rate * x, 0.0 * z], axis=1)
 
+    begin = [p, v + rotation(p, along / radius)]
+    if eccentricity != 0.0:
+        zero = 0.0 * radius
+        begin += [np.stack([radius, zero, zero], 1), np.stack([outwards, along, zero], 1)]
     solution = solve_ivp(
         slope,
         (0.0, times[-1]),
-        np.concatenate([p, v + rotation(p)]).ravel(),
+        np.concatenate(begin).ravel(),
         "DOP853",
         t_eval=times,
         rtol=_RELATIVE,
@@ -90,9 +120,10 @@ def relative_motion(
     )
     positions, velocities = [], []
     for t, flat in zip(solution.t, solution.y.T, strict=True):
-        r, rate = flat.reshape(2, count, 3)
-        positions.append(turned(r, -mean_motion * t))
-        velocities.append(turned(rate - rotation(r), -mean_motion * t))
+        r, rate = flat.reshape(-1, count, 3)[:2]
+        _, angle, turning = target(t, flat)
+        positions.append(turned(r, -angle))
+        velocities.append(turned(rate - rotation(r, turning), -angle))
     return np.array(positions), np.array(velocities)
 
 
@@ -107,13 +138,19 @@ class TwoBodyMover:
         timing: control period and checks.
         mean_motion: mean motion of the target's orbit, rad/s.
         mu: gravitational parameter, m^3/s^2.
+        eccentricity: eccentricity of the target's orbit; where the target is on it is a note of the task's goal.
 
     Raises:
         ConfigError: thrusters of the craft turn it.
     """
 
     def __init__(
-        self, craft: Spacecraft, timing: Timing, mean_motion: float, mu: float = EARTH
+        self,
+        craft: Spacecraft,
+        timing: Timing,
+        mean_motion: float,
+        mu: float = EARTH,
+        eccentricity: float = 0.0,
     ) -> None:
         self._forces = np.array(
             [thruster.force * np.array(thruster.direction) for thruster in craft.thrusters]
@@ -131,6 +168,7 @@ class TwoBodyMover:
         self._mass = craft.mass
         self._mean_motion = mean_motion
         self._mu = mu
+        self._eccentricity = eccentricity
         self._times = timing.control_period / timing.checks * np.arange(1, timing.checks + 1)
 
     def __call__(self, state: Any, step_inputs: StepInputs) -> tuple[Any, ...]:
@@ -148,6 +186,9 @@ class TwoBodyMover:
         q = state.attitude
         # A quaternion of SciPy has its scalar last.
         attitude = Rotation.from_quat(_rows((q.x, q.y, q.z, q.w)))
+        true = 0.0
+        if isinstance(step_inputs.drift, EllipticOrbit):
+            true = _true_anomaly(step_inputs.drift.mean_anomaly, self._eccentricity)
         push = attitude.apply(_rows(step_inputs.commands[0]) @ self._forces) / self._mass
         moved = relative_motion(
             self._mean_motion,
@@ -156,11 +197,26 @@ class TwoBodyMover:
             self._times,
             push,
             self._mu,
+            self._eccentricity,
+            true,
         )
         return tuple(
             replace(state, p=Vec3(*p.T.reshape(3, *shape)), v=Vec3(*v.T.reshape(3, *shape)))
             for p, v in zip(*moved, strict=True)
         )
+
+
+def _true_anomaly(mean_anomaly: Any, eccentricity: float) -> np.ndarray:
+    """True anomaly, rad, by SciPy's root of Kepler's equation."""
+
+    def solved(mean: float) -> float:
+        return brentq(
+            lambda x: x - eccentricity * np.sin(x) - mean, mean - 1.0, mean + 1.0, xtol=1e-14
+        )
+
+    anomaly = np.array([solved(float(x)) for x in np.ravel(mean_anomaly)])
+    half = np.sqrt((1.0 + eccentricity) / (1.0 - eccentricity)) * np.tan(0.5 * anomaly)
+    return 2.0 * np.arctan(half)
 
 
 def _rows(fields: Sequence[Any]) -> np.ndarray:

@@ -61,7 +61,7 @@ API = {
     ),
     "Tasks": (
         "TASKS GoToPosition GoToPose GoToPosePriced TrackVelocity TrackTwist TrackVelocityHeading "
-        "MultiTask Avoid DockPort Dock Hold Rendezvous Inspect Land RestReward load_task"
+        "MultiTask Avoid DockPort Dock Hold Rendezvous Inspect Land RestReward TargetOrbit load_task"
     ),
     "Domain randomization": (
         "Conditions BodyConditions ThrusterConditions FaultConditions DisturbanceConditions "

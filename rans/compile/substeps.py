@@ -84,7 +84,7 @@ class Substeps:
     ) -> AnyState:
         """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period."""
         # Where loads change from substep to substep, one function makes all of them.
-        constant = last is None and momentum is None and growth is None
+        constant = last is None and momentum is None and growth is None and drift.steady
         together = 1 if constant else substeps
         repeats = substeps // together
         state = replace(state, notes=(), stores=())
@@ -95,7 +95,7 @@ class Substeps:
             growth,
             duration / repeats,
         )
-        constants = (Body(body.mass, body.inertia), disturbance)
+        constants = (Body(body.mass, body.inertia), disturbance, drift)
 
         # Numbers of the body and the disturbance stay numbers, and what they multiply is folded.
         varying = [x for x in leaves(constants) if isinstance(x, Symbol)]
@@ -113,7 +113,7 @@ class Substeps:
             read = inputs("load", len(leaves(loads)) + len(varying))
             entries = iter(read)
             first, end, wheels, swell, step = unflatten(loads, entries)
-            fixed, push = unflatten(
+            fixed, push, motion = unflatten(
                 constants,
                 [next(entries) if isinstance(x, Symbol) else x for x in leaves(constants)],
             )
@@ -125,7 +125,7 @@ class Substeps:
                 together,
                 nodes,
                 push,
-                drift,
+                motion,
                 end,
                 wheels,
                 swell,

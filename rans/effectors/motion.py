@@ -66,7 +66,7 @@ def states_at_checks(
         body: mass properties and thruster health.
         command: one field per command of the craft (`rans.model.spacecraft.Spacecraft.commands`).
         timing: control period, substeps and checks.
-        drift: motion of a free point.
+        drift: motion of a free point, from the start of the period.
         nodes: nodes of the quadrature in the plane.
         disturbance: disturbance wrench, constant in W.
         pieces: pieces of the period under delayed valves and failing thrusters
@@ -109,6 +109,7 @@ def states_at_checks(
                 momentum,
                 growth,
             )
+            drift = drift.later(duration)
         state = state.normalised()
         if craft.stores:
             time = period * number / timing.checks

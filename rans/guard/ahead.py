@@ -79,7 +79,7 @@ class Ahead:
                 self.body,
                 before[k],
                 timing,
-                self.world.task.drift,
+                self.world.task.drift_at(goal),
                 self.world.nodes,
             )
             goal = self.world.task.later(goal, seconds)
@@ -106,7 +106,7 @@ class Ahead:
         task = world.task
         apart = world.timing.control_period / world.timing.checks
         margins = []
-        states = world.move(state, StepInputs(self.body, (command,)))
+        states = world.move(state, StepInputs(self.body, (command,), drift=task.drift_at(goal)))
         before = self.margins(state, goal)
         for reached in states:
             halfway = self._between(state, reached, goal, apart)

@@ -274,7 +274,7 @@ def braking_command(world: World, state: Any, goal: Any) -> Command:
     slope = slope_of_least(world, state, goal)
     slow = _RETREAT * slowest_change(world)
     retreat = slope.scale(slow / at_least(slope.norm(), 1e-9))
-    _, drifted = world.task.drift.carry(state.p, state.v, period)
+    _, drifted = world.task.drift_at(goal).carry(state.p, state.v, period)
     force = in_body(state.attitude, (goal.v + retreat - drifted).scale(craft.mass / period))
     spin = state.spin()
     inertia = np.array(craft.inertia) if craft.dimension == 3 else np.array([[craft.inertia[2][2]]])

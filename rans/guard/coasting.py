@@ -68,7 +68,7 @@ class Coasting:
         for begin in range(0, self.horizon, chunk):
             last = min(self.horizon, begin + chunk + 2)
             times = grid(state, [k * period for k in range(begin, last + 1)])
-            p, v = task.drift.carry(state.p, state.v, times)
+            p, v = task.drift_at(goal).carry(state.p, state.v, times)
             later_goal = task.later(goal, times)
             spread = map_leaves(lambda x, t=times: x + 0.0 * t if is_array(x) else x, state)
             later = replace(spread, p=p, v=v)

@@ -151,7 +151,8 @@ class SingleImpulse(OrbitalGuidance):
         """See `OrbitalGuidance.velocity`."""
         time = self._bounded(time_left)
         velocity = self._coasting_velocity(state.p, goal, time)
-        if not self.brakes and isinstance(velocity, Vec3):
+        # Later burns are compared by closed forms of a circular orbit.
+        if not self.brakes and isinstance(velocity, Vec3) and self.coasts.drift.steady:
             velocity = self._now_or_later(state, goal, velocity - state.v, time) + state.v
         return self.coasts.within(limits, state, velocity, time)
 

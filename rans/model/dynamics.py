@@ -235,7 +235,7 @@ def advance(
         substeps: number of substeps; each is exact up to rounding in the plane and of order six in space.
         nodes: nodes of the quadrature in the plane; float32 needs only four.
         disturbance: second wrench, constant in W, such as that of an uneven floor, a draught or a tether.
-        drift: motion of a free point.
+        drift: motion of a free point, from the start of the duration.
         last: wrench in B at the end, linear in time from ``applied``; None: constant.
         momentum: angular momentum of the wheels inside the body in B, N m s, at the start and its change over the
             duration; None: no wheels. It does not affect planar motion.
@@ -264,6 +264,7 @@ def advance(
             momentum = (momentum[0] + momentum[1], momentum[1])
         if swell is not None:
             swell = (swell[0] + swell[1], swell[1])
+        drift = drift.later(h)
     return state
 
 
@@ -385,7 +386,7 @@ def moved(
         p: position in W at the start, m.
         v: velocity in W at the start, m/s.
         h: duration of the substep, s.
-        drift: motion of a free point.
+        drift: motion of a free point, from the start of the substep.
         rule: nodes and weights of the quadrature.
         pushes: acceleration at each node, in any representation that can be summed.
         in_world: converts such a sum, times a scalar, to a vector in W.
@@ -398,7 +399,7 @@ def moved(
             kick = in_world(push, weight * h)
             for power, pull in enumerate(pulls):
                 kick = kick + pull.scale(weight * node**power * h)
-            q, u = drift.carry(kick.scale(0.0), kick, (1 - node) * h)
+            q, u = drift.later(node * h).carry(kick.scale(0.0), kick, (1 - node) * h)
             p = p + q
             v = v + u
         return p, v

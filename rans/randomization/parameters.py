@@ -16,6 +16,7 @@ import numpy as np
 
 from rans.errors import ConfigError, brief
 from rans.model.body import Body, Mounting
+from rans.model.drift import Drift
 from rans.model.dynamics import Piece, Wrench, undelayed
 from rans.model.fields import Field, Vec3, at_least, cos, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
@@ -115,6 +116,8 @@ class StepInputs:
     """Disturbance wrench, constant in W."""
     failing: Failing | None = None
     """Fault within the period; None: no thruster fails."""
+    drift: Drift | None = None
+    """Motion of a free point from the start of the period; None: that of the task at all times."""
 
     def pieces(self, craft: Spacecraft, period: float) -> Iterator[Piece]:
         """Wrenches of the thrusters over the control period (s), piece by piece."""

@@ -125,6 +125,7 @@ class DrakeMover:
             earlier,
             failure,
             self._timing.checks,
+            step_inputs.drift,
         )
         return tuple(
             states_from_rows(some.reshape(rows.shape), state).normalised() for some in at_checks

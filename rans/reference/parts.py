@@ -20,7 +20,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from rans.errors import ConfigError
 from rans.model.actuators import Wheel
 from rans.model.body import Body
-from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
+from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, FreeFlight, UniformGravity
 from rans.model.spacecraft import Spacecraft, Thruster
 
 
@@ -32,6 +32,8 @@ def designed(craft: Spacecraft) -> Body:
     return Body(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 
 
+_KEPLER_STEPS = 50
+"""Steps of Newton's method for Kepler's equation; ten are enough up to an eccentricity of 0.9."""
 _WHEEL_MASS = 1e-3
 """Mass of a wheel as a share of the craft's: only Drake wants one, as the wheel's stands in the craft's."""
 
@@ -131,9 +133,9 @@ def gravity(drift: Drift) -> np.ndarray:
     """
     if isinstance(drift, UniformGravity):
         return np.append(drift.acceleration, 0.0)[:3]
-    if not isinstance(drift, FreeFlight | ClohessyWiltshire):
+    if not isinstance(drift, FreeFlight | ClohessyWiltshire | EllipticOrbit):
         raise ConfigError(
-            "Drake knows free flight, uniform gravity and Clohessy-Wiltshire frames, got "
+            "Drake knows free flight, uniform gravity, Clohessy-Wiltshire frames and elliptic orbits, got "
             f"{drift!r}."
         )
     return np.zeros(3)
@@ -142,17 +144,20 @@ def gravity(drift: Drift) -> np.ndarray:
 class OrbitForces(LeafSystem):
     """Adds the pseudo-forces of a Hill frame, at every spacecraft's present place and velocity.
 
-    They are m (3 n^2 x + 2 n v_y, -2 n v_x, -n^2 z), for x radial, y along the track, z across.
+    They are m ((w^2 + 2 g) x + w' y + 2 w v_y, (w^2 - g) y - w' x - 2 w v_x, -g z), for x radial, y along the
+    track, z across, with the rate w of the frame and the planet's gravitational parameter over the cube of the
+    radius, g. On a circle w = n, w' = 0 and g = n^2. On an ellipse they follow from Kepler's equation at the time.
 
-    The mean motion n is in rad/s, the input of masses (N,) in kg. Places (N, 2 or 3) tell where each spacecraft's
-    place stands among the plant's positions, speeds (N, 2 or 3) where its velocity stands among the
-    velocities, and its force among the generalised forces. The plant has so many positions, and a count of
-    velocities.
+    The mean motion n is in rad/s, the input of masses (N,) in kg, that of mean anomalies at time 0 (N,) in rad.
+    Places (N, 2 or 3) tell where each spacecraft's place stands among the plant's positions, speeds (N, 2 or 3)
+    where its velocity stands among the velocities, and its force among the generalised forces. The plant has so
+    many positions, and a count of velocities.
     """
 
     def __init__(
         self,
         mean_motion: float,
+        eccentricity: float,
         mountings: np.ndarray,
         speeds: np.ndarray,
         positions: int,
@@ -160,24 +165,45 @@ class OrbitForces(LeafSystem):
     ) -> None:
         super().__init__()
         self._n = mean_motion
+        self._e = eccentricity
         self._positions = positions
         self._places = mountings
         self._speeds = speeds
         self.state = self.DeclareVectorInputPort("state", positions + count)
         self.masses = self.DeclareVectorInputPort("masses", len(mountings))
+        self.anomalies = self.DeclareVectorInputPort("anomalies", len(mountings))
         self.others = self.DeclareVectorInputPort("others", count)
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
     def _pull(self, context: Context, output: BasicVector) -> None:
-        n = self._n
+        rate, change, gravity = self._orbit(context)
         state = np.array(self.state.Eval(context))
         total = np.array(self.others.Eval(context))
         masses = np.array(self.masses.Eval(context))
         position = state[self._places]
         speed = state[self._positions + self._speeds]
         pull = np.zeros_like(position)
-        pull[:, 0] = 3.0 * n * n * position[:, 0] + 2.0 * n * speed[:, 1]
-        pull[:, 1] = -2.0 * n * speed[:, 0]
-        pull[:, 2:] = -n * n * position[:, 2:]
+        x, y = position[:, 0], position[:, 1]
+        pull[:, 0] = (rate**2 + 2.0 * gravity) * x + change * y + 2.0 * rate * speed[:, 1]
+        pull[:, 1] = (rate**2 - gravity) * y - change * x - 2.0 * rate * speed[:, 0]
+        pull[:, 2:] = -np.reshape(gravity, (-1, 1)) * position[:, 2:]
         total[self._speeds] += masses[:, None] * pull
         output.SetFromVector(total)
+
+    def _orbit(self, context: Context) -> tuple[Any, Any, Any]:
+        """Rate of the frame, rad/s, its change, rad/s^2, and gravity over the radius, 1/s^2: numbers or (N,)."""
+        n, e = self._n, self._e
+        if e == 0.0:
+            return n, 0.0, n * n
+        now = np.array(self.anomalies.Eval(context)) + n * context.get_time()
+        # Kepler's equation by Newton's method, which converges from pi (Battin 1999, section 5.4).
+        mean = np.mod(now, 2.0 * np.pi)
+        anomaly = np.full(mean.shape, np.pi)
+        for _ in range(_KEPLER_STEPS):
+            step = (anomaly - e * np.sin(anomaly) - mean) / (1.0 - e * np.cos(anomaly))
+            anomaly = anomaly - step
+            if np.abs(step).max() < 1e-15:
+                break
+        radius = 1.0 - e * np.cos(anomaly)
+        rate = n * np.sqrt(1.0 - e * e) / radius**2
+        return rate, -2.0 * rate * n * e * np.sin(anomaly) / radius**2, n * n / radius**3

@@ -39,9 +39,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
-from rans.errors import positive
+from rans.errors import ConfigError, positive
 from rans.model.body import Body
-from rans.model.drift import FREE, ClohessyWiltshire, Drift
+from rans.model.drift import FREE, ClohessyWiltshire, Drift, EllipticOrbit
 from rans.model.spacecraft import Spacecraft
 from rans.reference.further import drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
@@ -156,6 +156,7 @@ class Plant:
         self._thrust_context = self._thrust.GetMyMutableContextFromRoot(self._context)
         self._disturb(np.zeros(self._velocity.shape))
         self._weigh(np.ones(count))
+        self._set_anomalies(None)
 
     def set_max_step(self, step: float) -> None:
         """Integrate in steps of at most so many seconds from now on."""
@@ -235,6 +236,7 @@ class Plant:
         earlier: Sequence[np.ndarray] = (),
         failure: Failure | None = None,
         checks: int = 1,
+        drift: Drift | None = None,
     ) -> np.ndarray:
         """States (checks, N, width) while the commands are held, the last ones after the duration.
 
@@ -248,9 +250,10 @@ class Plant:
             earlier: commands of the periods before that may still be felt, the last one first.
             failure: thrusters that fail in this period; None: the nozzles stay as they are.
             checks: how many instants to return, evenly spaced.
+            drift: what pulls from the start of the period on an elliptic orbit; None: the plant's own drift.
 
         Raises:
-            ConfigError: the duration is not above 0.
+            ConfigError: the duration is not above 0, or the drift is of another orbit than the plant's.
         """
         positive("the duration of a period in Drake, s,", duration)
         nozzles = nozzles or self._nozzles
@@ -258,6 +261,7 @@ class Plant:
         self._set(states, commands, duration)
         self._drive(commands, self._momenta(states), duration)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
+        self._set_anomalies(drift)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
         commanded = [command[:, self.craft.thruster_commands] for command in (commands, *earlier)]
@@ -337,12 +341,13 @@ class Plant:
     def _export_forces(self, builder: DiagramBuilder) -> None:
         """The input for disturbances, through the orbit's pull where there is an orbit."""
         forces = self._plant.get_applied_generalized_force_input_port()
-        if not isinstance(self._drift, ClohessyWiltshire):
+        if not isinstance(self._drift, ClohessyWiltshire | EllipticOrbit):
             builder.ExportInput(forces, "disturbance")
             return
         along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
         orbit = OrbitForces(
             self._drift.mean_motion,
+            self._drift.eccentricity if isinstance(self._drift, EllipticOrbit) else 0.0,
             self._position[:, along],
             self._velocity[:, along],
             self._plant.num_positions(),
@@ -353,6 +358,7 @@ class Plant:
         builder.Connect(orbit.total, forces)
         builder.ExportInput(orbit.others, "disturbance")
         builder.ExportInput(orbit.masses, "masses")
+        builder.ExportInput(orbit.anomalies, "anomalies")
 
     def _rest(self) -> np.ndarray:
         """At W's origin, B along W, no motion, full tank, wheels at rest."""
@@ -405,12 +411,29 @@ class Plant:
     def _weigh(self, left: np.ndarray) -> None:
         """Give every spacecraft a share (N,) of its full mass and inertia."""
         masses = left * np.broadcast_to(self._body.mass, self.count)
-        if isinstance(self._drift, ClohessyWiltshire):
+        if isinstance(self._drift, ClohessyWiltshire | EllipticOrbit):
             self._simulator.get_system().GetInputPort("masses").FixValue(self._context, masses)
         if self.craft.propellant is not None:
             for k, body in enumerate(self._bodies):
                 inertia = spatial_inertia(self.craft, self._body, k, float(left[k]))
                 body.SetSpatialInertiaInBodyFrame(self._plant_context, inertia)
+
+    def _set_anomalies(self, drift: Drift | None) -> None:
+        """Say where targets on elliptic orbits are at time 0."""
+        drift = self._drift if drift is None else drift
+        if not isinstance(self._drift, ClohessyWiltshire | EllipticOrbit):
+            return
+        anomaly = 0.0
+        if isinstance(self._drift, EllipticOrbit):
+            own = self._drift.mean_motion, self._drift.eccentricity
+            if not isinstance(drift, EllipticOrbit) or own != (
+                drift.mean_motion,
+                drift.eccentricity,
+            ):
+                raise ConfigError(f"the plant was built for {self._drift!r}, got {drift!r}.")
+            anomaly = drift.mean_anomaly
+        now = np.broadcast_to(np.asarray(anomaly, dtype=np.float64).ravel(), self.count)
+        self._simulator.get_system().GetInputPort("anomalies").FixValue(self._context, now)
 
     def _share_of_mass(self, left: np.ndarray) -> np.ndarray:
         """Share of the full mass (N,) with so much propellant left, kg."""

@@ -22,6 +22,7 @@ from rans.tasks.hold import Hold
 from rans.tasks.inspect import Inspect
 from rans.tasks.land import Land
 from rans.tasks.multi_task import MultiTask
+from rans.tasks.orbital import TargetOrbit
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.rendezvous import Rendezvous
 from rans.tasks.rewards import RestReward, Transition
@@ -166,6 +167,7 @@ __all__ = [
     "MultiTask",
     "Rendezvous",
     "RestReward",
+    "TargetOrbit",
     "SingleTask",
     "Task",
     "TrackTwist",

@@ -111,6 +111,13 @@ class Task(Settings, metaclass=AcceptsFormerNames):
         """Motion of a free point in W; by default free flight."""
         return FREE
 
+    def drift_at(self, goal: State) -> Drift:
+        """Motion of a free point from now on; by default `drift`.
+
+        A drift that depends on when a motion begins has its time in the ``notes`` of the goal, which `later` moves.
+        """
+        return self.drift
+
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s); by default it does not move.
 

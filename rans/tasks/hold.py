@@ -85,7 +85,7 @@ class Hold(OrbitalMission):
     def plan(self, start: State, goal: State, deadline: Field) -> State:
         """Goal with a deadline, s, the plan for a start, and no time held in its notes."""
         planned = super().plan(start, goal, deadline)
-        return replace(planned, notes=(*planned.notes, deadline * 0.0 + _NOT_HELD))
+        return replace(planned, notes=(*planned.notes[:3], deadline * 0.0 + _NOT_HELD))
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s), with less time left and more time held."""

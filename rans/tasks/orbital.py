@@ -1,4 +1,4 @@
-"""Base class of missions near a target on a circular orbit, with a deadline and a planned arrival."""
+"""Base class of missions near a target on an orbit, with a deadline and a planned arrival."""
 
 from __future__ import annotations
 
@@ -6,13 +6,21 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from rans.errors import ConfigError
+from rans.display import Settings
+from rans.errors import ConfigError, is_finite
 from rans.guidance.arrival import TIME_ROUNDING
 from rans.guidance.coasts import Coasts
 from rans.guidance.limits import Limits
 from rans.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
 from rans.guidance.staying import staying_velocity
-from rans.model.drift import ClohessyWiltshire, Drift, velocity_to_reach
+from rans.model.drift import (
+    EARTH,
+    MOST_ECCENTRIC,
+    ClohessyWiltshire,
+    Drift,
+    mean_anomaly,
+    velocity_to_reach,
+)
 from rans.model.dynamics import State
 from rans.model.fields import Field, at_least, where
 from rans.model.random import Random
@@ -28,6 +36,8 @@ from rans.tasks.observation_terms import (
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Ball, Shape, SpeedLimit
 
+_EARTH_RADIUS = 6378.137
+"""Equatorial radius of the Earth, km (WGS 84)."""
 _PUSHES_OF_FEW_BURNS = 3
 """Number of times that coasts of few burns are moved out of each keep-out ball."""
 
@@ -35,6 +45,7 @@ _PUSHES_OF_FEW_BURNS = 3
 def last_check(deadline: float, interval: float) -> int:
     """Number of the last check, every interval (s) from the start, at which `OrbitalMission.done` counts a success.
 
+    >>> from rans.tasks.orbital import last_check
     >>> last_check(99.9995, 10.0), last_check(99.9, 10.0)
     (10, 9)
     """
@@ -42,11 +53,69 @@ def last_check(deadline: float, interval: float) -> int:
 
 
 @dataclass(frozen=True)
+class TargetOrbit(Settings):
+    """Orbit of a mission's target around the Earth; by default a circle with the mission's mean motion.
+
+    >>> orbit = rans.TargetOrbit(eccentricity=0.3, semi_major_axis_km=9683.0)
+    >>> rans.Dock(orbit=orbit).drift.name
+    'elliptic-orbit'
+
+    Raises:
+        ConfigError: the eccentricity is not from 0 to 0.9, the semi-major axis is negative or not finite, the
+            perigee is within the Earth, or the true anomalies are no range.
+    """
+
+    eccentricity: float = 0.0
+    """Eccentricity, from 0 (circle) to 0.9."""
+    semi_major_axis_km: float = 0.0
+    """Semi-major axis, km, which replaces the mission's mean motion; 0: the mean motion counts."""
+    true_anomaly_degrees: tuple[float, float] = (0.0, 360.0)
+    """Range of the target's true anomaly at the start, degrees from the perigee; equal numbers fix it."""
+
+    def __post_init__(self) -> None:
+        e, size, angles = self.eccentricity, self.semi_major_axis_km, self.true_anomaly_degrees
+        if not is_finite(e) or not 0.0 <= e <= MOST_ECCENTRIC:
+            raise ConfigError(
+                f"the eccentricity of a target's orbit must be from 0 to {MOST_ECCENTRIC}, got {e!r}."
+            )
+        if not is_finite(size) or size < 0.0:
+            raise ConfigError(
+                f"semi_major_axis_km must be a finite number > 0 km, or 0 for none, got {size!r}."
+            )
+        if size and size * (1.0 - e) < _EARTH_RADIUS:
+            raise ConfigError(
+                f"an orbit with a semi-major axis of {size:g} km and an eccentricity of {e:g} has its perigee at "
+                f"{size * (1.0 - e):.0f} km from the Earth's centre, inside the Earth ({_EARTH_RADIUS:g} km); the "
+                "usual cause is an altitude in place of the semi-major axis."
+            )
+        if (
+            not (isinstance(angles, tuple) and len(angles) == 2 and all(map(is_finite, angles)))
+            or angles[0] > angles[1]
+        ):
+            raise ConfigError(
+                f"true_anomaly_degrees must be a range (low, high) of finite numbers, got {angles!r}."
+            )
+
+    def mean_motion(self, otherwise: float) -> float:
+        """Mean motion, rad/s, of the semi-major axis; without one, the other number."""
+        if not self.semi_major_axis_km:
+            return otherwise
+        return math.sqrt(EARTH / (1e3 * self.semi_major_axis_km) ** 3)
+
+    def mean_anomaly(self, random: Random) -> Field:
+        """Mean anomaly at a start, rad, of a true anomaly from the range."""
+        return mean_anomaly(
+            random.uniform(*map(math.radians, self.true_anomaly_degrees)), self.eccentricity
+        )
+
+
+@dataclass(frozen=True)
 class OrbitalMission(SingleTask):
-    """Base class of missions to a position near a target on a circular orbit by a deadline.
+    """Base class of missions to a position near a target on an orbit by a deadline.
 
     W is the Hill frame of the target: x radially outwards, y along the track, z across it. The craft follows the
-    Clohessy-Wiltshire equations. Every episode draws a deadline and fails if the mission has not succeeded by it.
+    Clohessy-Wiltshire equations; a mission with another `drift` has its time in further ``notes`` of the goal
+    (`drift_at`). Every episode draws a deadline and fails if the mission has not succeeded by it.
 
     Every episode has a plan, which is the arrival time with the least velocity change (`rans.guidance.arrival`).
     Plans that violate a limit on the way have a penalty. The velocity to gain is the velocity change now with which
@@ -110,15 +179,21 @@ class OrbitalMission(SingleTask):
     def __post_init__(self) -> None:
         super().__post_init__()
         latest = self.deadline[1]
-        if isinstance(latest, int | float) and latest * self.mean_motion >= 0.95 * math.pi:
+        bound = 0.95 * self.half_turn / self.mean_motion
+        if isinstance(latest, int | float) and latest >= bound:
             raise ConfigError(
-                f"deadline must be < {0.95 * math.pi / self.mean_motion:.0f} s, 0.475 of the orbit's period, got "
-                f"{self.deadline!r}: after half a period the velocity to gain has no solution."
+                f"deadline must be < {bound:.0f} s, got {self.deadline!r}: 0.95 of the least time in which the "
+                "target makes half a turn, after which the velocity to gain has no solution."
             )
 
     @property
+    def half_turn(self) -> float:
+        """Least change of the mean anomaly, rad, in which the target makes half a turn."""
+        return math.pi
+
+    @property
     def drift(self) -> Drift:
-        """Clohessy-Wiltshire equations of the target's orbit."""
+        """Equations of relative motion on the target's orbit: those of Clohessy and Wiltshire on a circle."""
         return ClohessyWiltshire(self.mean_motion)
 
     def planned(self, random: Random, start: State, goal: State) -> State:
@@ -126,16 +201,16 @@ class OrbitalMission(SingleTask):
         return self.plan(start, goal, random.uniform(*self.deadline))
 
     def plan(self, start: State, goal: State, deadline: Field) -> State:
-        """Goal with a deadline, s, and the plan for a start in its notes."""
-        goal = replace(goal, notes=(deadline, deadline, deadline * 0.0))
-        arrival = self.guidance.arrival(start, goal, deadline, self.guidance_limits(goal))
-        return replace(goal, notes=(deadline, arrival, deadline * 0.0))
+        """Goal with a deadline, s, and the plan for a start in its notes, before its further notes."""
+        further = goal.notes[3:]
+        goal = replace(goal, notes=(deadline, deadline, deadline * 0.0, *further))
+        arrival = self.guidance_at(goal).arrival(start, goal, deadline, self.guidance_limits(goal))
+        return replace(goal, notes=(deadline, arrival, deadline * 0.0, *further))
 
-    @property
-    def guidance(self) -> OrbitalGuidance:
-        """Guidance that flies the mission, from its settings."""
+    def guidance_at(self, goal: State) -> OrbitalGuidance:
+        """Guidance that flies the mission from now on, from its settings."""
         coasts = Coasts(
-            self.drift,
+            self.drift_at(goal),
             self.speed_reserve,
             self.keep_out_reserve,
             self.most_gain,
@@ -169,13 +244,14 @@ class OrbitalMission(SingleTask):
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s), with less time left; its position is constant."""
-        deadline, arrival, won = goal.notes
-        return replace(goal, notes=(deadline - time, arrival - time, won))
+        deadline, arrival, won, *further = goal.notes
+        return replace(goal, notes=(deadline - time, arrival - time, won, *further))
 
     def remember(self, goal: State, state: State) -> State:
         """Goal whose notes record whether the mission has succeeded."""
-        deadline, arrival, won = goal.notes
-        return replace(goal, notes=(deadline, arrival, where(self.done(state, goal), 1.0, won)))
+        deadline, arrival, won, *further = goal.notes
+        won = where(self.done(state, goal), 1.0, won)
+        return replace(goal, notes=(deadline, arrival, won, *further))
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
         """Shapes of the mission's limits."""
@@ -194,17 +270,17 @@ class OrbitalMission(SingleTask):
     def velocity_to_gain(self, state: Any, goal: Any, left: Field) -> Any:
         """Velocity change in W, m/s, with which the craft coasts to the goal in the time left (s)."""
         time = at_least(left, self.shortest_aim)
-        return velocity_to_reach(self.drift, state.p, goal.p, time) - state.v
+        return velocity_to_reach(self.drift_at(goal), state.p, goal.p, time) - state.v
 
     def recommended(self, state: Any, goal: Any, left: Field) -> Any:
         """Velocity in W, m/s, with which `guidance` goes to the goal in the time left, s, within the limits."""
         limits = self.guidance_limits(goal)
-        return self.guidance.velocity(state, goal, left, goal.notes[0], limits)
+        return self.guidance_at(goal).velocity(state, goal, left, goal.notes[0], limits)
 
     def staying(self, state: Any, goal: Any) -> Any:
         """Velocity in W, m/s, with which a craft that has arrived stays at the goal, however long."""
         return staying_velocity(
-            self.drift,
+            self.drift_at(goal),
             state,
             goal,
             self.timing.control_period,
@@ -217,8 +293,9 @@ class OrbitalMission(SingleTask):
         deadline, arrival = goal.notes[:2]
         gain = self.velocity_to_gain(state, goal, arrival)
         time = at_least(arrival, self.shortest_aim)
-        _, at_goal = self.drift.carry(state.p, state.v + gain, time)
-        missed = goal.p - self.drift.carry(state.p, state.v, time)[0]
+        drift = self.drift_at(goal)
+        _, at_goal = drift.carry(state.p, state.v + gain, time)
+        missed = goal.p - drift.carry(state.p, state.v, time)[0]
         advised = self.recommended(state, goal, arrival) - state.v
         # The velocity to gain is unbounded just before an arrival that misses the goal.
         nearby = 0.1 / self.position_tolerance
@@ -289,7 +366,7 @@ class OrbitalMission(SingleTask):
 
     def _counted(self, state: Any, goal: Any, left: Field) -> Field:
         """Velocity to gain as rewards count it, m/s: the price of `guidance`, at most `most_gain`."""
-        price = self.guidance.price(state, goal, left, self.guidance_limits(goal))
+        price = self.guidance_at(goal).price(state, goal, left, self.guidance_limits(goal))
         return where(price < self.most_gain, price, self.most_gain)
 
     def done(self, state: State, goal: State) -> Field:

@@ -68,6 +68,7 @@ class MissionGuidance(ModelBased):
     """
 
     name = "mission"
+    follows_orbits: ClassVar[bool] = True
     heeds_constraints: ClassVar[bool] = True
 
     def __init__(

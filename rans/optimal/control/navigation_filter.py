@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.drift import Drift
+from rans.model.drift import Drift, steady
 from rans.model.fields import Vec2, Vec3
 
 
@@ -37,6 +37,7 @@ class NavigationFilter:
     ) -> None:
         vector: Any = Vec2 if dimension == 2 else Vec3
         basis = np.eye(2 * dimension)
+        steady(drift, "a navigation filter computes its matrix once")
         p, v = drift.carry(vector(*basis[:dimension]), vector(*basis[dimension:]), 0.5 * period)
         self._half = np.array(
             [np.broadcast_to(x, 2 * dimension) for x in (*p.columns(), *v.columns())]

@@ -12,6 +12,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.guidance.arrival import whole_periods
+from rans.model.drift import steady
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.passive_safety import (
@@ -109,6 +110,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             craft, task, timing, OrbitalMission, "passive entry flies missions on an orbit"
         )
         self._guidance = MissionGuidance(self.craft, self.task, timing)
+        steady(self.task.drift, "passive entry computes coasts")
         zone = self.task.coast_zone
         if zone is None or zone.approach <= zone.radius or self.craft.dimension != 3:
             raise ConfigError(

@@ -13,6 +13,7 @@ import numpy as np
 
 from rans.errors import ConfigError, checked
 from rans.model.body import Body
+from rans.model.drift import steady
 from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
@@ -191,12 +192,17 @@ class ModelBased:
     heeds_constraints: ClassVar[bool] = False
     """Whether it keeps the margins of a task's constraints from being negative; others warn that they do not."""
 
+    follows_orbits: ClassVar[bool] = False
+    """Whether it flies in drifts that change along an orbit (`rans.model.drift.Drift.steady`)."""
+
     def __init__(
         self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
     ) -> None:
         self._craft, self._task = craft_and_task(craft, task)
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
         check_attitude(self._craft, self._task)
+        if not self.follows_orbits:
+            steady(self._task.drift, f"{self.name} computes once")
         if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:
             warnings.warn(
                 f"{self.name} does not know the constraints of {type(self._task).__name__} and may violate "

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import sparse
 
 from rans.errors import ConfigError, SolverFailed, require
-from rans.model.drift import Drift
+from rans.model.drift import Drift, steady
 from rans.model.dynamics import RULES
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
@@ -77,7 +77,7 @@ class Meeting:
         directions = np.array([thruster.direction for thruster in craft.thrusters]).T
         sizes = np.array([thruster.force for thruster in craft.thrusters])
         return cls(
-            task.drift,
+            steady(task.drift, "convex bounds are"),
             task.timing,
             directions[: craft.dimension] * sizes,
             craft.mass,

@@ -17,7 +17,7 @@ import numpy as np
 
 from rans.errors import ConfigError, require
 from rans.model.body import Body
-from rans.model.drift import Drift
+from rans.model.drift import Drift, steady
 from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, is_steerable
@@ -277,7 +277,7 @@ class Transcription:
         self._margins = path_margins(task, example.start, example.goal, limits)
         self._checks = max(task.timing.checks, 1 if limits is None else limits.checks)
         self._wrenches = np.array(craft.wrench_map).T
-        self._step = _step(craft, example.start, task.drift)
+        self._step = _step(craft, example.start, steady(task.drift, "a trajectory is computed"))
         self._low, self._high = np.array(
             [(command.low, command.high) for command in craft.commands]
         ).T[:, :, None]
