@@ -11,13 +11,13 @@ from campaigns.robustness import SINGLE
 from rans.errors import ConfigError
 from rans.fast.learn.config import MemorySettings, from_table, to_table
 from rans.fast.learn.curriculum import Ramp
-from rans.fast.learn.recipes import RECIPES, recipe, training
+from rans.fast.learn.recipes import RECIPES, recipe, training, training_of_quality
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import AGENTS
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
-from rans.tasks import GoToPose
+from rans.tasks import TASKS, GoToPose
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -150,3 +150,38 @@ def test_a_wrong_recipe_says_what_and_where(text: str, sentence: str, tmp_path: 
     with pytest.raises(ConfigError, match=sentence) as caught:
         training(str(file), device="cuda")
     assert str(caught.value).startswith(f"{file}: ")
+
+
+@pytest.mark.parametrize("task", [name for name in TASKS if ":" not in name])
+def test_every_task_has_each_quality(task: str) -> None:
+    """A longer one trains to its end; the spacecraft and the length of episodes are the task's own."""
+    quick = training_of_quality(task, None, "quick", "cpu")
+    assert quick.solved_share is not None
+    for quality in ("good", "best"):
+        config = training_of_quality(task, None, quality, "cpu")
+        assert config.solved_share is None
+        assert config.task == task
+        assert config.spacecraft == quick.spacecraft
+        assert config.timing == quick.timing
+
+
+def test_ones_own_spacecraft_and_conditions() -> None:
+    config = training_of_quality("go-to-pose", "atmos", "good", "cpu", randomized=True)
+    assert config.spacecraft == "atmos"
+    assert (config.ppo.memory.kind, config.ppo.privileged_critic) == ("history", True)
+    assert config.conditions.or_none is None
+    assert training_of_quality("go-to-pose", "atmos", "good", "cpu").ppo.memory.kind == "none"
+
+
+@pytest.mark.parametrize(
+    ("task", "quality", "said"),
+    [
+        ("go-to-pose-2d", "good", "is a recipe, which has its own length"),
+        ("mine.toml", "best", "is a recipe, which has its own length"),
+        ("go-to-pose", "god", r"quality must be one of .*\(did you mean good\?\)"),
+        ("go-to-poze", "good", r"\(did you mean go-to-pose\?\)"),
+    ],
+)
+def test_qualities_that_are_none(task: str, quality: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        training_of_quality(task, None, quality, "cpu")  # type: ignore[arg-type]

@@ -1,9 +1,8 @@
-"""Approach to a hold point and rendezvous: hand-worked margins, starts, and equilibria of the orbit."""
+"""Approach to a hold point: hand-worked margins, and equilibria of the orbit."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,34 +10,21 @@ import numpy as np
 import pytest
 
 from rans.episode import Setup, World, step
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3, leaves
+from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.convex.rendezvous import Meeting, least_margin, rendezvous, trajectory
 from rans.scenario import each, scenarios
-from rans.tasks import Hold, Rendezvous
+from rans.tasks import Hold
+from tests.support.orbit_states import at, goal_of
 
 CHASER = load_spacecraft("vbar-chaser")
 SHUT = (0.0,) * 6
-
-
-def at(p: Sequence[float], v: Sequence[float]) -> Any:
-    """A state of one craft, without rotation."""
-    zero = np.zeros(1)
-    place = Vec3(*(zero + x for x in p))
-    velocity = Vec3(*(zero + x for x in v))
-    return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), velocity, Vec3(zero, zero, zero))
 
 
 def hold_goal() -> Any:
     """The hold point with 1,000 s to the deadline, of a craft that is not there yet."""
     goal = goal_of((0.0, -100.0, 0.0))
     return replace(goal, notes=(*goal.notes, np.zeros(1) - 1.0))
-
-
-def goal_of(place: tuple[float, float, float]) -> Any:
-    zero = np.zeros(1)
-    return replace(at(place, (0.0,) * 3), notes=(zero + 1000.0, zero + 900.0, zero))
 
 
 def test_at_rest_on_the_orbit_behind_the_target_is_held_after_ten_minutes() -> None:
@@ -91,29 +77,6 @@ def test_the_ball_is_kept_out_of_between_two_commands() -> None:
         math.hypot(40.0, 24.8) - 50.0, abs=0.02
     )
     assert np.linalg.norm(leaves(crossed.episode.state.p)) > 50.0
-
-
-def test_the_cone_opens_behind_the_target_and_ends_at_100_m() -> None:
-    """Its apex is 2 m before the target: a ball of 1 m fits between its sides there."""
-    task = Rendezvous()
-    goal = goal_of((0.0, 0.0, 0.0))
-    margin = task.constraints(at((0.0, 0.0, 0.0), (0.0,) * 3), goal)["cone"]
-    assert margin.item() == pytest.approx(1.0, abs=1e-6)
-    beside = task.constraints(at((0.0, 30.0, 0.0), (0.0,) * 3), goal)["cone"]
-    assert beside.item() == pytest.approx(2.0 * 0.5 - 30.0 * math.cos(math.pi / 6), abs=1e-6)
-    assert task.constraints(at((0.0, 200.0, 0.0), (0.0,) * 3), goal)["cone"].item() > 0.0
-
-
-@pytest.mark.parametrize("task", [Hold(), Rendezvous()], ids=["hold", "rendezvous"])
-def test_starts_keep_every_limit_and_plans_come_before_deadlines(task: Any) -> None:
-    starts: Any = scenarios(task, load_spacecraft(task.spacecraft), 1, 512)
-    for margin in task.constraints(starts.start, starts.goal).values():
-        assert margin.min() > 0.0
-    assert not task.done(starts.start, starts.goal).any()
-    deadline, plan, won = starts.goal.notes[:3]
-    assert (plan <= deadline).all()
-    assert (plan > 0.0).all()
-    assert not won.any()
 
 
 def test_a_way_around_the_ball_is_found_and_costs_more_than_the_bound() -> None:
