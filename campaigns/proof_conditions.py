@@ -27,7 +27,7 @@ SPEED, SPIN = 0.2, 1.7
 """Limits of every flight, m/s and rad/s."""
 START = (0.14, 0.15)
 """Speed and spin of the starts, m/s and rad/s."""
-RINGS, SECTORS, FINE = (2 * count for count in traps.GRID)
+GRID = traps.GRID.finer(2)
 MASS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1)
 """Parts by which mass and thrust are off."""
 VELOCITY = (0.0, 0.0005, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02, 0.03, 0.04)
@@ -59,9 +59,7 @@ def column(_: None, kind: str, mass: float) -> tuple[str, float, list[str], list
     while high - low > 1:
         middle = (low + high) // 2
         begun = time.monotonic()
-        found = traps.trapping_set(
-            loop, SPEED, SPIN, sets[middle], RINGS, SECTORS, FINE, start=START
-        )
+        found = traps.trapping_set(loop, SPEED, SPIN, sets[middle], GRID, start=START)
         seconds.append(time.monotonic() - begun)
         low, high = (middle, high) if len(found.cells) else (low, middle)
     verdicts[: low + 1] = ["proved"] * (low + 1)
@@ -75,7 +73,7 @@ def compute() -> dict[str, Any]:
         "agent": AGENT,
         "keep": {"speed": SPEED, "spin": SPIN},
         "start": {"speed": START[0], "spin": START[1]},
-        "grid": (RINGS, SECTORS, FINE),
+        "grid": GRID,
         "mass": MASS,
         "velocity": VELOCITY,
         "delay": DELAY,

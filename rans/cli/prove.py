@@ -100,6 +100,7 @@ class Prove:
             raise ConfigError(
                 "limits must be above 0 and at most 10, and --from within --property."
             )
+        # The closed loop of the agent.
         folder = ContestantName.parse(agent).folder
         run = load_policy(folder)
         files = _files(folder)
@@ -112,6 +113,7 @@ class Prove:
         limits = keep["speed"], keep["spin"]
         begin = start["speed"], start["spin"]
         uncertainty = traps.Uncertainty(**off)
+        # A flight that breaks the property is found sooner than a proof.
         broken = traps.broken_flight(loop, limits, begin, uncertainty)
         if broken is not None:
             state, speed, spin = broken
@@ -121,16 +123,14 @@ class Prove:
                 f"{state[2]:.5f} rad/s reaches {speed:.4g} m/s and {spin:.4g} rad/s.{flown}"
             )
             return 1
-        rings, sectors, fine = (self.resolution * count for count in traps.GRID)
+        # The largest set of cells that no flight leaves; the property is proved if all starts lie in it.
         with progress() as bars:
             task = bars.add_task("proving", total=None)
             trap = traps.trapping_set(
                 loop,
                 *limits,
                 uncertainty,
-                rings,
-                sectors,
-                fine,
+                traps.GRID.finer(self.resolution),
                 report=lambda done, left: bars.update(task, completed=done, total=done + left),
             )
         seconds = time.monotonic() - begun
@@ -141,6 +141,7 @@ class Prove:
                 f"{largest:.4g} m/s are proved. A finer --resolution, or wider limits, may prove it."
             )
             return 1
+        # The certificate, beside the agent or, of a shipped one, in the current folder.
         shipped = agent.startswith("pretrained:")
         default_file = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
         output = self.output or default_file
@@ -176,6 +177,7 @@ class Prove:
         )
 
     def _prove(self) -> int:
+        """Prove a property of a network with the plant of a problem's file."""
         from rans.evaluation.assure.assurance import torch_device
         from rans.proof.certificate import write_certificate
         from rans.proof.network import read_network
@@ -233,6 +235,7 @@ class Prove:
         return 0
 
     def _check(self, certificate: Path) -> int:
+        """Check the certificate of a network."""
         require("onnx")
         require("flint")
         from rans.proof.certificate import LARGEST

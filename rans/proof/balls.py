@@ -86,35 +86,48 @@ def with_sizes(layers: Sequence[Any]) -> list[Any]:
 def network_enclosure(
     layers: Sequence[Any], centre: Any, spread: Any
 ) -> tuple[Any, Any, list[Any]]:
-    """Gain, offset and errors: answers to c + G s lie in gain x + offset +- errors."""
+    """Linear enclosure of a network's answers to the states x = c + G s, |s| <= 1.
+
+    Every activation is enclosed by two parallel lines over the range of its argument (`parallel`).
+
+    Args:
+        layers: layers of `with_sizes`.
+        centre: c, (n, 1).
+        spread: G, (n, k).
+
+    Returns:
+        Gain, offset and errors: the answers lie in gain x + offset +- errors.
+    """
     gain: Any = None
     offset: Any = None
     slopes: list[Any] = []
+    line_errors: list[Any] = []
     errors: list[Any] = []
-    last: list[Any] = []
     for k, (weight, shift, kind, absolute) in enumerate(layers):
+        # The linear operation, of what the lines before make of the state.
         gain = weight if gain is None else weight * gain
         offset = shift if offset is None else weight * offset + shift
-        passed = [arb(0)] * weight.nrows()
-        back = weight
+        # Errors of the lines of every earlier layer, carried forward by the product of all between.
+        carried = [arb(0)] * weight.nrows()
+        product = weight
         for j in reversed(range(k)):
-            passed = [
-                a + b for a, b in zip(passed, (absolute * column(errors[j])).entries(), strict=True)
-            ]
+            by_layer = (absolute * column(line_errors[j])).entries()
+            carried = [a + b for a, b in zip(carried, by_layer, strict=True)]
             if j:
-                back = scaled(slopes[j], back.transpose()).transpose() * layers[j][0]
-                absolute = sizes(back)
+                product = scaled(slopes[j], product.transpose()).transpose() * layers[j][0]
+                absolute = sizes(product)
         if not kind:
-            return gain, offset, passed
+            return gain, offset, carried
+        # Lines over the range of each argument of the activation.
         middle = (gain * centre + offset).entries()
-        reach = [a + b for a, b in zip(absolute_row_sums(gain * spread), passed, strict=True)]
+        reach = [a + b for a, b in zip(absolute_row_sums(gain * spread), carried, strict=True)]
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middle, reach, strict=True)]
         slopes.append([line[0] for line in lines])
-        errors.append([line[2] for line in lines])
+        line_errors.append([line[2] for line in lines])
         gain = scaled(slopes[-1], gain)
         offset = scaled(slopes[-1], offset) + column([line[1] for line in lines])
-        last = [s * p + e for s, p, e in zip(slopes[-1], passed, errors[-1], strict=True)]
-    return gain, offset, last
+        errors = [s * c + e for s, c, e in zip(slopes[-1], carried, line_errors[-1], strict=True)]
+    return gain, offset, errors
 
 
 def side_by_side(*matrices: Any) -> Any:

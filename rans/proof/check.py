@@ -112,26 +112,27 @@ def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
     }
     layers: list[tuple[Any, Any, str]] = []
 
-    def then(weight: Any, shift: Any) -> None:
-        """A linear operation after those so far."""
+    def append_linear(weight: Any, shift: Any) -> None:
+        """A linear operation, joined with one before it that has no activation."""
         if layers and not layers[-1][2]:
             before, offset, _ = layers.pop()
             weight, shift = weight * before, weight * offset + shift
         layers.append((weight, shift, ""))
 
     for node in graph.node:
-        given = [tables[name] for name in node.input if name in tables]
+        operands = [tables[name] for name in node.input if name in tables]
         kind = node.op_type
         if kind in ("MatMul", "Conv", "Gemm"):
-            weight = given[0].reshape(len(given[0]), -1)
-            turned = any(a.name == "transB" and a.i for a in node.attribute)
-            if kind == "MatMul" or (kind == "Gemm" and not turned):
+            weight = operands[0].reshape(len(operands[0]), -1)
+            # MatMul computes x W, and Gemm too unless its matrix is marked as transposed.
+            is_transposed = any(a.name == "transB" and a.i for a in node.attribute)
+            if kind == "MatMul" or (kind == "Gemm" and not is_transposed):
                 weight = weight.T
-            shift = given[1] if len(given) > 1 else np.zeros(len(weight))
-            then(matrix(weight), matrix(shift.reshape(-1, 1)))
+            shift = operands[1] if len(operands) > 1 else np.zeros(len(weight))
+            append_linear(matrix(weight), matrix(shift.reshape(-1, 1)))
         elif kind in ("Add", "Sub"):
-            shift = matrix(given[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
-            then(matrix(np.eye(given[0].size)), shift)
+            shift = matrix(operands[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
+            append_linear(matrix(np.eye(operands[0].size)), shift)
         elif kind in ("Tanh", "Sigmoid", "Relu"):
             layers[-1] = (*layers[-1][:2], kind)
         elif kind not in ("Flatten", "Reshape"):
@@ -164,44 +165,71 @@ def _least(values: Iterable[Any]) -> float:
 
 
 def _highest(row: Any, state: tuple[Any, Any]) -> Any:
+    """Largest value of a row of factors (1, n) times a state (centre, spread)."""
     return (row * state[0])[0, 0] + absolute_row_sums(row * state[1])[0]
 
 
 def _margin(keep: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]) -> float:
+    """Margin of a property over a piece of a flight, which is off the chord between its ends by at most ``sag``.
+
+    Margins are linear in the state, so that over the chord each is least at an end.
+    """
     ((kind, limit),) = keep.items()
     if kind in ("avoid", "within"):
-        margins = []
-        for axis, (low, high) in enumerate(zip(limit["lower"], limit["upper"], strict=True)):
-            row = arb_mat(1, len(sag), [arb(int(i == axis)) for i in range(len(sag))])
-            ends = (arb(low), -arb(high)) if kind == "avoid" else (arb(high), -arb(low))
-            for sign, edge in zip((1, -1), ends, strict=True):
-                reach = [_highest(sign * row, state) + sag[axis] for state in (begin, end)]
-                margins.append(_least((edge - x).lower() for x in reach))
-        return max(margins) if kind == "avoid" else _least(margins)
-    # Along any unit vector a position is no longer than it is.
-    ahead = [float((begin[0][i, 0] + end[0][i, 0]).mid()) for i in limit["position"]]
+        return _margin_of_box(kind, limit, begin, end, sag)
+    if kind in ("speed_limit", "keep_out"):
+        return _margin_of_distance(kind, limit, begin, end, sag)
+    raise Refused(f"its property {kind} is not checked.")
+
+
+def _margin_of_box(
+    kind: str, limit: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]
+) -> float:
+    """Margin of keeping within a box: of the nearest face. Of avoiding it: of the axis that is farthest from it."""
+    margins = []
+    for axis, (low, high) in enumerate(zip(limit["lower"], limit["upper"], strict=True)):
+        row = arb_mat(1, len(sag), [arb(int(i == axis)) for i in range(len(sag))])
+        # x < low or -x < -high keeps out of the box, x < high and -x < -low within.
+        edges = (arb(low), -arb(high)) if kind == "avoid" else (arb(high), -arb(low))
+        for sign, edge in zip((1, -1), edges, strict=True):
+            reach = [_highest(sign * row, state) + sag[axis] for state in (begin, end)]
+            margins.append(_least((edge - x).lower() for x in reach))
+    return max(margins) if kind == "avoid" else _least(margins)
+
+
+def _margin_of_distance(
+    kind: str, limit: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]
+) -> float:
+    """Margin of a ball to keep out of, |p| > r, or of a limit of the speed, |v| < base + slope |p|.
+
+    Along any unit vector d a position is no longer than it is, |p| >= d p: here along the middle of the chord. A
+    velocity in the plane is at most 1 / cos(pi / K) times its longest component along K directions.
+    """
+    is_speed = kind == "speed_limit"
+    position = limit["position"]
+    ahead = [float((begin[0][i, 0] + end[0][i, 0]).mid()) for i in position]
     norm = sum((arb(x) ** 2 for x in ahead), arb(0)).sqrt()
-    slope = arb(limit["slope"]) if kind == "speed_limit" else arb(1)
-    near = [arb(0)] * len(sag)
-    for i, value in zip(limit["position"], ahead, strict=True):
-        near[i] -= slope * arb(value) / norm
-    off = slope * sum((sag[i] ** 2 for i in limit["position"]), arb(0)).sqrt()
-    rows, base = [near], arb(0)
-    if kind == "speed_limit":
+    slope = arb(limit["slope"]) if is_speed else arb(1)
+    # The rows times a state are what counts against the margin; the sag adds to them.
+    row = [arb(0)] * len(sag)
+    for i, value in zip(position, ahead, strict=True):
+        row[i] -= slope * arb(value) / norm
+    off = slope * sum((sag[i] ** 2 for i in position), arb(0)).sqrt()
+    if is_speed:
         base = arb(limit["base"])
         off += sum((sag[i] ** 2 for i in limit["velocity"]), arb(0)).sqrt()
         turns = [arb(2 * side) / _SIDES for side in range(_SIDES)]
-        rows = [list(near) for _ in turns]
-        for row, turn in zip(rows, turns, strict=True):
-            for i, value in zip(limit["velocity"], (turn.cos_pi(), turn.sin_pi()), strict=True):
-                row[i] += value / (arb(1) / _SIDES).cos_pi()
-    elif kind == "keep_out":
-        base = -arb(limit["radius"])
+        rows = [list(row) for _ in turns]
+        for row_of_turn, turn in zip(rows, turns, strict=True):
+            direction = turn.cos_pi(), turn.sin_pi()
+            for i, value in zip(limit["velocity"], direction, strict=True):
+                row_of_turn[i] += value / (arb(1) / _SIDES).cos_pi()
     else:
-        raise Refused(f"its property {kind} is not checked.")
-    lines = [arb_mat(1, len(sag), row) for row in rows]
+        base = -arb(limit["radius"])
+        rows = [row]
+    factors = [arb_mat(1, len(sag), values) for values in rows]
     return _least(
-        (base - _highest(x, state) - off).lower() for x in lines for state in (begin, end)
+        (base - _highest(x, state) - off).lower() for x in factors for state in (begin, end)
     )
 
 

@@ -54,9 +54,11 @@ def read_network(file: Path) -> list[Layer]:
 
 
 def _layers(graph: Any, tables: dict[str, np.ndarray], file: Path) -> list[Layer]:
+    """Layers of a chain of operations, whose matrices and vectors are in the tables."""
     inputs = [tensor.name for tensor in graph.input if tensor.name not in tables]
     if len(inputs) != 1:
         raise ConfigError(f"{file} has {len(inputs)} inputs; a proof is about a network of one.")
+    # Linear operations are joined until an activation ends their layer; a weight of None stands for none so far.
     current = inputs[0]
     layers: list[Layer] = []
     weight: np.ndarray | None = None
@@ -66,26 +68,26 @@ def _layers(graph: Any, tables: dict[str, np.ndarray], file: Path) -> list[Layer
             raise ConfigError(
                 f"{file} is not a chain: {brief(node.op_type)} does not take what comes before it."
             )
-        others = [tables[name] for name in node.input if name in tables]
+        operands = [tables[name] for name in node.input if name in tables]
         attributes = {item.name: item for item in node.attribute}
         match node.op_type:
             case "MatMul":
-                (table,) = others
+                (table,) = operands
                 weight, bias = _then(weight, bias, table.T)
             case "Gemm":
-                table = others[0] if attributes["transB"].i else others[0].T
+                table = operands[0] if attributes["transB"].i else operands[0].T
                 weight, bias = _then(weight, bias, table)
-                bias = bias + (others[1] if len(others) > 1 else 0.0)
+                bias = bias + (operands[1] if len(operands) > 1 else 0.0)
             case "Conv":
-                if others[0].shape[2:] != (1,) * (others[0].ndim - 2) and layers:
+                if operands[0].shape[2:] != (1,) * (operands[0].ndim - 2) and layers:
                     raise ConfigError(
-                        f"{file} has a convolution of {others[0].shape[2:]} pixels; known are those of one."
+                        f"{file} has a convolution of {operands[0].shape[2:]} pixels; known are those of one."
                     )
-                weight, bias = _then(weight, bias, others[0].reshape(len(others[0]), -1))
-                bias = bias + (others[1] if len(others) > 1 else 0.0)
+                weight, bias = _then(weight, bias, operands[0].reshape(len(operands[0]), -1))
+                bias = bias + (operands[1] if len(operands) > 1 else 0.0)
             case "Add" | "Sub":
                 sign = 1.0 if node.op_type == "Add" else -1.0
-                bias = bias + sign * others[0].ravel()
+                bias = bias + sign * operands[0].ravel()
             case "Tanh" | "Sigmoid" | "Relu":
                 layers.append(_layer(weight, bias, ACTIVATIONS[node.op_type], layers, file))
                 weight = None

@@ -223,6 +223,7 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
         raise ConfigError(
             f"{where} must have the keys {', '.join(sorted(required))}, and has {', '.join(table)}."
         )
+    # Sizes first, as all else depends on them.
     derivative = tuple(str(entry) for entry in table["derivative"])
     count = len(derivative)
     commands = table["commands"]
@@ -256,7 +257,7 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
         end,
         text,
     )
-    problem.rates([1.0] * count, [1.0] * commands)
+    problem.rates([1.0] * count, [1.0] * commands)  # refuses formulas that are no polynomials
     return problem
 
 

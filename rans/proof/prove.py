@@ -80,40 +80,43 @@ def prove(
             f"problem has {problem.states} states and {problem.commands} commands."
         )
     loop = ClosedLoop(problem, layers, torch.device(device))
-    low, high = _grid(problem, first or [1] * problem.states)
     span = np.maximum(np.array(problem.upper) - np.array(problem.lower), 1e-300)
+    batch = _BATCH[loop.device.type]
+    # Cells that are proved, with their margins; too small to split; and still to examine, the last first.
     proved: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     stuck: list[tuple[np.ndarray, np.ndarray]] = []
-    done = 0
-    queue = [(low, high)]
-    looked = 0
+    queue = [_grid(problem, first or [1] * problem.states)]
+    proved_count = 0
+    examined = 0
     while queue:
         low, high = queue.pop()
-        if len(low) > _BATCH[loop.device.type]:
-            half = _BATCH[loop.device.type]
-            queue += [(low[half:], high[half:])]
-            low, high = low[:half], high[:half]
-        looked += len(low)
-        if looked > _MOST_CELLS:
+        if len(low) > batch:
+            queue.append((low[batch:], high[batch:]))
+            low, high = low[:batch], high[:batch]
+        examined += len(low)
+        if examined > _MOST_CELLS:
             raise ConfigError(
                 f"more than {_MOST_CELLS:,} cells are left; the property may be false."
             )
         margins, worth = loop.margins(low, high)
-        good = margins > 0.0
-        proved.append((low[good], high[good], margins[good]))
-        done += int(good.sum())
-        low, high, worth = low[~good], high[~good], worth[~good]
+        holds = margins > 0.0
+        proved.append((low[holds], high[holds], margins[holds]))
+        proved_count += int(holds.sum())
+        low, high, worth = low[~holds], high[~holds], worth[~holds]
         if len(low):
+            # A flight from an open cell that breaks the property ends the proof; else the cell is split.
             broken = broken_start(problem, layers, low, high)
             if broken is not None:
                 return _proof(problem, proved, [*stuck, *queue, (low, high)], broken)
-            wide = high - low > smallest * span * (1.0 + 1e-9)
-            small = ~wide.any(axis=1)
+            splittable = high - low > smallest * span * (1.0 + 1e-9)
+            small = ~splittable.any(axis=1)
             stuck.append((low[small], high[small]))
-            low, high = _halves(low[~small], high[~small], np.where(wide, worth, -1.0)[~small])
+            low, high = _halves(
+                low[~small], high[~small], np.where(splittable, worth, -1.0)[~small]
+            )
             if len(low):
                 queue.append((low, high))
-        report(done, sum(len(cells) for cells, _ in queue))
+        report(proved_count, sum(len(cells) for cells, _ in queue))
     return _proof(problem, proved, stuck, None)
 
 
@@ -123,6 +126,7 @@ def _proof(
     stuck: list[tuple[np.ndarray, np.ndarray]],
     broken: np.ndarray | None,
 ) -> Proof:
+    """Proof of cells (low, high, margin), with the cells that are open and a start that breaks the property."""
     none = np.zeros((0, problem.states))
     low, high, margins = (np.concatenate([cell[k] for cell in proved]) for k in range(3))
     ends = [np.concatenate([none, *(cell[k] for cell in stuck)]) for k in range(2)]
@@ -137,9 +141,8 @@ def _grid(problem: Problem, first: Sequence[int]) -> tuple[np.ndarray, np.ndarra
     ]
     lows = np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij")
     highs = np.meshgrid(*(edge[1:] for edge in edges), indexing="ij")
-    return np.stack([edge_grid.ravel() for edge_grid in lows], 1), np.stack(
-        [edge_grid.ravel() for edge_grid in highs], 1
-    )
+    low, high = (np.stack([grid.ravel() for grid in grids], axis=1) for grids in (lows, highs))
+    return low, high
 
 
 def _halves(low: np.ndarray, high: np.ndarray, worth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

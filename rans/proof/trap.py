@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -30,14 +31,31 @@ BOUND = ("agent.safetensors", "spacecraft.toml")
 """Files of an agent whose SHA-256 a certificate has."""
 LOGIT = 1.1e-3
 """Log-odds below which a command counts as undecided, for networks in single precision. The checker takes 1e-3."""
-GRID = (32, 72, 8)
-"""Rings of speed, sectors of direction, and layers of spin in a pulse, that usually suffice."""
 _SLACK = 1e-6
 """Widening of images, in cells; above rounding here and that of the checker's balls, whose radii have 30 bits."""
 _BATCH = 2048
 """Cells whose images are computed together."""
 _NODES = np.polynomial.legendre.leggauss(10)
 """Gauss-Legendre rule for the rotated thrust; its error is below 1e-15 where a period turns by less than 2 rad."""
+
+
+class Grid(NamedTuple):
+    """Numbers of cells along each coordinate."""
+
+    rings: int
+    """Rings of speed, from 0 to its limit."""
+    sectors: int
+    """Sectors of the direction of the velocity, all around."""
+    fine: int
+    """Layers of spin in the change that a pulse of one thruster makes."""
+
+    def finer(self, factor: int) -> Grid:
+        """Grid with so many times the cells along each coordinate."""
+        return Grid(*(factor * count for count in self))
+
+
+GRID = Grid(32, 72, 8)
+"""Grid that usually suffices."""
 
 
 @dataclass(frozen=True)
@@ -303,9 +321,7 @@ def trapping_set(
     speed: float,
     spin: float,
     uncertainty: Uncertainty = Uncertainty(),
-    rings: int = GRID[0],
-    sectors: int = GRID[1],
-    fine: int = GRID[2],
+    grid: Grid = GRID,
     report: Callable[[int, int], object] = lambda done, left: None,
     start: tuple[float, float] | None = None,
 ) -> Trap:
@@ -319,9 +335,7 @@ def trapping_set(
         speed: limit of the speed at all times, m/s.
         spin: limit of the spin at all times, rad/s.
         uncertainty: what need not be as designed.
-        rings: rings of speed.
-        sectors: sectors of direction.
-        fine: layers of spin in the change that a pulse of one thruster makes.
+        grid: numbers of the smallest cells.
         report: called with the numbers of cells that are known, and that are left.
         start: if it is set, the search ends without a cell once a state up to this speed (m/s) and this spin
             (rad/s) is left out.
@@ -333,11 +347,14 @@ def trapping_set(
         raise ConfigError(
             f"a delay must be below the control period of {loop.period:g} s, got {uncertainty.delay:g}."
         )
+    # Layers of spin on either side of zero.
+    rings, sectors, fine = grid
     _, high = uncertainty.push()
     layers = int(spin / (loop.step * high) * fine)
     trap = Trap(speed, rings, sectors, layers, fine, np.zeros((0, 6), int), uncertainty)
     maps = _Maps(loop, trap)
     inside = np.ones((rings, sectors, 2 * layers), dtype=bool)
+    # Each cell has several images, whose owner is its number.
     cells = _blocks(rings, sectors, layers)
     owner, images = maps.images(cells)
     while True:
@@ -347,6 +364,7 @@ def trapping_set(
         report(int((~failed).sum()), int(failed.sum()))
         if not failed.any():
             break
+        # The smallest cells leave the set, the others are split.
         small = failed & ((cells[:, 1::2] - cells[:, ::2]).max(axis=1) == 1)
         for a, _, c, _, e, _ in cells[small]:
             inside[a, c, e + layers] = False

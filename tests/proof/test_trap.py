@@ -21,6 +21,7 @@ from rans.pretrained import pretrained_folder
 from rans.proof.relaxation import TorchLayer
 from rans.proof.trap import (
     BOUND,
+    Grid,
     Loop,
     Trap,
     Uncertainty,
@@ -102,7 +103,7 @@ def loop() -> Loop:
 
 @pytest.fixture(scope="module")
 def trap(loop: Loop) -> Trap:
-    return trapping_set(loop, LIMIT, SPIN, rings=12, sectors=32, fine=4)
+    return trapping_set(loop, LIMIT, SPIN, grid=Grid(12, 32, 4))
 
 
 START = (0.049, 0.05)
@@ -128,7 +129,7 @@ def test_no_flight_leaves_its_cells(loop: Loop, trap: Trap) -> None:
 
 def test_no_flight_leaves_with_uncertainty(loop: Loop) -> None:
     trap = trapping_set(
-        loop, LIMIT, SPIN, Uncertainty(0.02, 0.03, 0.002, 0.01), rings=12, sectors=32, fine=4
+        loop, LIMIT, SPIN, Uncertainty(0.02, 0.03, 0.002, 0.01), grid=Grid(12, 32, 4)
     )
     assert largest_start(trap, loop, 0.03) > 0.0
     assert leaving(loop, trap, 10_000, 10, 1) == 0
@@ -224,9 +225,9 @@ def test_planted_errors_are_refused(
 
 def test_what_is_false_ends_with_a_flight(loop: Loop) -> None:
     """A limit below what a pulse leaves: 2 N for 0.2 s on 5.32 kg are 7.5 cm/s."""
-    trap = trapping_set(loop, 0.07, SPIN, rings=8, sectors=32, fine=4)
+    trap = trapping_set(loop, 0.07, SPIN, grid=Grid(8, 32, 4))
     assert not trap.contains(loop, 0.069, 0.05)
-    weak = trapping_set(loop, 0.03, SPIN, rings=4, sectors=32, fine=4)
+    weak = trapping_set(loop, 0.03, SPIN, grid=Grid(4, 32, 4))
     found = broken_flight(loop, (weak.speed, 0.01), (0.03, 0.05))
     assert found is not None
     assert found[2] > 0.01
@@ -382,7 +383,7 @@ def test_an_agent_of_another_task_is_a_sentence(capsys: pytest.CaptureFixture[st
 def test_late_thrusters_are_in_the_errors(loop: Loop, trap: Trap) -> None:
     """Flights whose thrusters are late stay in cells that are proved for that, and leave those that are not."""
     off = Uncertainty(delay=0.004)
-    proved = trapping_set(loop, LIMIT, SPIN, off, rings=12, sectors=32, fine=4, start=(0.03, 0.02))
+    proved = trapping_set(loop, LIMIT, SPIN, off, grid=Grid(12, 32, 4), start=(0.03, 0.02))
     assert proved.contains(loop, 0.03, 0.02)
     assert leaving(loop, proved, 10_000, 5, 2) == 0
     assert broken_flight(loop, (LIMIT, SPIN), (0.03, 0.02), off) is None
@@ -394,7 +395,7 @@ def test_late_thrusters_are_in_the_errors(loop: Loop, trap: Trap) -> None:
 
 def test_a_search_ends_when_a_start_is_lost(loop: Loop) -> None:
     off = Uncertainty(velocity=0.05)
-    trap = trapping_set(loop, LIMIT, SPIN, off, rings=12, sectors=32, fine=4, start=START)
+    trap = trapping_set(loop, LIMIT, SPIN, off, grid=Grid(12, 32, 4), start=START)
     assert len(trap.cells) == 0
 
 
