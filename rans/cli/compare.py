@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -230,36 +230,25 @@ def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> 
 
 
 def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
-    from rans.evaluation.measure.statistics import figure
+    """Write a comparison into a folder, and print its scores; without ``full`` only the most important ones."""
     from rans.show.pages.comparison_page import TEXT, page
     from rans.show.pages.screen import Screen
     from rans.show.tables import front_tables
     from rans.show.tables.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
     console = Terminal()
-    board = scoreboard(comparison)
     if not (comparison.entries or comparison.failures):
         console.say("Interrupted before the first contestant had flown: nothing was written.")
         return
+    # Files: the result as data, its page, and what the page of a screen needs.
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     result = page(comparison, command_line())
     result.write(folder / "compare.html")
     write_json(folder / "screen-compare.json", Screen.of(result).to_json())
+    # Tables: scores, multiples of bounds, the bound of a mission, and the front.
+    board = scoreboard(comparison)
     if board:
-        keys = list(dict.fromkeys(key for row in board.values() for key in row))
-        if not full:
-            keys = [key for key in keys if key.startswith(_FIRST) or " error" in key]
-
-        def cells(text: Callable[[Estimate], str]) -> list[tuple[str, ...]]:
-            return [(key, *(text(row[key]) for row in board.values())) for key in keys]
-
-        console.show(
-            comparison.contest.title(),
-            ("", *board),
-            cells(lambda estimate: estimate.text()),
-            cells(lambda estimate: figure(estimate.value)),
-            "A wider terminal shows intervals too.",
-        )
+        _show_scores(console, comparison.contest.title(), board, full)
     if full and (ratios := gaps(comparison)):
         starts = counted(len(comparison.certified_starts()), "start")
         console.show(
@@ -282,3 +271,25 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)
     console.say(f"Written to {folder / 'compare.html'} and compare.json.")
+
+
+def _show_scores(
+    console: Terminal, title: str, board: Mapping[str, Mapping[str, Estimate]], full: bool
+) -> None:
+    """Print the scores of all contestants, a column each, with intervals where the terminal is wide enough."""
+    from rans.evaluation.measure.statistics import figure
+
+    keys = list(dict.fromkeys(key for row in board.values() for key in row))
+    if not full:
+        keys = [key for key in keys if key.startswith(_FIRST) or " error" in key]
+
+    def cells(text: Callable[[Estimate], str]) -> list[tuple[str, ...]]:
+        return [(key, *(text(row[key]) for row in board.values())) for key in keys]
+
+    console.show(
+        title,
+        ("", *board),
+        cells(lambda estimate: estimate.text()),
+        cells(lambda estimate: figure(estimate.value)),
+        "A wider terminal shows intervals too.",
+    )

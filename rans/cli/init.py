@@ -160,7 +160,6 @@ class Init:
     def _asked(self) -> Draft:
         """Ask for values without an option; a wrong answer is explained and asked for again."""
         from rans.api.drafting import begun
-        from rans.model.actuators import KINDS
         from rans.model.foreign import Foreign
         from rans.model.spacecraft_draft import numbers_of_text, thruster_of, wheel_of
 
@@ -172,6 +171,7 @@ class Init:
         def number(text: str) -> float:
             return numbers_of_text(text, "this", (1,))[0]
 
+        # Mass properties; what a base or an imported file says is not asked for.
         if self.name is None:
             answers["name"] = ask("Name", str, self.file.stem)
         dimension = start.dimension if start is not None else self.dimension
@@ -190,19 +190,9 @@ class Init:
                 lambda text: numbers_of_text(text, "the centre of mass", (dimension,)),
                 zeros,
             )
+        # Effectors.
         if start is None and self.actuators is None:
-            kinds = ", ".join(KINDS)
-            kind = ask(f"Actuators: {kinds}", _known(KINDS), "on-off")
-            answers["actuators"] = kind
-            if kind == "pulsed" and self.counts is None:
-                answers["counts"] = ask(
-                    "Into how many steps do valves divide a control period",
-                    lambda text: int(number(text)),
-                    "100",
-                )
-                answers["least"] = ask("Shortest pulse, in these steps", number, "1")
-            if kind == "throttle" and self.least is None:
-                answers["least"] = ask("Least level, a share of full force", number, "0")
+            answers |= self._ask_actuators(number)
         if foreign is not None and foreign.nozzles and not self.thruster:
             answers["thrusters"] = _ask_nozzles(foreign, dimension)
         elif start is None and not self.thruster:
@@ -216,12 +206,30 @@ class Init:
             answers["wheels"] = _ask_each("Wheel", wheel_of, 0)
         return self._drafted(answers)
 
+    def _ask_actuators(self, number: Callable[[str], float]) -> dict[str, Any]:
+        """Ask for the kind of valves or engines, and for its numbers without an option."""
+        from rans.model.actuators import KINDS
+
+        kind = ask(f"Actuators: {', '.join(KINDS)}", _member(KINDS), "on-off")
+        answers: dict[str, Any] = {"actuators": kind}
+        if kind == "pulsed" and self.counts is None:
+            answers["counts"] = ask(
+                "Into how many steps do valves divide a control period",
+                lambda text: int(number(text)),
+                "100",
+            )
+            answers["least"] = ask("Shortest pulse, in these steps", number, "1")
+        if kind == "throttle" and self.least is None:
+            answers["least"] = ask("Least level, a share of full force", number, "0")
+        return answers
+
     def _show(self, draft: Draft, picture: Path) -> None:
         """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
         from rans.policy.any_craft import AGENTS
         from rans.terminal import table
 
+        # Control authority, and thrusters without which every force and torque remains possible.
         craft = draft.spacecraft
         console = Terminal()
         console.print(
@@ -245,6 +253,7 @@ class Init:
                 f"{', '.join(map(str, others))}."
             )
         console.say(f"Written: {self.file} and {picture}")
+        # What the agent for any craft makes of it, and the next commands.
         agent = AGENTS[draft.spacecraft.dimension]
         flown = _fly(console, draft.spacecraft, agent)
         console.suggest(
@@ -373,7 +382,7 @@ def _dimension(text: str) -> int:
     return int(text)
 
 
-def _known(kinds: Any) -> Callable[[str], str]:
+def _member(kinds: Any) -> Callable[[str], str]:
     def read(text: str) -> str:
         if text not in kinds:
             raise ConfigError(f"type one of {', '.join(kinds)}, got {text!r}.")

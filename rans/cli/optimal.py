@@ -258,6 +258,7 @@ class Optimal:
             write_landings,
         )
 
+        # Solve, then fly the solutions in Drake.
         starts = self._starts(task, craft)
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-propellant"
         folder = ready_folder(self.output or Path("runs") / name)
@@ -274,6 +275,7 @@ class Optimal:
             f"{task.timing.control_period:g} s"
         )
         Terminal().print(landing_table(title, answers))
+        # Files, and how many are solved.
         about = {
             "task": self.task,
             "spacecraft": craft.name,

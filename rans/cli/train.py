@@ -347,6 +347,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
             f"Nothing was left to train: {path} has {begun:,} steps. Train on with: "
             + _train_on(path, begun)
         )
+    # How it ended, and what it took.
     ending = (
         "Stopped"
         if stopped
@@ -364,6 +365,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         f"({trainer.rate:,.0f} steps/s{backend}){warm_up}, {seconds:.1f} s in all. "
         f"The agent is {path}."
     )
+    # What to do next, where the task is not solved.
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
     elif trainer.config.solved_share is not None and not trainer.solved:

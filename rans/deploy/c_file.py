@@ -185,6 +185,7 @@ def compiled_check(folder: Path) -> str:
     size = 0
     with tempfile.TemporaryDirectory() as build_folder:
         for optimization in (("-O2", "-ffast-math"), ("-O2",)):
+            # The agent alone, whose object code has its size, and with the program that checks it.
             compiled = [compiler, *optimization, *FLAGS]
             part = Path(build_folder) / "agent.o"
             built = Path(build_folder) / "check"

@@ -151,39 +151,9 @@ def contract(
         margins: `rans.deploy.margins.measure_margins`; None: they were not measured.
     """
     task = config.settings
-    period = config.timing.control_period
-    observed_as = example(task, craft.dimension)
-    wide = np.array(valid_ranges(task, craft.dimension, seen), dtype=np.float32)
-    valid = [(low, high) for low, high in map(_short, wide)]
-    columns = [
-        {
-            "column": at,
-            "name": row.name,
-            "unit": row.unit,
-            "frame": row.frame,
-            "meaning": meaning,
-            "bound": bound if math.isfinite(bound) else None,
-            "valid": [*range_text],
-            "refused": _short(np.array(beyond))
-            if math.isinf(bound)
-            else [-1.01 * bound, 1.01 * bound],
-        }
-        for at, (row, bound, meaning, range_text, beyond) in enumerate(
-            zip(
-                observed_as.table(),
-                observed_as.bounds(),
-                _meanings(task, craft),
-                valid,
-                refused_ranges(valid),
-                strict=True,
-            )
-        )
-    ]
     conditions = config.conditions
-    sensors = [conditions_set.sensors for conditions_set in (conditions, *conditions.others)]
-    late = max(largest(sensor.delay) for sensor in sensors) * period
-    outage = max(largest(sensor.outage) for sensor in sensors)
     return {
+        # Whose contract it is.
         "format": 3,
         "agent": name,
         "task": config.task,
@@ -193,31 +163,19 @@ def contract(
             "file": "spacecraft.toml",
             "sha256": hashlib.sha256(spacecraft_text.encode()).hexdigest(),
         },
-        "control_period": period,
+        # What goes in and what comes out, every control period.
+        "control_period": config.timing.control_period,
         "frames": _FRAMES,
-        "observation": columns,
+        "observation": _columns(task, craft, seen),
         "tasks": _flagged(config.task, task, craft),
         "trade_off": _trade_off(task, craft),
-        "command": {
-            "actuators": craft.actuators.kind,
-            "values": craft.actuators.allowed,
-            "thrusters": [_thruster(craft, at) for at in range(craft.thruster_count)],
-            "thruster_position": "where the force acts, from the centre of mass, axes of B, m",
-            "thruster_direction": "unit vector of the force on the spacecraft, axes of B: the exhaust "
-            "leaves the other way",
-            "wheels": [asdict(wheel) for wheel in craft.wheels],
-            "wheel_command": "share of max_torque, -1 to 1: the motor turns its wheel about +axis (axes of B) "
-            "where it is positive, and the spacecraft about -axis; a wheel at max_momentum gives no more torque"
-            if craft.wheels
-            else None,
-            "ranges": [command._asdict() for command in craft.commands],
-            "shut": [0.0] * craft.command_count,
-        },
+        "command": _command(craft),
         "memory": memory,
         "memory_rule": "zeros where an episode begins; memory_out of one period is memory of the next. It "
         "counts on every command having been given: while a supervisor gives others, do not ask the agent, "
         "and begin a new episode when it takes over again. Do so too where a number in it is not finite.",
         "safety_filter": _safety_filter(task, craft, config.timing),
+        # For what the agent was made.
         "conditions": {
             "of_training": changed_settings(conditions),
             "summary": _conditions_text(conditions),
@@ -229,21 +187,14 @@ def contract(
             "which at every value flown at least wanted_share held, all else as in the training; null: not even "
             "in the middle of the training's range. held: the share by value.",
         },
-        "readings": {
-            "age_of_training": late,
-            "outage_of_training": outage,
-            "oldest": late + period + outage,
-            "meaning": "age of a reading when a command is decided, s. In training readings came so late, and "
-            "for the time of an outage the last ones were repeated; both are the longest of any of its "
-            "conditions. A reading that is older than oldest, which is their sum and a control period, is "
-            "stale: shut the valves.",
-        },
+        "readings": _readings(conditions, config.timing.control_period),
         "valid": f"range of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts of training "
         "under its conditions, which did not fail, and a tenth more on either side; directions are known all "
         f"around. The {left_out(seen.shape[1])} flights that reached farthest on each side are left out. The agent "
         "was hardly tried beyond.",
         "refused": "a number beyond is an error of measurement, no reading: hold the last one, and shut the "
         "valves once that is older than readings.oldest",
+        # How to test an integration, and what made these files.
         "golden": "golden.json: observation and command of flights, row after row, with the state and the "
         "goal that the observation is of; wiring has states and goals that differ in everything. Of both: "
         "position (m) and velocity (m/s) of the centre of mass in W; attitude, the heading in rad or in space "
@@ -259,6 +210,72 @@ def contract(
         },
         "revision": git_revision(),
         "rans": package_version("rans"),
+    }
+
+
+def _columns(task: Task, craft: Spacecraft, seen: np.ndarray) -> list[dict[str, Any]]:
+    """What each column of the observation is, with its range in observations of flights (T, N, width)."""
+    layout = example(task, craft.dimension)
+    ranges = np.array(valid_ranges(task, craft.dimension, seen), dtype=np.float32)
+    valid = [(low, high) for low, high in map(_short, ranges)]
+    rows = zip(
+        layout.table(),
+        layout.bounds(),
+        _meanings(task, craft),
+        valid,
+        refused_ranges(valid),
+        strict=True,
+    )
+    return [
+        {
+            "column": number,
+            "name": row.name,
+            "unit": row.unit,
+            "frame": row.frame,
+            "meaning": meaning,
+            "bound": bound if math.isfinite(bound) else None,
+            "valid": [*usual],
+            # A bounded column is refused a hundredth beyond its bound, for rounding.
+            "refused": _short(np.array(beyond))
+            if math.isinf(bound)
+            else [-1.01 * bound, 1.01 * bound],
+        }
+        for number, (row, bound, meaning, usual, beyond) in enumerate(rows)
+    ]
+
+
+def _command(craft: Spacecraft) -> dict[str, Any]:
+    """What the commands of a craft are: thrusters first, then wheels."""
+    return {
+        "actuators": craft.actuators.kind,
+        "values": craft.actuators.allowed,
+        "thrusters": [_thruster(craft, at) for at in range(craft.thruster_count)],
+        "thruster_position": "where the force acts, from the centre of mass, axes of B, m",
+        "thruster_direction": "unit vector of the force on the spacecraft, axes of B: the exhaust "
+        "leaves the other way",
+        "wheels": [asdict(wheel) for wheel in craft.wheels],
+        "wheel_command": "share of max_torque, -1 to 1: the motor turns its wheel about +axis (axes of B) "
+        "where it is positive, and the spacecraft about -axis; a wheel at max_momentum gives no more torque"
+        if craft.wheels
+        else None,
+        "ranges": [command._asdict() for command in craft.commands],
+        "shut": [0.0] * craft.command_count,
+    }
+
+
+def _readings(conditions: Conditions, period: float) -> dict[str, Any]:
+    """Ages of readings, s, under any of the conditions of a training with a control period, s."""
+    sensors = [variant.sensors for variant in (conditions, *conditions.others)]
+    late = max(largest(sensor.delay) for sensor in sensors) * period
+    outage = max(largest(sensor.outage) for sensor in sensors)
+    return {
+        "age_of_training": late,
+        "outage_of_training": outage,
+        "oldest": late + period + outage,
+        "meaning": "age of a reading when a command is decided, s. In training readings came so late, and "
+        "for the time of an outage the last ones were repeated; both are the longest of any of its "
+        "conditions. A reading that is older than oldest, which is their sum and a control period, is "
+        "stale: shut the valves.",
     }
 
 
@@ -418,6 +435,7 @@ def golden(
     if isinstance(seen, RecordedFlights):
         flights = seen
         seen = seen.observations
+    # Commands in double precision, and how clear each choice of an on/off thruster was.
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
     memory = exact.initial_state(seen.shape[1])
     commands = []
@@ -427,16 +445,17 @@ def golden(
         commands.append(output.policy.mode())
         margins.append(output.policy.margin())
         memory = exact.next_state(columns, memory, commands[-1], output.core)
+    # The flights whose closest choice is the clearest, one after the other.
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
-    kept, pairs = (
+    observed, commanded = (
         x[:, clearest.numpy()].swapaxes(0, 1) for x in (seen, torch.stack(commands).numpy())
     )
     begins = [step == 0 for _ in clearest for step in range(len(seen))]
     result = {
         "begins": begins,
         "tolerance": DUTY_TOLERANCE if network.architecture.continuous else 0.0,
-        "observation": [_short(row) for row in kept.reshape(len(begins), -1)],
-        "command": [_short(row) for row in _in_ranges(pairs.reshape(len(begins), -1), craft)],
+        "observation": [_short(row) for row in observed.reshape(len(begins), -1)],
+        "command": [_short(row) for row in _in_ranges(commanded.reshape(len(begins), -1), craft)],
     }
     if flights is not None:
         positions = [(step, int(k)) for k in clearest for step in range(len(seen))]

@@ -31,6 +31,7 @@ def write_onnx(
     def rows(name: str, width: int) -> Any:
         return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["N", width])
 
+    # Operations and tables of the program.
     nodes = [helper.make_node(step.operation, step.inputs, step.outputs) for step in program.steps]
     for node, step in zip(nodes, program.steps, strict=True):
         node.attribute.extend(helper.make_attribute(*each) for each in step.attributes.items())
@@ -38,6 +39,7 @@ def write_onnx(
         numpy_helper.from_array(np.asarray(value), name)
         for name, value in program.constants.items()
     ]
+    # Inputs and outputs; a memory goes in and comes out.
     takes = [rows("observation", architecture.layout.width)]
     gives = [rows("command", architecture.thrusters)]
     if architecture.memory:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -24,6 +25,8 @@ _SIZES = {
 _COLOUR = re.compile("#[0-9a-fA-F]{6}")
 _LARGEST = 1_000_000
 """Largest number of characters of a mesh, which is stored with the spacecraft in every run folder and page."""
+_FARTHEST = 1e6
+"""Largest coordinate of a solid or of a corner of a mesh, m: beyond, drawings lose the spacecraft."""
 _NAMED = re.compile(r"""(?m)^([ \t]*mesh[ \t]*=[ \t]*)(?:"([^"\\\n]*\.obj)"|'([^'\n]*\.obj)')""")
 
 MOST_SOLIDS = 200
@@ -52,6 +55,7 @@ class Solid:
     """Text of a mesh in the OBJ format; its lines v and f are read."""
 
     def __post_init__(self) -> None:
+        # Each value on its own: whether it holds, what it must be, and the value.
         size_names = _SIZES.get(self.shape, ())
         for holds, what, value in (
             (bool(size_names), f"shape must be one of {', '.join(_SIZES)}", self.shape),
@@ -61,7 +65,7 @@ class Solid:
                 self.size,
             ),
             (
-                all(abs(x) <= 1e6 for x in self.position),
+                all(abs(x) <= _FARTHEST for x in self.position),
                 "position must lie within 1e6 m",
                 self.position,
             ),
@@ -95,20 +99,16 @@ def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, 
             "mesh must be the name of an .obj file beside the spacecraft's file, of at most "
             f"{_LARGEST:,} characters, got {brief(text)}"
         )
-    corners = []
-    faces = []
+    corners: list[tuple[float, ...]] = []
+    faces: list[tuple[int, int, int]] = []
     for number, line in enumerate(text.splitlines(), 1):
         key, *values = line.split() or [""]
         try:
             if key == "v":
-                corners.append(tuple(float(x) for x in values[:3]))
-                if len(corners[-1]) < 3 or not all(abs(x) <= 1e6 for x in corners[-1]):
-                    raise ValueError(line)
+                corners.append(_vertex(values))
             elif key == "f":
-                first, *rest = (int(value.partition("/")[0]) - 1 for value in values)
-                if len(rest) < 2 or not all(0 <= k < len(corners) for k in (first, *rest)):
-                    raise ValueError(line)
-                faces += [(first, *pair) for pair in pairwise(rest)]
+                first, *others = _polygon(values, len(corners))
+                faces += [(first, *pair) for pair in pairwise(others)]
         except ValueError as error:
             raise ConfigError(
                 f"line {number} of the mesh must be `v x y z`, or `f i j k` with earlier "
@@ -117,6 +117,22 @@ def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, 
     if not faces:
         raise ConfigError("the mesh has no triangle: no line begins with f")
     return corners, faces
+
+
+def _vertex(values: Sequence[str]) -> tuple[float, ...]:
+    """Position of a vertex of a line v, m; raises `ValueError`."""
+    vertex = tuple(float(x) for x in values[:3])
+    if len(vertex) < 3 or not all(abs(x) <= _FARTHEST for x in vertex):
+        raise ValueError(values)
+    return vertex
+
+
+def _polygon(values: Sequence[str], vertices: int) -> list[int]:
+    """Indices from 0 of a line f, whose entries are i, i/t, i//n or i/t/n from 1; raises `ValueError`."""
+    indices = [int(value.partition("/")[0]) - 1 for value in values]
+    if len(indices) < 3 or not all(0 <= index < vertices for index in indices):
+        raise ValueError(values)
+    return indices
 
 
 def with_meshes(text: str, folder: Path) -> str:

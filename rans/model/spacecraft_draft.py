@@ -133,42 +133,14 @@ def commented(craft: Spacecraft, origin: str) -> str:
 
 
 def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
-    size = craft.dimension
+    """Lines of the file, each number with its unit and a place for its source."""
     yield f"# {origin}"
     yield "# G is any frame fixed to the body. Write the source of every number beside it, or that it is"
     yield "# estimated."
-    yield f"name = {json.dumps(craft.name, ensure_ascii=False)}"
-    where = "x, y and heading" if size == 2 else "position and attitude"
-    yield f"dimension = {size}          # {where}"
-    yield f"mass = {craft.mass!r}  # kg; source:"
-    if size == 2:
-        yield f"inertia = {craft.inertia[2][2]!r}  # kg m^2 about the centre of mass; source:"
-    else:
-        rows = ", ".join(str(list(row)) for row in craft.inertia)
-        yield f"inertia = [{rows}]  # kg m^2 about the centre of mass, axes of G; source:"
-    yield f"centre_of_mass = {list(craft.centre_of_mass)}  # m, in G; source:"
-    yield f"radius = {craft.radius!r}  # m, for drawings"
-    yield f'shape = "{craft.shape}"  # for drawings'
-    shared = "the open thrusters share the force of one"
-    alone = "every open thruster gives its full force"
-    yield (
-        f'thrust_sharing = "{craft.thrust_sharing}"  # '
-        f"{shared if craft.thrust_sharing == 'split' else alone}"
-    )
+    yield from _body_lines(craft)
     yield ""
     yield "[actuators]"
-    yield f'kind = "{craft.actuators.kind}"'
-    meanings = {
-        "counts": "steps into which valves divide a control period",
-        "least": "shortest pulse, counts"
-        if craft.actuators.kind == "pulsed"
-        else "least level, a share of full force",
-        "most": "largest level, a share of full force",
-        "always_lit": "whether engines cannot be shut",
-    }
-    for field in fields(craft.actuators):
-        value = json.dumps(getattr(craft.actuators, field.name))
-        yield f"{field.name} = {value}  # {meanings[field.name]}; source:"
+    yield from _actuator_lines(craft.actuators)
     if craft.propellant is not None:
         yield ""
         yield "[propellant]"
@@ -196,6 +168,45 @@ def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
             value = getattr(solid, field.name)
             if value:
                 yield f"{field.name} = {json.dumps(value, ensure_ascii=False)}"
+
+
+def _body_lines(craft: Spacecraft) -> Iterator[str]:
+    """Keys of the body: name, dimension, mass properties and what drawings need."""
+    size = craft.dimension
+    yield f"name = {json.dumps(craft.name, ensure_ascii=False)}"
+    where = "x, y and heading" if size == 2 else "position and attitude"
+    yield f"dimension = {size}          # {where}"
+    yield f"mass = {craft.mass!r}  # kg; source:"
+    if size == 2:
+        yield f"inertia = {craft.inertia[2][2]!r}  # kg m^2 about the centre of mass; source:"
+    else:
+        rows = ", ".join(str(list(row)) for row in craft.inertia)
+        yield f"inertia = [{rows}]  # kg m^2 about the centre of mass, axes of G; source:"
+    yield f"centre_of_mass = {list(craft.centre_of_mass)}  # m, in G; source:"
+    yield f"radius = {craft.radius!r}  # m, for drawings"
+    yield f'shape = "{craft.shape}"  # for drawings'
+    sharing = (
+        "the open thrusters share the force of one"
+        if craft.thrust_sharing == "split"
+        else "every open thruster gives its full force"
+    )
+    yield f'thrust_sharing = "{craft.thrust_sharing}"  # {sharing}'
+
+
+def _actuator_lines(actuators: Actuators) -> Iterator[str]:
+    """Keys of the actuators: their kind and its numbers."""
+    meanings = {
+        "counts": "steps into which valves divide a control period",
+        "least": "shortest pulse, counts"
+        if actuators.kind == "pulsed"
+        else "least level, a share of full force",
+        "most": "largest level, a share of full force",
+        "always_lit": "whether engines cannot be shut",
+    }
+    yield f'kind = "{actuators.kind}"'
+    for field in fields(actuators):
+        value = json.dumps(getattr(actuators, field.name))
+        yield f"{field.name} = {value}  # {meanings[field.name]}; source:"
 
 
 def _triple(values: Sequence[float]) -> tuple[float, float, float]:

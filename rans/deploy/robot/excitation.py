@@ -93,6 +93,7 @@ def write_excitation(
     if folder.exists():
         raise ConfigError(f"{folder} exists already: name another one with --output.")
     ready_folder(folder)
+    # agent.npz and agent.py: the craft's numbers, and the source of the law that reads them.
     turns = 1 if craft.dimension == 2 else 3
     tables: dict[str, Any] = {
         "wrenches": np.array(craft.wrench_map),
@@ -112,6 +113,7 @@ def write_excitation(
     )
     write_text(folder / "agent.py", title + source + _AGENT)
     write_text(folder / "spacecraft.toml", to_toml(craft))
+    # The files that every exported agent has.
     about = {
         "format": 3,
         "agent": folder.name,

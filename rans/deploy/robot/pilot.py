@@ -201,6 +201,7 @@ class MessagePilot:
     """
 
     def __init__(self, plan: Plan, task: Task) -> None:
+        # The agent, its craft and its contract, and how messages of this robot become states.
         self.plan = plan
         folder = Path(plan.folder)
         self.contract = read_contract(folder, for_flight=True)
@@ -212,6 +213,7 @@ class MessagePilot:
             plan.robot, self.craft.command_count, self.craft.thruster_count
         )
         self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
+        # The goal, and what filters commands and readings.
         self._task = _with_trade_off(task, plan.trade_off)
         self._goal = _goal(self.craft, self._task, plan)
         self._goal_came: int | None = None
@@ -227,6 +229,7 @@ class MessagePilot:
         self._limits = command_bounds(self.craft)
         self._hash = craft_hash(self.craft)
         self._validator = Validator(self.craft.dimension == 2, self.oldest)
+        # What has come, and what was wrong with it.
         self._reading: dict[str, np.ndarray] = {}
         self._parts = {topic: _Part() for topic in self.interface.inputs}
         self._began: int | None = None
@@ -303,6 +306,7 @@ class MessagePilot:
 
     def decide(self, now: int) -> Decision:
         """The command of the control period that begins at a time, ns."""
+        # Without a state, or after a fault, all valves are shut.
         self._began = now if self._began is None else self._began
         shut = np.zeros(self.craft.command_count)
         troubles, self._troubles = self._troubles, {}
@@ -317,6 +321,7 @@ class MessagePilot:
         if self._resting:
             self.agent.reset()
             self._resting = False
+        # The agent's command for the goal as it is now.
         state = self._state()
         since = self._began if self._goal_came is None else self._goal_came
         goal = self._task.later(self._goal, (now - since) * 1e-9)
@@ -329,6 +334,7 @@ class MessagePilot:
         note = " ".join(troubles.values()) or self.agent.note
         if self._world is None:
             return Decision(given, note)
+        # The safety filter has the last word.
         guard = self._world.setup.guard
         assert guard is not None
         wanted = tuple(given.tolist())
@@ -353,6 +359,7 @@ class MessagePilot:
 
         A state is as old as the oldest of its parts, each of which has a topic.
         """
+        # Ages, s; of a part that never came, since the begin.
         ages = {
             topic: (now - (began if part.moment is None else part.moment)) * 1e-9
             for topic, part in self._parts.items()
@@ -365,6 +372,7 @@ class MessagePilot:
             if age > self.plan.wait:
                 return f"no state came on {on} for {age:.2f} s{causes}", True
             return f"waiting for a state on {on}{causes}", False
+        # Parts that are older than the contract allows: wait, or give the robot up.
         stale = [topic for topic in ages if ages[topic] > self.oldest + 1e-9]
         if stale:
             on = " and ".join(stale)
@@ -375,6 +383,7 @@ class MessagePilot:
                 f"the state on {on} is {age:.2f} s old, more than the {self.oldest:g} s of the contract{causes}",
                 False,
             )
+        # Parts that come too seldom, in the median.
         for topic, part in self._parts.items():
             usual = median(part.intervals) if len(part.intervals) == _SPREAD else 0.0
             if usual > 1.5 * self.period:

@@ -279,6 +279,7 @@ class _Clock:
             return self._begin(stamp, now)
         if stamp == self._newest:
             return MessageVerdict(None)
+        # The least difference of both clocks is that of the fastest message; clocks drift apart in time.
         difference = now - stamp
         least = self._difference + round(_DRIFT * (now - self._came))
         back = (self._newest - stamp) * 1e-9
@@ -294,6 +295,7 @@ class _Clock:
             return self._begin(stamp, now)._replace(
                 note=f"its clock was set: time stamps are {by}, and velocities begin anew"
             )
+        # Both clocks go on: what remains is the order and the delay of messages.
         self._step.clear()
         if back > 0.0:
             raise ValueError(f"a message is {back:.3f} s older than the newest: dropped")
@@ -309,6 +311,7 @@ class _Clock:
         return MessageVerdict(stamp + self._difference)
 
     def _begin(self, stamp: int, now: int) -> MessageVerdict:
+        """The first message of a clock counts as measured when it came."""
         self._newest = stamp
         self._came = now
         self._difference = now - stamp

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,46 +48,61 @@ class FlightsFile:
     def __init__(self, file: str | Path, setup: Setup) -> None:
         self.name = Path(file).name
         self._setup = setup
-        craft, period = setup.craft, setup.timing.control_period
+        self._step = 0
+        craft, timing = setup.craft, setup.timing
+        # Header: what the rows hold.
         rows = list(csv.reader(io.StringIO(read_text(Path(file), _LARGEST, "the flights "))))
         if not rows:
             raise ConfigError(f"{file} is empty; it begins with a header such as start,time,dv.x.")
         header = [cell.strip() for cell in rows[0]]
-        self._axes = [f"dv.{axis}" for axis in "xyz"[: craft.dimension]]
+        axes = [f"dv.{axis}" for axis in "xyz"[: craft.dimension]]
         commands = [f"command.{k}" for k in range(craft.command_count)]
-        self._changes = set(self._axes) <= set(header)
-        wanted = ["start", "time", *(self._axes if self._changes else commands)]
-        if missing := [name for name in wanted if name not in header]:
+        holds_changes = set(axes) <= set(header)
+        columns = ["start", "time", *(axes if holds_changes else commands)]
+        if missing := [name for name in columns if name not in header]:
             raise ConfigError(
                 f"{file} has no column {missing[0]}; it needs start and time, and either "
-                f"{commands[0]} to {commands[-1]} or {', '.join(self._axes)}."
+                f"{commands[0]} to {commands[-1]} or {', '.join(axes)}."
             )
-        flights: dict[int, dict[int, np.ndarray]] = {}
-        for line, row in enumerate(rows[1:], start=2):
-            if any(map(str.strip, row)):
-                where = f"{file}, line {line}"
-                start, step, values = self._row(where, dict(zip(header, row, strict=False)), wanted)
-                if values is None:
-                    flights.setdefault(start, {})
-                    continue
-                if step in flights.setdefault(start, {}):
-                    raise ConfigError(
-                        f"{where}: start {start} has two rows for {step * period:g} s."
-                    )
-                flights[start][step] = values
+        # Flights: values by start and control period; a period without a row is a coast.
+        flights = self._flights(file, header, columns, rows[1:])
         numbers = sorted(flights)
         if numbers != list(range(len(numbers))) or not numbers:
             raise ConfigError(
                 f"{file} must have flights of the starts 0, 1, 2 and so on without a gap, got "
                 f"{', '.join(map(str, numbers[:5])) or 'none'}."
             )
-        self._given = np.zeros((setup.timing.episode_steps, len(numbers), len(wanted) - 2))
+        self._given = np.zeros((timing.episode_steps, len(numbers), len(columns) - 2))
         for start, steps in flights.items():
             for step, values in steps.items():
                 self._given[step, start] = values
-        self._levers = np.array(per_velocity(craft, period)) if self._changes else None
-        self._step = 0
+        self._levers = (
+            np.array(per_velocity(craft, timing.control_period)) if holds_changes else None
+        )
         self._check()
+
+    def _flights(
+        self,
+        file: str | Path,
+        header: Sequence[str],
+        columns: Sequence[str],
+        rows: Iterable[Sequence[str]],
+    ) -> dict[int, dict[int, np.ndarray]]:
+        """Commands or changes of velocity by the number of the start and of the control period."""
+        flights: dict[int, dict[int, np.ndarray]] = {}
+        for line, row in enumerate(rows, start=2):
+            if not any(map(str.strip, row)):
+                continue
+            where = f"{file}, line {line}"
+            start, step, values = self._row(where, dict(zip(header, row, strict=False)), columns)
+            steps = flights.setdefault(start, {})
+            if values is None:
+                continue
+            if step in steps:
+                time = step * self._setup.timing.control_period
+                raise ConfigError(f"{where}: start {start} has two rows for {time:g} s.")
+            steps[step] = values
+        return flights
 
     @property
     def starts(self) -> int:
@@ -120,7 +135,7 @@ class FlightsFile:
         return np.clip(in_body @ self._levers.T, 0.0, 1.0)
 
     def _row(
-        self, where: str, cells: Mapping[str, str], wanted: Sequence[str]
+        self, where: str, cells: Mapping[str, str], columns: Sequence[str]
     ) -> tuple[int, int, np.ndarray | None]:
         """Number of the start, control period, and commands or changes of velocity of a row; None: a coast."""
         start = _number(where, "start", cells.get("start", ""))
@@ -129,10 +144,10 @@ class FlightsFile:
         step = round(time / timing.control_period)
         if start < 0 or start != round(start):
             raise ConfigError(f"{where}: start must be a whole number >= 0, got {start:g}.")
-        texts = [cells.get(name, "").strip() for name in wanted[2:]]
+        texts = [cells.get(name, "").strip() for name in columns[2:]]
         values = None
         if any(texts):
-            pairs = zip(wanted[2:], texts, strict=True)
+            pairs = zip(columns[2:], texts, strict=True)
             values = np.array([_number(where, name, text) for name, text in pairs])
         if abs(time / timing.control_period - step) > _ROUNDING:
             raise ConfigError(

@@ -58,6 +58,7 @@ def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[s
 
 def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str]) -> None:
     """Histograms of all contestants, each at its own values; the highest bar of a panel fills its row."""
+    # Equal bins up to the largest ratio, and one beyond for starts that never arrive.
     finite = np.concatenate([r[np.isfinite(r)] for r in ratios.values()])
     top = max(1.2, 1.02 * float(finite.max(initial=1.0)))
     edges = np.linspace(1.0, top, 21)
@@ -68,6 +69,7 @@ def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str])
         name: np.histogram(np.where(np.isfinite(r), r, never), bins)[0]
         for name, r in ratios.items()
     }
+    # A row of bars a contestant, from the top to the bottom.
     highest = max(1, *(count.max() for count in counts.values()))
     for k, name in enumerate(names):
         if name in counts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -125,57 +125,31 @@ def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Ent
     Those among the entries of the comparison have their colours.
     """
     styles = {entry.name: series_style(k) for k, entry in enumerate(entries)}
-    further = len(styles)
 
     def style(names: Sequence[str]) -> tuple[str, str]:
-        nonlocal further
+        """Colour and marker of the first of these names that has one, else the next new ones."""
         for name in names:
             if name in styles:
                 return styles[name]
-        further += 1
-        return series_style(further - 1)
+        styles[names[0]] = series_style(len(styles))
+        return styles[names[0]]
 
+    # From the back to the front: bounds, a curve of weights, trade-offs of agents, and all others.
     series = []
     shaded = []
     if bounds := front.front():
         least = bounds[Event()]
         starts = f"mean of {counted(len(front.starts()), 'start')}"
         shaded.append((0.0, least, f"provably impossible: {starts} is at least {least:.2f} s"))
-        series.append(
-            Series(
-                f"certified least impulse at this time from each start, {starts}",
-                [
-                    Mark(
-                        event.horizon,
-                        y,
-                        f"certified least impulse by {event.horizon:.3g} s: {y:.3g} N s",
-                    )
-                    for event, y in bounds.items()
-                    if event.horizon is not None
-                ],
-                INK,
-                "_",
-                "dotted",
-            )
-        )
+        series.append(_bounds(bounds, starts))
     if curve:
         name = f"LQR, {counted(len(curve), 'weight')}"
         series.append(Series(name, [*map(_placed, curve)], GREY, ".", "solid"))
-    lines = front.lines()
-    for agent, line in lines.items():
+    for agent, line in front.lines().items():
         colour, marker = style([entry.name for entry in line])
         name = f"{agent}, trade-off at {counted(len(line), 'position')}"
         series.append(Series(name, [*map(_placed, line)], colour, marker, "solid"))
-        multiples = [(entry, own) for entry in line if (own := front.multiple(entry))]
-        marks = [
-            Mark(
-                own.time,
-                own.bound,
-                f"certified least impulse when {entry.name} was there: {own.bound:.3g} N s",
-            )
-            for entry, own in multiples
-        ]
-        if marks:
+        if marks := _bounds_of_line(front, line):
             name = f"certified least impulse when {agent} was there, from each start"
             series.append(Series(name, marks, colour, "x"))
     for rival in front.others():
@@ -193,6 +167,34 @@ def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Ent
         shaded,
         logarithmic=True,
     )
+
+
+def _bounds(bounds: Mapping[Event, float], starts: str) -> Series:
+    """The certified front; only events with a time have a place on it."""
+    marks = [
+        Mark(
+            event.horizon,
+            impulse,
+            f"certified least impulse by {event.horizon:.3g} s: {impulse:.3g} N s",
+        )
+        for event, impulse in bounds.items()
+        if event.horizon is not None
+    ]
+    name = f"certified least impulse at this time from each start, {starts}"
+    return Series(name, marks, INK, "_", "dotted")
+
+
+def _bounds_of_line(front: Front, line: Sequence[Entry]) -> list[Mark]:
+    """The least impulse at the time at which each position of an agent's trade-off was there, where certified."""
+    multiples = [(entry, own) for entry in line if (own := front.multiple(entry))]
+    return [
+        Mark(
+            own.time,
+            own.bound,
+            f"certified least impulse when {entry.name} was there: {own.bound:.3g} N s",
+        )
+        for entry, own in multiples
+    ]
 
 
 def _placed(entry: Entry) -> Mark:

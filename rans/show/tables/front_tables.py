@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rans.errors import counted
@@ -48,28 +48,28 @@ def front_table(front: Front) -> tuple[list[str], list[list[str]]]:
 def sentences(front: Front) -> Iterator[str]:
     """Sentences about dominance, and about the ratio of each line to the bounds."""
     for agent, line in front.lines().items():
+        # Each rival outside of the line.
         for rival in front.others():
             verdict = front.verdict(line, rival)
             does = "dominates" if verdict.dominates else "does not dominate"
-            sure = (
-                f" (in {100.0 * front.chance(line, rival):.3g} % of resamplings)"
-                if verdict.dominates
-                else ""
-            )
-            yield f"{agent} {does} {rival.name}{sure}: {_reason(verdict, point(rival), *_error(front))}."
+            sure = ""
+            if verdict.dominates:
+                sure = f" (in {100.0 * front.chance(line, rival):.3g} % of resamplings)"
+            reason = _reason(verdict, point(rival), *_error(front))
+            yield f"{agent} {does} {rival.name}{sure}: {reason}."
+        # The certified front, where it has bounds for positions of the line.
         over = {entry.contestant.trade_off: own for entry in line if (own := front.multiple(entry))}
-        for says, name in (
-            (
-                "is behind the nearest point of the certified front, in time and impulse at once, by factors of",
-                "behind",
-            ),
-            ("spends, in multiples of the certified least impulse for its own times,", "episode"),
-        ):
-            if over:
-                factors = ", ".join(
-                    f"{getattr(own, name):.2f} at {trade_off:g}" for trade_off, own in over.items()
-                )
-                yield f"{agent} {says} {factors}."
+        if over:
+            behind = _factors({position: own.behind for position, own in over.items()})
+            yield (
+                f"{agent} is behind the nearest point of the certified front, in time and impulse at once, by "
+                f"factors of {behind}."
+            )
+            episode = _factors({position: own.episode for position, own in over.items()})
+            yield (
+                f"{agent} spends, in multiples of the certified least impulse for its own times, {episode}."
+            )
+    # The front as a whole.
     sets = {**front.lines(), "Everybody together": front.entries}
     for name, entries in sets.items():
         if result := front.indicators(entries):
@@ -78,6 +78,11 @@ def sentences(front: Front) -> Iterator[str]:
                 f"epsilon indicator {result.epsilon:.3g} (median), {100.0 * result.hypervolume:.3g} % of its "
                 f"hypervolume (mean), {counted(result.starts, 'start')}."
             )
+
+
+def _factors(by_position: Mapping[Any, float]) -> str:
+    """Factors at the positions of a trade-off."""
+    return ", ".join(f"{factor:.2f} at {position:g}" for position, factor in by_position.items())
 
 
 def _reason(verdict: Verdict, rival: Point, quantity: str, factor: float, unit: str) -> str:
