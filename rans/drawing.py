@@ -89,16 +89,18 @@ class Scene:
             command: commands from 0 (shut) to 1 (open), which are the lengths of the flames.
             trail: earlier positions in W, (K, 2 or 3), m.
         """
+        # What is drawn, all of which is in the picture: trail, craft, goal and tips of velocities.
         position = columns(state.p)
         goal_position = columns(goal.p)
         turn = rotations(state)
-        wanted_turn = rotations(goal)
+        goal_turn = rotations(goal)
         toleranced = self.task.task_of(goal).tolerances()
         path = [np.resize([*point, 0.0], 3) for point in trail] + [position]
         target = goal_position if "position" in toleranced else path[0]
         arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in toleranced else ()
         tips = [(position + _SECONDS * columns(velocity), colour) for velocity, colour in arrows]
         self._look_at([*path, target, *(tip for tip, _ in tips)])
+        # From the back to the front, several times too large, then reduced: smooth edges.
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
         self._pen = ImageDraw.Draw(image)
         self._draw_grid(target)
@@ -110,7 +112,7 @@ class Scene:
         if self.craft.dimension == 3:
             self._line([position, np.array([position[0], position[1], target[2]])], _SHADOW, 1.0)
         self._draw_craft(position, turn, np.asarray(command, dtype=float))
-        self._draw_goal(target if "position" in toleranced else position, wanted_turn, toleranced)
+        self._draw_goal(target if "position" in toleranced else position, goal_turn, toleranced)
         for tip, colour in tips:
             self._arrow(position, tip, colour)
         return np.asarray(image.reduce(_SMOOTHING))

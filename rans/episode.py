@@ -257,6 +257,7 @@ class World:
         Raises:
             ConfigError: there are conditions and no ``draws``.
         """
+        # As if the craft had been at the start for ever, with all valves shut.
         still = (0,) * self.craft.command_count
         if self.craft.stores and not start.stores:
             start = replace(start, stores=tuple(store.initial for store in self.craft.stores))
@@ -272,6 +273,7 @@ class World:
             ),
             draws,
         )
+        # Sensors that repeat readings need a first one.
         sensors = None if new.parameters is None else new.parameters.sensors
         if sensors is None or not sensors.repeats:
             return new

@@ -144,6 +144,7 @@ class FlightStatistics:
         steps = world.timing.episode_steps
         (failure, settles, settled) = outcome
         failed = np.flatnonzero(failure)[:listed]
+        # Open thrusters are summed over the last fifth of an episode: over its slots they are a duty cycle.
         slots = last_fifth(steps) * world.craft.thruster_count
         values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
         return cls(

@@ -99,6 +99,7 @@ class Terminal(Console):
             shorter: shorter cells of each row; None: there are none.
             caption: sentence below a table with shorter cells.
         """
+        # Shorter cells and broken headings, where the table does not fit.
         texts = _texts(rows)
         note = ""
         if len(_fitting(columns, texts, self.width)) > 1:
@@ -115,6 +116,7 @@ class Terminal(Console):
                     for k, name in enumerate(columns[1:], 1)
                 ),
             ]
+        # As many tables as it takes.
         groups = _fitting(columns, texts, self.width)
         for number, some in enumerate(groups):
             cells = [[row[0], *(row[k] for k in some)] for row in texts]

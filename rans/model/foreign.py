@@ -296,6 +296,7 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
         raise ConfigError(f"a URDF's root is <robot>, got <{brief(root.tag)[1:-1]}>.")
     if any("xacro" in str(element.tag) for element in root.iter()):
         raise ConfigError(f"it is a xacro file: run `xacro {name} > robot.urdf` first.")
+    # Links, and of each child the parent and the pose in its frame.
     links = _distinct(root, "link", _urdf_link)
     joints = {}
     for joint in root.findall("joint"):
@@ -315,6 +316,7 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
     roots = [link for link in links if link not in joints]
     if len(roots) != 1:
         raise ConfigError(f"it must have one root link, got {brief(roots)}.")
+    # Poses in the frame of the root, parents before children.
     poses = {roots[0]: _AT_ORIGIN}
     waiting = dict(joints)
     while waiting:

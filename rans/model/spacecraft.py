@@ -518,6 +518,7 @@ def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
 
 
 def _check_wheels(craft: Spacecraft) -> None:
+    """Refuse wheels whose numbers are out of range, or that do not turn a planar craft in its plane."""
     _require(
         len(craft.wheels) <= MOST_WHEELS,
         craft,
@@ -537,6 +538,7 @@ def _check_wheels(craft: Spacecraft) -> None:
             wheel.axis,
             f"a unit vector (its length is {length:.4g}; a zero axis has none)",
         )
+        # Limits of its motor, its store and its inertia.
         for name, unit in (
             ("max_torque", "N m"),
             ("max_momentum", "N m s"),

@@ -58,6 +58,7 @@ class Timing:
                 f"control_period must be from {_SHORTEST:g} to {_LONGEST:g} s, got {period:g} s; the usual cause "
                 "is a period in other units, or a rate in its place."
             )
+        # Counts, and the largest of each.
         for key in ("substeps", "episode_steps", "checks"):
             value = getattr(self, key)
             if value is None and key == "substeps":

@@ -256,6 +256,7 @@ class Plant:
             ConfigError: the duration is not above 0, or the drift is of another orbit than the plant's.
         """
         positive("the duration of a period in Drake, s,", duration)
+        # State, motors of wheels and disturbances at the start of the period.
         nozzles = nozzles or self._nozzles
         states = self._with_stores(states)
         self._set(states, commands, duration)
@@ -264,6 +265,7 @@ class Plant:
         self._set_anomalies(drift)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
+        # Segments of constant thrust, at whose ends Drake stops, as it does at every check.
         commanded = [command[:, self.craft.thruster_commands] for command in (commands, *earlier)]
         results = []
         segments = nozzles.segments(self.craft.actuators, commanded, duration, failure)

@@ -41,13 +41,16 @@ def _checked(found: Any) -> type[Any]:
         raise ConfigError(
             f"{found.__name__} has no {', '.join(missing)}, which every task must have."
         )
-    bare = [
+    without_default = [
         field.name
         for field in dataclasses.fields(found)
         if field.default is field.default_factory is dataclasses.MISSING
     ]
-    if bare:
-        raise ConfigError(f"the settings {', '.join(bare)} of {found.__name__} have no defaults.")
+    if without_default:
+        raise ConfigError(
+            f"the settings {', '.join(without_default)} of {found.__name__} have no defaults."
+        )
+    # Quantities of which a single task measures errors; a multi-task has those of its parts.
     if issubclass(found, SingleTask):
         task = found()
         quantities = task.tolerances().keys()

@@ -35,11 +35,11 @@ class CpuActorCritic:
     """Log-odds and values of a network of one member, on/off thrusters and shared layers without memory.
 
     Args:
-        given: its architecture.
+        architecture: its architecture.
         tensors: its weights and statistics, which may change.
 
     Raises:
-        Untraceable: looking takes more than arithmetic.
+        Untraceable: the features take more than arithmetic.
     """
 
     capabilities: ClassVar[Capabilities] = Capabilities(
@@ -48,6 +48,7 @@ class CpuActorCritic:
 
     def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor]) -> None:
         self._architecture = architecture
+        # Statistics, heads and layers, which stay views of the tensors.
         tables = {name: x.detach().numpy() for name, x in tensors.items()}
         self._mean, self._variance = (tables[EXTRACTOR + name] for name in ("mean", "variance"))
         self._heads = [
@@ -59,32 +60,35 @@ class CpuActorCritic:
             for i in range(len(architecture.layers))
             for kind in ("weight", "bias")
         ]
+        # The policy's program as symbols: features of an observation, and log-odds of the layers' outputs.
         self._observed = inputs("observed", architecture.layout.width)
         values, (stage,) = symbols(
             policy_program(architecture), {"observation": self._observed}, ["shown", "placed_0"]
         )
-        self._shown = values["shown"]
-        self._placed = values["placed_0"]
-        """Log-odds, of thrusters where the spacecraft has them, from outputs of the layers."""
+        self._features = values["shown"]
+        self._log_odds = values["placed_0"]
+        """In the order of the spacecraft's thrusters."""
         self._outputs = stage.outputs
         self._sizes = [architecture.inputs, *architecture.layers, architecture.thrusters + 1]
         used = {
-            symbol.operation for symbol in ordered([*self._shown, *self._placed]) if symbol.args
+            symbol.operation
+            for symbol in ordered([*self._features, *self._log_odds])
+            if symbol.args
         }
         if unknown := used - OPERATIONS.keys():
             raise Untraceable(f"the policy takes {', '.join(unknown)} of its columns.")
 
     @cached_property
     def _run(self) -> Callable[..., None]:
-        """Not every network that may look does."""
+        """Machine code of the forward pass, written when it is first called."""
         architecture = self._architecture
         arrays = 4 + 2 * len(self._sizes[1:])
         # The same operations on the same fields are the same symbols.
         alike = (
             *self._sizes,
             architecture.activation,
-            *self._shown,
-            *self._placed,
+            *self._features,
+            *self._log_odds,
         )
         return shared("look", alike, (LONG, LONG, *(POINTER,) * arrays), self._write)
 
@@ -125,6 +129,18 @@ class CpuActorCritic:
         out: Value,
         *weights: Value,
     ) -> None:
+        """Write the forward pass of all tiles of observations.
+
+        Args:
+            code: to write into.
+            stride: length of a row of observations and of results, in numbers.
+            tiles: number of tiles of `WIDTH` observations.
+            observation: (columns, stride).
+            normal: mean, scale and zoomed scale of the columns.
+            scratch: rows of features and of all layers, for one tile.
+            out: (log-odds and value, stride).
+            *weights: weight and bias of each layer, those of both heads joined last.
+        """
         architecture = self._architecture
         sizes = self._sizes
         width = LONG(WIDTH)
@@ -134,9 +150,9 @@ class CpuActorCritic:
             first = code.mul(number, width)
             offsets = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
             # Features of the tile, from observations, into the first rows of the scratch memory.
-            vectors = [self._known(code, observation, stride, offset, normal) for offset in offsets]
+            vectors = [self._read(code, observation, stride, offset, normal) for offset in offsets]
             for v, values in enumerate(vectors):
-                for i, symbol in enumerate(self._shown):
+                for i, symbol in enumerate(self._features):
                     (value,) = code.extended([symbol], values)
                     code.write(value, scratch, i * WIDTH + v * LANES)
             # Layers of actor and critic, each behind the rows of the one before.
@@ -160,13 +176,13 @@ class CpuActorCritic:
                     code.read(scratch, starts[-1] + i * WIDTH + v * LANES) for i in range(sizes[-1])
                 ]
                 values |= dict(zip(self._outputs, rows, strict=True))
-                for i, value in enumerate([*code.extended(self._placed, values), worth]):
+                for i, value in enumerate([*code.extended(self._log_odds, values), worth]):
                     code.write(value, out, code.add(code.mul(LONG(i), stride), offset))
             return []
 
         code.repeat(tiles, [], tile)
 
-    def _known(
+    def _read(
         self, code: Code, observation: Value, stride: Value, offset: Value, normal: Value
     ) -> dict[Symbol, Value]:
         """Vectors of what is observed, and of the statistics that it is normalised by."""

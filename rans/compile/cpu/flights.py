@@ -23,7 +23,7 @@ class CpuFlights:
 
     Args:
         world: in float32; its task's settings are numbers.
-        program: theirs, with the policy's tables in it.
+        program: traced program of these flights, with the policy's tables in it.
         tables: the policy's parameters (`rans.policy.traced.parameters`).
     """
 
@@ -36,6 +36,7 @@ class CpuFlights:
         self._world = world
         self._program = program
         self._own = threading.local()
+        # Inputs: random seed, variables of the flights, commands of the policy, and outputs of its layers.
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
         variables = (*program.carried, *program.policy.history)
         symbols = [variable.symbol for variable in variables]
@@ -43,11 +44,12 @@ class CpuFlights:
             variable for variable in variables if variable.next is not variable.symbol
         ]
         self._carried = set(symbols)
-        self._told = [Symbol.input(f"command_{i}") for i in range(world.craft.command_count)]
-        self._begin = CompiledProgram(words, [variable.initial for variable in variables])
+        self._commands = [Symbol.input(f"command_{i}") for i in range(world.craft.command_count)]
         outputs = [symbol for stage in program.policy.stages for symbol in stage.outputs]
+        # Programs: first values; a step, in parts between which the layers run; and the verdict.
+        self._begin = CompiledProgram(words, [variable.initial for variable in variables])
         self._step = CompiledProgram(
-            [*words, *symbols, *self._told, *outputs],
+            [*words, *symbols, *self._commands, *outputs],
             *(stage.inputs for stage in program.policy.stages),
             program.policy.commands,
             [variable.next for variable in self._changing],
@@ -69,13 +71,15 @@ class CpuFlights:
             begun = begin.run(0)
             step.give((*seed_words(seed), numbers, *begun))
             for _ in range(self._world.timing.episode_steps):
+                # The policy: inputs of each stage, then its layers; then commands from the last outputs.
                 for part, (stage, layers, memory) in enumerate(stages):
                     answers = layers(step.run(part), memory)
                     for symbol, answer in zip(stage.outputs, answers, strict=True):
                         step.put(symbol, answer)
-                for symbol, command in zip(self._told, step.run(len(stages)), strict=True):
+                for symbol, command in zip(self._commands, step.run(len(stages)), strict=True):
                     step.put(symbol, command)
-                # What becomes another, as the last command the last but one, would be overwritten before.
+                # The motion. A value that becomes another variable's, as the last command becomes the last but one,
+                # is copied before it is overwritten.
                 after = [
                     np.copy(x) if variable.next in self._carried else x
                     for variable, x in zip(self._changing, step.run(len(stages) + 1), strict=True)

@@ -361,6 +361,7 @@ def _check_trajectories(
 
     Commands of starts without a trajectory are NaN.
     """
+    # Shapes, by the number of starts and what the craft and the task have.
     file = folder / "optimal.npz"
     count = len(commands) if commands.ndim == 3 else -1
     shapes = {
@@ -375,6 +376,7 @@ def _check_trajectories(
                 f"{file} is of another task or spacecraft than its folder names, or damaged: its array {name} has "
                 f"the shape {array.shape}."
             )
+    # Numbers of the starts with a trajectory.
     planned = np.isfinite(commands).all((1, 2))
     low, high = -_ROUNDING, 1.0 + _ROUNDING
     if not ((commands[planned] >= low) & (commands[planned] <= high)).all():

@@ -211,6 +211,7 @@ class Comparison(NotebookRepr):
 
         The bounds take about ``seconds``; see `certify_front`.
         """
+        # Flights of the other positions.
         front = Front(self.contest, self.horizons(_FRONT), [*self.entries])
         self.front = front
         for spec, contestant in between.items():
@@ -218,6 +219,7 @@ class Comparison(NotebookRepr):
                 front.entries.append(_entry(self, contestant, stages, workers))
         if not front.lines():
             self.notes.append("Nobody has a trade-off: the front has points, but no line.")
+        # Bounds, where the task and the spacecraft have any.
         if reason := _nothing_claimed(self.contest) or _uncertified(self.contest):
             self.notes += [] if reason in self.notes else [reason]
             return

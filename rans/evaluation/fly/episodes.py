@@ -59,6 +59,7 @@ def fly_episodes(
     Raises:
         RansError: Drake refuses the mass properties, or a process died.
     """
+    # Parts of the episodes; flights are the same however they are divided.
     slow = getattr(controller, "slow", False)
     episodes_in_part = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
     if getattr(controller, "together", False):
@@ -74,6 +75,7 @@ def fly_episodes(
         1 if len(jobs) == 1 else workers,
         f"flew {controller.name}",
     )
+    # Parts may end in any order.
     parts: dict[int, Flown] = {}
     for number, part in pool.finished(_Flyer.fly, jobs):
         parts[number] = part

@@ -269,6 +269,7 @@ def fly_path(
         ConfigError: the tracker does not track velocities or not such fast ones, or the path leaves the plane of a
             planar craft.
     """
+    # What the tracker must be, and be able to do.
     speeds: Any = getattr(task, "target_speed", None)
     if "track-velocity" in task.parts():
         raise ConfigError(
@@ -291,6 +292,7 @@ def fly_path(
         )
     if planner.path.dimension < craft.dimension:
         planner = replace(planner, path=planner.path.in_space())
+    # A time in which every flight reaches the end of the path.
     seconds = _PATIENCE * planner.end * SPACING / planner.speed + _GRACE
     if (steps := math.ceil(seconds / timing.control_period)) > MOST_STEPS:
         raise ConfigError(

@@ -252,6 +252,7 @@ def _held(flight: Flight) -> Iterator[Sample]:
 
 
 def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:
+    """Metrics of the errors (T + 1, N) of a quantity."""
     declared = QUANTITIES[quantity]
     factor, unit = declared.display
     after = error[1:]
@@ -273,6 +274,7 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
         unit,
         factor * last_fifth_of(error).mean(axis=0),
     )
+    # Of a task that follows a velocity, without the time in which craft get up to speed.
     tracked = flight.times > _TRANSIENT
     if "position" not in flight.errors() and tracked.any():
         yield Sample(

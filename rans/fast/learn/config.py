@@ -289,6 +289,7 @@ class PPOSettings:
     """Distribution of the commands before the first update."""
 
     def __post_init__(self) -> None:
+        # Sizes of a rollout and of its batches.
         require_bounds(
             self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs"
         )
@@ -299,6 +300,7 @@ class PPOSettings:
                 f"{self.n_envs:,} x {self.n_steps:,}: a rollout would need about "
                 f"{self.n_envs * self.n_steps * 200e-9:,.0f} GB of memory."
             )
+        # Numbers of the algorithm.
         require_bounds(
             self,
             "finite and > 0",
@@ -312,6 +314,7 @@ class PPOSettings:
             self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom"
         )
         require_bounds(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
+        # The network: names first, then sizes, then what does not go together.
         for name, kind in (
             ("activation", Activation),
             ("head", Head),

@@ -152,6 +152,7 @@ class Curriculum:
         device: Any = None,
         each: int = 1,
     ) -> None:
+        # Arrays of the settings that move, with their values before the first step.
         self._moving: list[tuple[Ramp, list[Range], list[Any]]] = []
         memory = dict[str, Any]()
         ends = [_numbers_of(task) for task in tasks]
@@ -164,6 +165,7 @@ class Curriculum:
             self._moving.append((ramp, targets, numbers))
             memory |= zip(_places(ramp.setting, ends[0]), numbers, strict=True)
 
+        # All other settings are numbers where members agree, and arrays where they differ.
         def number(name: str, *values: Any) -> Any:
             if name in memory:
                 return memory[name]

@@ -364,6 +364,7 @@ class MatrixGradient(FusedGradient):
         """
         coefficients = self._coefficients
         thrusters = action.shape[1]
+        # Outputs: log-odds of the thrusters, then the value; the rest is padding.
         result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + bias
         logit = result[:, :thrusters]
         parts = opening_term(logit, action)
@@ -377,6 +378,7 @@ class MatrixGradient(FusedGradient):
             coefficients.clip_range,
             coefficients.vf_coef,
         )
+        # Their gradients, padded likewise.
         d_logits = d_logit(
             logit, action, parts.opening, losses.d_log_prob[:, None], coefficients.ent_coef
         )

@@ -110,6 +110,7 @@ def begin(
         check_sizes(engine, entry, len(settings))
     architecture = architecture_of(engine, settings[0])
     set_precision(settings[0].matmul, engine.device)
+    # Weights of every member, as one network, and the random numbers that go on from there.
     tables, generators = zip(
         *(
             architecture.initial(
@@ -121,6 +122,7 @@ def begin(
     )
     preprocessor = TorchPreprocessor if plain else compiled_preprocessor
     network = Network.stacked(architecture, tables, engine.device, engine.dtype, preprocessor)
+    # Episodes at random times, so that they do not end all at once.
     engine.stagger(*generators)
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])

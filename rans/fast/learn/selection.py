@@ -47,6 +47,7 @@ class Selection:
         members = len(tasks)
         judged = [task.parts() for task in tasks]
 
+        # An engine a task: the evaluation's starts of every member, one group of episodes behind the other.
         def engine(name: str) -> Engine:
             fixed = [each[name].for_evaluation() for each in judged]
             task = Curriculum(fixed, (), field_dtype(device, plain=plain), device, EPISODES).task

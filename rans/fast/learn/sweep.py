@@ -57,6 +57,7 @@ class Sweep:
         self.processes = processes
         self.members = [Member(config) for config in configs]
         self._parts = parts or processes.size
+        # Members of equal structure train together, in as many parts as processes.
         whole = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
         for batch in whole:
             checked_architecture(configs[batch[0]])
@@ -69,6 +70,7 @@ class Sweep:
         self.seconds = 0.0
         self.timed_steps = 0
         """Environment steps of all members within ``seconds``, the training time without compilation."""
+        # Settings in which members differ.
         tables = [dict(entries(to_table(member.config))) for member in self.members]
         self.varied = [
             name

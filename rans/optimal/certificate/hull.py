@@ -117,6 +117,8 @@ def least_time(
     """
     reach = Reach.of(craft, health)
     times = [_least_time(*_rotation(craft, aims, start, goal, goal_set), reach.torque)]
+    # Motion along an axis is a double integrator: along the way, along the change of velocity, and along the
+    # velocity at the start, both ways.
     push = float(reach.force.max()) / craft.mass
     displacement, before, after = (
         np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v)

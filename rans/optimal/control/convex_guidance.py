@@ -121,6 +121,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         deadline, arrival = (
             np.broadcast_to(np.asarray(x, float), len(relative_states)) for x in goal.notes[:2]
         )
+        # Plans that are still flown: of craft that have not arrived and are not off their plan.
         if self._meeting is None:
             self._meeting = self._cautious(goal)
             self._impulses = Impulses(self._meeting)
@@ -130,6 +131,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
                 stays[k] or self._is_off(self._meeting, plan, relative_states[k])
             ):
                 self._plans[k] = None
+        # New plans, in closed form where that serves.
         lost = np.array([plan is None for plan in self._plans])
         open_ = np.flatnonzero(lost & ~stays)
         if self._closed_form:
@@ -138,6 +140,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             self._plans[k] = self._planned(
                 self._meeting, relative_states[k], deadline[k], arrival[k]
             )
+        # The commands of this period of every plan.
         for k, plan in enumerate(self._plans):
             if plan is not None:
                 commands[k] = plan.commands[0]

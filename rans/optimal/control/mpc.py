@@ -129,6 +129,7 @@ class MPC(ModelBased):
         self._weights = weights
         self._deadband = checked("deadband", deadband, Deadband)
         self._settings = checked("settings", settings, MPCSettings)
+        # The craft's means, and the regulator whose price continues the horizon.
         self._wrenches = _wrenches(craft)
         self._wheels = craft.wheel_count
         self._tank = craft.propellant is not None
@@ -136,6 +137,7 @@ class MPC(ModelBased):
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, task, timing, weights)
         self._rounding = rounding(craft, timing.control_period, self._regulator.carried(craft))
+        # The quadratic program, of a step of the motion and of the margins of constraints.
         like = scenario(task, craft.dimension, seed=0, episode=0).goal
         step = _step(craft, timing.control_period, like, task.drift)
         margins = _margins(craft, task, like)

@@ -35,6 +35,7 @@ class NavigationFilter:
         velocity: float,
         burns: float,
     ) -> None:
+        # The drift is linear: its transition is what becomes of the unit vectors.
         vector: Any = Vec2 if dimension == 2 else Vec3
         basis = np.eye(2 * dimension)
         steady(drift, "a navigation filter computes its matrix once")
@@ -45,8 +46,8 @@ class NavigationFilter:
         """Transition over half a period, (2 d, 2 d)."""
         self._whole = self._half @ self._half
         # Exact readings have a little noise too, so that no matrix is singular.
-        of_p, of_v = max(position, 1e-6) ** 2, max(velocity, 1e-9) ** 2
-        self._noise = np.diag([of_p] * dimension + [of_v] * dimension)
+        variances = max(position, 1e-6) ** 2, max(velocity, 1e-9) ** 2
+        self._noise = np.diag(np.repeat(variances, dimension))
         self._burns = burns
         self._dimension = dimension
         self._mean: np.ndarray | None = None

@@ -184,28 +184,33 @@ class Switching(ModelBased):
         if self._afterwards is not None:
             goal = self._afterwards.goal(state, goal)
             rest = rest | self._afterwards.stays
+        # Gaps to the goal now and after a coast of the period, and what wheels would give then.
         now, coast = (self._gap(h, state, goal) for h in (0.0, self._period))
         scales = self._scales_to_move(now, coast)
-        helped = None if self._wheels is None else self._wheel_help(coast, scales, state, rest)
+        wheel_help = None if self._wheels is None else self._wheel_help(coast, scales, state, rest)
 
-        # Costs (M, C, parts) of parts of the pulses of patterns.
-        def costs(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
-            gap, scale = coast.of_episodes(which), scales[:, which]
-            wheels = None if helped is None else helped.of_episodes(which)
+        def costs_of_parts(episodes: np.ndarray, patterns: np.ndarray) -> np.ndarray:
+            """Costs (M, C, parts) of parts of the pulses of C patterns for each of M episodes."""
+            gap, scale = coast.of_episodes(episodes), scales[:, episodes]
+            wheels = None if wheel_help is None else wheel_help.of_episodes(episodes)
             return np.stack(
                 [self._cost(gap, patterns, scale, part, wheels) for part in self._parts], axis=-1
             )
 
-        def cost(which: np.ndarray, patterns: np.ndarray) -> np.ndarray:
-            return costs(which, patterns).min(axis=-1)
+        def cost(episodes: np.ndarray, patterns: np.ndarray) -> np.ndarray:
+            return costs_of_parts(episodes, patterns).min(axis=-1)
 
+        # The best pattern, from the last one on, and the best part of its pulse.
         self._last = self._patterns.best(self._last & ~rest[:, None], cost, ~rest)
-        chosen = costs(np.arange(len(rest)), self._last[:, None])[:, 0].argmin(axis=-1)
-        commands = self._last * self._parts[chosen, None]
-        if helped is not None:
-            turn = (self._patterns.shares(self._last) * self._parts[chosen, None]) @ self._turns
+        everyone = np.arange(len(rest))
+        best_part = costs_of_parts(everyone, self._last[:, None])[:, 0].argmin(axis=-1)
+        part = self._parts[best_part, None]
+        commands = self._last * part
+        # Wheels give the remaining angular acceleration.
+        if wheel_help is not None:
+            turn = (self._patterns.shares(self._last) * part) @ self._turns
             turn = turn * coast.lighter[:, None]
-            commands = np.hstack([commands, helped.commands(turn[:, None])[:, 0]])
+            commands = np.hstack([commands, wheel_help.commands(turn[:, None])[:, 0]])
         if self._afterwards is not None:
             commands = self._afterwards.commands(state, goal, commands)
         return commands
@@ -279,14 +284,21 @@ class Switching(ModelBased):
         part: float = 1.0,
         wheels: _WheelHelp | None = None,
     ) -> np.ndarray:
-        """(M, C) s, of a part of the pulses of patterns (M, C, thrusters) and scales of push and turn (2, M, 1).
+        """Time to the goal after a pulse, and the price of its thrust, (M, C) s, for C patterns and M episodes.
 
-        With the help of wheels in this period, or without.
+        Args:
+            gap: of M episodes after a coast of the period.
+            patterns: open thrusters, (M, C, thrusters).
+            scales: scales of push and turn, (2, M, 1).
+            part: part of the pulse that is given.
+            wheels: help of wheels in this period; None: the craft has none.
         """
         loads = self._patterns.shares(patterns) * part
         held = self._task.tolerances()
         h = self._period
         lighter = gap.lighter[:, None]
+        # A pulse over the period moves by half of what it moves by at its end speed: h^2 a / 2 and h a. Braking
+        # has what the drift leaves of the thrusters' acceleration.
         push = ((loads @ self._pushes) @ gap.to_world) * lighter[..., None]
         full = self._push * lighter
         acceleration = np.maximum(full * scales[0] - gap.pull[:, None], _LEAST_PUSH * full)
@@ -305,6 +317,7 @@ class Switching(ModelBased):
                 gap.spin[:, None] + h * turn,
                 self._turn * lighter * scales[1],
             )
+        # Power mean of both times, without its divisor.
         power = self._curve.norm_scale
         both = (duration**power + turning**power) ** (1.0 / power)
         return both + self._curve.thrust_weight * h * (loads @ self._forces)

@@ -399,9 +399,11 @@ def within_limits(
     rounds constrain the checks at which the flight before was near. Where they end with a flight that comes near
     earlier, outside the cone, more rounds follow in which the cone reaches a little farther.
     """
+    # The flight itself may keep the limits already.
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
+    # Rounds of sequential convex programming: limits are tangent at the flight of the round before.
     result: MeetingTransfer | None = None
     cost = np.inf
     limits = meeting.limits
@@ -489,6 +491,7 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
     size = len(reference) // 2
     positions = reference[:size]
     none = np.zeros((0, 2 * size))
+    # |v| <= base + slope |p - at|, where the distance is at least its component along the reference's.
     if isinstance(limit, SpeedLimit):
         at = _vector(limit.at)
         offsets = positions - at
@@ -498,6 +501,7 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
         constant = float(limit.base) - float(limit.slope) * float(unit @ at) - _SLACK
         matrix = np.hstack([np.zeros((size, size)), np.eye(size)])
         return _ConeRows(row, constant, matrix, np.zeros(size))
+    # A ball to keep out of: the half space beyond the tangent plane that faces the reference.
     if isinstance(limit, Ball):
         centre = _vector(limit.centre)
         offsets = positions - centre
@@ -507,6 +511,7 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
         return _ConeRows(
             row, -float(unit @ centre) - float(limit.radius) - _SLACK, none, np.zeros(0)
         )
+    # A cone around an axis is convex; far from its apex it does not apply.
     if isinstance(limit, Cone):
         apex, axis = _vector(limit.apex), _vector(limit.axis)
         if np.linalg.norm(positions - apex) > float(limit.length):

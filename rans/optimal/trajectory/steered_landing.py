@@ -188,12 +188,14 @@ class SteeredLandings:
         along = np.arange(length + 1)
         upright = math.hypot(*state[6:8]) < 1e-6
         first = [0.0, 0.0, 1.0] if upright else direction_of(state[6:8])
+        # Directions of the thrust from the present attitude on, smoothed: the craft cannot turn at once.
         size = np.linalg.norm(plan.acceleration, axis=1)
         directions = np.vstack([first, plan.acceleration / size[:, None]])
         for _ in range(4):
             inner = directions[:-2] + 2.0 * directions[1:-1] + directions[2:]
             directions[1:-1] = 0.25 * inner
         tilt = np.array([tilt_of(direction) for direction in directions])
+        # Interpolated at the knots, where the tilt's rate and its rate are differences.
         thrust = size * 0.5 * (plan.mass[1:] + plan.mass[:-1])
         table = np.column_stack([plan.p, plan.v, tilt, plan.mass])
         at_knots = np.stack([np.interp(knots, along, x) for x in table.T], axis=1)
@@ -205,6 +207,7 @@ class SteeredLandings:
         held = np.interp(knots[:-1], np.arange(length), thrust)
         states = np.column_stack([at_knots[:, :8], rate, at_knots[:, 8]])
         commands = np.column_stack([held, turning])
+        # Thrust at an angle from the axis: the craft rolls so that its axis is tilted less than the thrust.
         if self._offset > 0.0:
             roll = _rolled(states[:, 6:8], float(state[11]))
             rate = np.gradient(roll, self._period) if count > 1 else np.zeros(2)

@@ -111,12 +111,15 @@ class Optimality:
             solution: what it answered.
             rows: variables of a period: commands, wrench, state.
         """
+        # Stationarity: the gradient of the Lagrangian with the multipliers of bounds (x) and constraints (g).
         x = np.array(solution["x"]).ravel()
         multipliers = [np.array(solution[name]).ravel() for name in ("lam_x", "lam_g")]
         _, slope = solver.get_function("nlp_grad_f")(x, parameters)
         values, jacobian = solver.get_function("nlp_jac_g")(x, parameters)
         gradient = np.array(slope).ravel() + multipliers[0]
         gradient = gradient + np.array(jacobian.T @ ca.DM(multipliers[1])).ravel()
+        # Feasibility and complementarity: how far values lie beyond their bounds, and each multiplier times the
+        # distance from the bound that its sign belongs to.
         excess = []
         products = []
         for value, multiplier, name in (
@@ -128,6 +131,7 @@ class Optimality:
             excess += [-below, -above]
             distance = np.abs(np.where(multiplier > 0, above, below))
             products.append(np.where(np.isfinite(distance), distance, 0.0) * np.abs(multiplier))
+        # Multipliers by period; variables end with the time.
         nozzles, _, width = rows
         count = (len(x) - 1) // sum(rows)
         return cls(

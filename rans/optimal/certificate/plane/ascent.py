@@ -74,11 +74,23 @@ def ascend(
 ) -> Ascent:
     """Raise the bound until it exceeds the target, can hardly rise any more, or patience ends.
 
-    Where fuel is free the dual function is homogeneous, and costates are kept on the plane through the start
-    on which only their direction varies. The start is a scaled costate (4,), the cuts are known planes of
-    paths of the branch, the tolerance is a rise not worth another evaluation, of which there are at most so
-    many, and trust is half the edge of the first box (trust region), in scaled costate. None begins after so
-    much work, in nominal s (`Effort`).
+    Kelley's cutting planes in a trust region (a bundle method): the next costate is where the lowest plane so far
+    is highest, within a box around the best costate. Where fuel is free the dual function is homogeneous, and
+    costates are kept on the plane through the start on which only their direction varies.
+
+    Source: J. E. Kelley, "The cutting-plane method for solving convex programs", Journal of the Society for
+    Industrial and Applied Mathematics 8(4), 1960.
+
+    Args:
+        relaxation: whose dual function it is.
+        branch: paths that count.
+        start: scaled costate (4,) to begin with.
+        cuts: planes of paths of the branch, from earlier ascents.
+        target: bound that is enough.
+        tolerance: rise that is not worth another evaluation.
+        trust: half the edge of the first box, in scaled costate.
+        iterations: largest number of evaluations.
+        work: no evaluation begins after so much work, in nominal s (`Effort`).
     """
     unit = scale(relaxation)
     limit = relaxation.work + work
@@ -90,6 +102,7 @@ def ascend(
     latest = best
     point = start
     for _ in range(iterations):
+        # An infinite value proves that the branch holds no path.
         if np.isinf(latest.value):
             return Ascent(latest, cuts, weights)
         slope = latest.gradient * unit
@@ -104,9 +117,11 @@ def ascend(
         ):
             trust *= 4.0  # the box holds it back, not the cuts
             point, ceiling, weights = _highest(cuts, centre, trust, normal)
+        # No costate can raise the bound by more than this.
         if ceiling - best.value < tolerance:
             break
         latest = relaxation.bound(point * unit, branch)
+        # The box grows where the planes predict the rise well, and shrinks where they do not.
         rise = (latest.value - best.value) / (ceiling - best.value)
         trust *= 2.0 if rise > 0.5 else 1.0 if rise > 0.1 else 0.5
         if rise > 0:

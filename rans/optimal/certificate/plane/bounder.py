@@ -86,6 +86,7 @@ class PlanarBounder:
         nodes = 0
         open_levels = 0
         outcome = _Outcome()
+        # The bounds of the hull and of the relaxation, rounded up to a fuel that whole pulses can spend.
         loose = hull.least_fuel(
             lattice.craft,
             problem.aims,
@@ -98,6 +99,8 @@ class PlanarBounder:
             raise Unreachable.after(steps, lattice.period)
         relaxation, root = _root(lattice, problem, steps, 8.0 * lattice.grain, effort)
         lower = lattice.next_fuel(max(loose, root.best.value), relaxation.net)
+        # From there on every level of fuel in turn: excluded, reached, or open within the effort. The bound rises
+        # as long as no level is open; a relaxation serves until the level passes its cap.
         for level in _levels(lattice, relaxation.net, lower, lattice.most_fuel(steps)):
             if level > (relaxation.cap or 0.0):
                 try:
@@ -217,12 +220,14 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: SearchEf
     while heap and relaxation.work < limit:
         node = heapq.heappop(heap)
         outcome.nodes += 1
+        # Raise the bound of the node: the more, the farther it is from the level.
         patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
         result = ascend(
             relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, iterations=15
         )
         if result.best.value > level:
             continue
+        # Commands that reach the level end the search; else the node's paths are divided.
         outcome.commands = _commands(relaxation, result, level, effort, evaluated)
         if outcome.commands is not None:
             return outcome
@@ -270,6 +275,7 @@ def _parts(relaxation: Relaxation, branch: Branch, result: Ascent) -> list[Branc
     Split by heading where the mixture's headings differ most, else by pattern where those do, else in
     the middle of the widest range of headings; none where one attitude is left and no mixture.
     """
+    # Headings along the paths of the mixture, and where they vary.
     weights = result.weights / max(result.weights.sum(), 1e-300)
     headings = np.array([relaxation.heading_indices(cut.path) for cut in result.cuts])
     mean = weights @ headings
@@ -277,6 +283,7 @@ def _parts(relaxation: Relaxation, branch: Branch, result: Ascent) -> list[Branc
     k = int(spread.argmax())
     if spread[k] > 1e-6:
         return [branch.at_most(k, math.floor(mean[k])), branch.above(k, math.floor(mean[k]))]
+    # Forces of their patterns, split across the line to the farthest one from the mean.
     paths = np.array([cut.path for cut in result.cuts])
     force = relaxation.lattice.patterns.force
     mean = weights @ force[paths]

@@ -201,12 +201,14 @@ def _patterns(
     craft: Spacecraft, multiples: np.ndarray, dead: Collection[int], stuck: Collection[int]
 ) -> Patterns:
     """All sums of thrusters, one after the other, of equal ones the cheapest."""
+    # Equal forces may differ by rounding of sums.
     tiny = 1e-12 * max(thruster.force for thruster in craft.thrusters)
     count = craft.thruster_count
     result = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
     for index, (thruster, (x, y, _)) in enumerate(
         zip(craft.thrusters, craft.wrench_map, strict=True)
     ):
+        # With this thruster shut, unless it is stuck open; and with it open, unless it is dead.
         shut = [] if index in dead else list(result.values())
         if index in stuck:
             result = {}

@@ -87,6 +87,7 @@ def _solve(
     from scipy.optimize import Bounds, LinearConstraint, milp
     from scipy.sparse import csr_matrix
 
+    # One choice in every period, whose sums end in the goal set and spend no more than the limit.
     count = len(period)
     lattice = relaxation.lattice
     miss = relaxation.miss
@@ -99,6 +100,7 @@ def _solve(
     if relaxation.fuel > 0:
         thrust = lattice.period * lattice.patterns.thrust[pattern]
         constraints.append(LinearConstraint(thrust[None], -np.inf, limit * (1 + 1e-9)))
+    # Any choice will do: nothing is minimised.
     answer = milp(
         np.zeros(count),
         integrality=np.ones(count),
