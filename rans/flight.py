@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rans.display import NotebookRepr, figure_of
 from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, counted
 from rans.files import write_text
@@ -76,7 +77,7 @@ def informed(controller: Controller, conditions: Conditions | None) -> Controlle
 
 
 @dataclass(frozen=True)
-class Flight:
+class Flight(NotebookRepr):
     """Trajectories of N episodes over T control periods, from `fly`.
 
     >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
@@ -130,6 +131,20 @@ class Flight:
         """Errors of the task at every instant by quantity, (T + 1, N), SI units."""
         return self.task.errors(self.states, self.goals)
 
+    def plot(self, episode: int = 0) -> Any:
+        """A figure of matplotlib of one episode: path, errors with tolerances, and when each thruster was open.
+
+        Raises:
+            ConfigError: there is no such episode.
+        """
+        self._check_episode(episode)
+        return figure_of(self, episode)
+
+    def _check_episode(self, episode: int) -> None:
+        count = self.commands.shape[1]
+        if not 0 <= episode < count:
+            raise ConfigError(f"episode must be >= 0 and < {count}, got {episode}.")
+
     def to_csv(self, file: str | Path, episode: int = 0) -> Path:
         """Write one episode as a table with a row for each instant, and return the file.
 
@@ -139,9 +154,7 @@ class Flight:
         Raises:
             ConfigError: there is no such episode, or the disk refused.
         """
-        count = self.commands.shape[1]
-        if not 0 <= episode < count:
-            raise ConfigError(f"episode must be >= 0 and < {count}, got {episode}.")
+        self._check_episode(episode)
         states = replace(self.states, notes=(), stores=())
         columns = np.stack([np.asarray(x)[:, episode] for x in leaves(states)], axis=1)
         write_text(Path(file), table(self.times, columns, self.commands[:, episode]))

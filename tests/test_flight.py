@@ -315,3 +315,15 @@ def test_an_episode_as_a_table_with_units(tmp_path: Path) -> None:
     assert held[3] == [0.0] * 8
     with pytest.raises(ConfigError, match="episode must be >= 0 and < 2, got 2"):
         flight.to_csv(tmp_path / "flight.csv", 2)
+
+
+def test_a_flight_draws_each_of_its_episodes() -> None:
+    """The path in the figure of an episode is that of its positions."""
+    craft = load_spacecraft("floating-platform")
+    starts = scenarios(GoToPose(), craft, 7, 2)
+    flight = fly(craft, GoToPose(), LQR(craft, GoToPose()), starts, Timing(episode_steps=3))
+    path = np.stack([flight.states.p.x[:, 1], flight.states.p.y[:, 1]], axis=1)
+    lines = [line.get_xydata() for axes in flight.plot(1).axes for line in axes.lines]
+    assert any(np.shape(line) == path.shape and np.allclose(line, path) for line in lines)
+    with pytest.raises(ConfigError, match="episode must be >= 0 and < 2, got 2"):
+        flight.plot(2)

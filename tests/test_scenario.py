@@ -242,3 +242,22 @@ def test_endpoints_of_the_other_dimension_are_refused() -> None:
     sampled = scenarios(Dock(), load_spacecraft("afrl-12kg"), 7, 1)
     with pytest.raises(ConfigError, match="the start must be a state of 3 dimensions"):
         Endpoints(rans.state((3.0, 1.0))).applied(sampled)
+
+
+def test_zones_of_a_user_stand_still_and_the_last_fills_up() -> None:
+    task = rans.load_task("avoid")
+    craft = load_spacecraft("floating-platform")
+    sampled = scenarios(task, craft, seed=7, count=2)
+    own = Endpoints(zones=[(1.5, 0.2, 0.4), (2.0, -1.0, 0.3)]).applied(sampled)
+    assert own.start is sampled.start
+    later = task.later(own.goal, 5.0)
+    found = [(*z.centre.columns(), z.radius) for z in task.scenery(later)]
+    expected = [(1.5, 0.2, 0.4), (2.0, -1.0, 0.3), (2.0, -1.0, 0.3)]
+    np.testing.assert_array_equal(found, [[[x, x] for x in row] for row in expected])
+    with pytest.raises(ConfigError, match="3 keep-out zones, got 4"):
+        Endpoints(zones=[(1.5, 0.2, 0.4)] * 4).applied(sampled)
+    with pytest.raises(ConfigError, match="a radius above 0"):
+        Endpoints(zones=[(1.5, 0.2, 0.0)]).applied(sampled)
+    without = scenarios(rans.GoToPose(), craft, seed=7, count=2)
+    with pytest.raises(ConfigError, match="no keep-out zones"):
+        Endpoints(zones=[(1.5, 0.2, 0.4)]).applied(without)

@@ -88,9 +88,13 @@ def flown(
         ).flight
 
 
-def own_endpoints(start: State | None, goal: State | None) -> Endpoints | None:
-    """A user's start and goal; None where both are sampled."""
-    return None if start is goal is None else Endpoints(start, goal)
+def own_endpoints(
+    start: State | None, goal: State | None, zones: Sequence[Sequence[float]]
+) -> Endpoints | None:
+    """A user's start, goal and zones; None where all are sampled."""
+    if start is goal is None and not len(zones):
+        return None
+    return Endpoints(start, goal, zones)
 
 
 def evaluate(
@@ -105,6 +109,7 @@ def evaluate(
     guard_slack: float | None = None,
     start: State | None = None,
     goal: State | None = None,
+    zones: Sequence[Sequence[float]] = (),
 ) -> Metrics:
     """Fly an agent or a controller from fixed starts, and return metrics with 95 % intervals.
 
@@ -126,6 +131,8 @@ def evaluate(
         start: start of all episodes, as `rans.state` makes it; None: sampled. Without conditions one episode
             flies from it, because all would be the same.
         goal: goal of all episodes, as `rans.state` makes it; None: sampled.
+        zones: keep-out zones that stand still, for tasks that have some: coordinates of the centre, then the
+            radius, of each, m; empty: sampled.
 
     Raises:
         ConfigError: one of these does not exist, or a multi-task agent is named without a task: name it
@@ -144,7 +151,7 @@ def evaluate(
         )
     count = whole("episodes", episodes)
     flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack)
-    return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal)))
+    return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal, zones)))
 
 
 def compare(
@@ -161,6 +168,7 @@ def compare(
     guard_slack: float | None = None,
     start: State | None = None,
     goal: State | None = None,
+    zones: Sequence[Sequence[float]] = (),
 ) -> Comparison:
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
@@ -185,6 +193,7 @@ def compare(
         guard_slack: see `evaluate`.
         start: see `evaluate`; bounds and optimal trajectories are of this start too.
         goal: see `evaluate`.
+        zones: see `evaluate`.
 
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
@@ -214,7 +223,7 @@ def compare(
         trust,
         guard,
         guard_slack,
-    ).between(own_endpoints(start, goal))
+    ).between(own_endpoints(start, goal, zones))
     result = Comparison(contest)
     entrants = enlisted(invited, contest, trust)
     with watched() as stage:

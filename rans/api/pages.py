@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from os import PathLike
@@ -112,6 +113,7 @@ def view(
     guard_slack: float | None = None,
     start: State | None = None,
     goal: State | None = None,
+    zones: Sequence[Sequence[float]] = (),
 ) -> Replay:
     """Fly agents and controllers from the same starts, and replay the flights in three dimensions.
 
@@ -136,6 +138,8 @@ def view(
             the conditions' noise.
         start: start of all flights, as `rans.state` makes it; None: sampled.
         goal: goal of all flights, as `rans.state` makes it; None: sampled.
+        zones: keep-out zones that stand still, for tasks that have some: coordinates of the centre, then the
+            radius, of each, m; empty: sampled.
 
     Raises:
         ConfigError: there is no such contestant, a number is out of its range, or start or goal is no state of the
@@ -146,7 +150,7 @@ def view(
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
     runs = flyers(contestants, conditions, trust, guard, guard_slack)
-    endpoints = own_endpoints(start, goal)
+    endpoints = own_endpoints(start, goal, zones)
     flights = [flown(run, count, seed, engine, first, endpoints) for run in runs]
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     replay = Replay(flights, title_of(flights, label))

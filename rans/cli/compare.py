@@ -13,7 +13,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.cli.options import Former, Trust
-from rans.cli.states import OwnState, as_options, written_endpoints
+from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
@@ -88,6 +88,9 @@ class Compare:
     (rad/s). Episodes then differ in conditions only; without conditions there is one."""
     goal: OwnState = ()
     """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
+    zones: OwnZones = ()
+    """Your own keep-out zones, for tasks that have some, such as avoid-2d: centre and radius of each, such as
+    1.5,0.2,0.4, in space x,y,z,r, in m; a radius includes that of the spacecraft. They stand still."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     full: bool = False
@@ -127,7 +130,7 @@ class Compare:
         )
         contest = contest.between(
             written_endpoints(
-                self.start, self.goal, contest.task, contest.craft.dimension, self.seed
+                self.start, self.goal, contest.task, contest.craft.dimension, self.seed, self.zones
             )
         )
         comparison = Comparison(contest)
@@ -157,7 +160,7 @@ class Compare:
                 comparison.notes.insert(0, self._interrupted(comparison))
                 raise
         run = self.contestants[0]
-        own = as_options(self.start, self.goal)
+        own = as_options(self.start, self.goal, self.zones)
         more = [shlex.join(["rans", "view", run, *self._controllers(contest.task), *own])]
         if not self.full:
             more.insert(0, shlex.join(["rans", "compare", *self.contestants, *own, "--full"]))

@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.cli.options import Former, Trust
-from rans.cli.states import OwnState, as_options, written_endpoints
+from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import is_installed
 from rans.files import (
     command_line,
@@ -70,6 +70,9 @@ class Evaluate:
     (rad/s). Episodes then differ in conditions only; without conditions there is one."""
     goal: OwnState = ()
     """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
+    zones: OwnZones = ()
+    """Your own keep-out zones, for tasks that have some, such as avoid-2d: centre and radius of each, such as
+    1.5,0.2,0.4, in space x,y,z,r, in m; a radius includes that of the spacecraft. They stand still."""
     engine: Literal["fast", "drake", "both"] = "fast"
     """What computes the motion: RANS's own equations (fast), Drake as an independent check, or both; both
     exits with 1 if they disagree."""
@@ -151,7 +154,7 @@ class Evaluate:
         same = ["--guard"] if self.guard else []
         if self.guard_slack is not None:
             same += [f"{self.guard_slack:g}"]
-        same += as_options(self.start, self.goal)
+        same += as_options(self.start, self.goal, self.zones)
         command = shlex.join(["rans", "evaluate", self.contestant, *same, *more])
         Terminal().suggest(
             f"{command}   # all metrics" if more else f"{command} --engine drake",
@@ -167,7 +170,7 @@ class Evaluate:
             self.episodes > _KEPT
             and self.engine == "fast"
             and not self.trajectories
-            and not (self.ccsds or self.start or self.goal)
+            and not (self.ccsds or self.start or self.goal or self.zones)
             and isinstance(run.controller, Agent)
         )
 
@@ -248,7 +251,7 @@ class Evaluate:
     def _endpoints(self, run: LoadedRun) -> Endpoints | None:
         """The start and goal of the options."""
         return written_endpoints(
-            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed
+            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed, self.zones
         )
 
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
@@ -299,8 +302,9 @@ class Evaluate:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
         guard = "guard" if self.guard else ""
         endpoints = ""
-        if self.start or self.goal:
-            endpoints = distinct("own", f"{self.start} {self.goal}")
+        if self.start or self.goal or self.zones:
+            own = as_options(self.start, self.goal, self.zones)
+            endpoints = distinct("own", shlex.join(own))
         name = ContestantName.parse(self.contestant)
         names = filter(None, (name.part, protocol, conditions, guard, endpoints))
         return name.output_folder, "".join(f"-{part}" for part in names)
@@ -326,8 +330,10 @@ class Evaluate:
             "episodes": self.episodes,
             "seed": self.seed,
         }
-        if self.start or self.goal:
+        if self.start or self.goal or self.zones:
             options |= {"start": " ".join(self.start), "goal": " ".join(self.goal)}
+            if self.zones:
+                options["zones"] = " ".join(self.zones)
         if run.guard is not None:
             options["guard"] = asdict(run.guard)  # pyright: ignore[reportArgumentType]
         if run.conditions is None:

@@ -26,6 +26,8 @@ POSE = "X Y HEADING ..."
 """Placeholder of a pose in help."""
 OwnState = Annotated[tuple[str, ...], arg(metavar=f"{POSE}|FILE.toml")]
 """Type of an option that takes a state."""
+OwnZones = Annotated[tuple[str, ...], arg(metavar="X,Y,R...")]
+"""Type of an option that takes keep-out zones."""
 _UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
 
 
@@ -96,17 +98,31 @@ def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[
     return zones
 
 
-def as_options(start: Sequence[str], goal: Sequence[str]) -> list[str]:
+def as_options(start: Sequence[str], goal: Sequence[str], zones: Sequence[str] = ()) -> list[str]:
     """Words of a command that repeat these options; none for those that are not written."""
-    return [*(["--start", *start] if start else []), *(["--goal", *goal] if goal else [])]
+    options = {"--start": start, "--goal": goal, "--zones": zones}
+    return [word for option, words in options.items() if words for word in (option, *words)]
 
 
 def written_endpoints(
-    start: Sequence[str], goal: Sequence[str], task: Task, dimension: Dimension, seed: int
+    start: Sequence[str],
+    goal: Sequence[str],
+    task: Task,
+    dimension: Dimension,
+    seed: int,
+    zones: Sequence[str] = (),
 ) -> Endpoints | None:
-    """Start and goal that a user writes, as for `read_state` or as one TOML file; None: neither is written.
+    """Start, goal and zones that a user writes; None: nothing is written.
 
     With a start alone the goal is the origin, at rest; with a goal alone the starts are sampled.
+
+    Args:
+        start: words as for `read_state`, or one TOML file.
+        goal: the same.
+        task: task whose start and goal they replace.
+        dimension: 2 in the plane, 3 in space.
+        seed: seed of what is sampled.
+        zones: words as for `read_zones`.
 
     Raises:
         ConfigError: see `read_state`; or a file cannot be read or has other keys.
@@ -114,13 +130,16 @@ def written_endpoints(
     from rans.optimal.trajectory.endpoints import endpoint
     from rans.scenario import Endpoints, scenario
 
-    if not (start or goal):
+    if not (start or goal or zones):
         return None
+    balls = tuple(read_zones(zones, dimension, "--zones"))
+    if not (start or goal):
+        return Endpoints(zones=balls)
     example = scenario(task, dimension, seed, 0)
     arrival = endpoint(_by_key(goal, dimension, "--goal"), example.goal)
     if not start:
-        return Endpoints(goal=arrival)
-    return Endpoints(endpoint(_by_key(start, dimension, "--start"), example.start), arrival)
+        return Endpoints(None, arrival, balls)
+    return Endpoints(endpoint(_by_key(start, dimension, "--start"), example.start), arrival, balls)
 
 
 def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:

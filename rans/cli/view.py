@@ -12,7 +12,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.cli.options import Former, Trust
-from rans.cli.states import OwnState, written_endpoints
+from rans.cli.states import OwnState, OwnZones, written_endpoints
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages
@@ -49,6 +49,9 @@ class View:
     (rad/s). Episodes then differ in conditions only; without conditions there is one."""
     goal: OwnState = ()
     """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
+    zones: OwnZones = ()
+    """Your own keep-out zones, for tasks that have some, such as avoid-2d: centre and radius of each, such as
+    1.5,0.2,0.4, in space x,y,z,r, in m; a radius includes that of the spacecraft. They stand still."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
     guard: bool = False
@@ -106,10 +109,10 @@ class View:
         others = tuple(contestant for contestant in self.contestants if contestant not in folders)
         # Fly, and show or write the flights.
         runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
-        if (self.start or self.goal) and (page is not None or self.play or folders):
+        if (self.start or self.goal or self.zones) and (page is not None or self.play or folders):
             what = "an optimum" if folders else "a page or a view to fly in"
             raise ConfigError(
-                f"--start and --goal are for flights, and {what} has its own starts: leave them out."
+                f"--start, --goal and --zones are for flights, and {what} has its own: leave them out."
             )
         if page is not None:
             return self._write_page(runs, page)
@@ -167,7 +170,7 @@ class View:
     def _endpoints(self, run: LoadedRun) -> Endpoints | None:
         """The start and goal of the options."""
         return written_endpoints(
-            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed
+            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed, self.zones
         )
 
     def _optima(self, folder: Path) -> list[Flight]:

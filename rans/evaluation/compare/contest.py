@@ -146,7 +146,7 @@ class Contest:
                 "your start" if self.episodes == 1 else f"{self.episodes} flights of your start"
             )
         elif self.endpoints is not None:
-            starts += " to your goal"
+            starts += " to your goal" if self.endpoints.goal is not None else " among your zones"
         return (
             f"{starts}, {self.craft.name}, {time} at {1.0 / self.timing.control_period:g} Hz{world}"
         )

@@ -11,8 +11,10 @@ from rans.drawing import draw_layout
 from rans.errors import legible
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
+from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
+from rans.show.figures.figures import episode_figure
 from rans.show.figures.svg import data_uri, svg
 from rans.show.pages.stress_page import StressReport
 from rans.show.tables.comparison_tables import scoreboard
@@ -75,6 +77,12 @@ def _(comparison: Comparison) -> str:
         f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures)
     )
     return _table(Listing(comparison.contest.title(), ("", *board), rows)) + paragraphs
+
+
+@html_of.register
+def _(flight: Flight) -> str:
+    picture = data_uri(svg(episode_figure(flight)))
+    return f'<p>{_said(repr(flight))}</p><img style="max-width:100%" src="{picture}" alt="The first episode">'
 
 
 @html_of.register
