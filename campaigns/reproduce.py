@@ -185,6 +185,8 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
             result.cells += count
             if difference is not None:
                 result.differences.append(difference._replace(table=table))
+    if not result.cells:
+        result.failed = f"nothing was measured, see {log}"
     return result
 
 

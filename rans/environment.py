@@ -151,16 +151,19 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._show()
         terminated = bool(outcome.terminated)
         truncated = bool(outcome.truncated)
+        # Random numbers of a step, such as those of thrusts, are arrays of one.
         terms, reward = paid(outcome.terms, np.bool_(terminated))
         info: dict[str, Any] = {
-            "reward_terms": {name: float(term) for name, term in terms.items()},
+            "reward_terms": {name: float(np.squeeze(term)) for name, term in terms.items()},
             "errors": self._errors(),
         }
         if outcome.margins:
-            info["margins"] = {name: float(margin) for name, margin in outcome.margins.items()}
+            info["margins"] = {
+                name: float(np.squeeze(margin)) for name, margin in outcome.margins.items()
+            }
         if terminated or truncated:
             info["is_success"] = bool(outcome.success)
-        return self._observe(), float(reward), terminated, truncated, info
+        return self._observe(), float(np.squeeze(reward)), terminated, truncated, info
 
     @abstractmethod
     def _mover(self) -> Mover | None:
