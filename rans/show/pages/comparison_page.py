@@ -20,7 +20,7 @@ from rans.show.figures import landing_figures, mission_figures
 from rans.show.figures.panels import FOUND, series_style
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
-from rans.show.pages.race import Race, Track, race
+from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
 from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
@@ -307,7 +307,7 @@ def _race(comparison: Comparison) -> Race | None:
     """The median start of the first contestant and its slowest ones; None for tasks without a place."""
     contest = comparison.contest
     first = comparison.entries[0]
-    if "position" not in first.flight.errors():
+    if not has_place(first.flight):
         return None
     # The median start among those with a bound, and the slowest of all.
     certified = comparison.certified_starts()

@@ -12,9 +12,10 @@ import numpy as np
 from rans.evaluation.measure.metrics import arrival_times
 from rans.flight import Flight
 from rans.model.dynamics import State
-from rans.model.fields import Vec2, Vec3
+from rans.model.fields import Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.show.figures.panels import series_style
+from rans.tasks.shapes import Ball, Cone, GlideSlope
 
 FRAMES = 300
 """Most instants of a flight in a page; longer flights skip some."""
@@ -76,11 +77,20 @@ def race(
     )
 
 
+def has_place(flight: Flight) -> bool:
+    """Whether the task of a flight is somewhere: it has a position to go to, or points to see."""
+    return "position" in flight.errors() or bool(flight.task.markers(flight.goals))
+
+
 def median_and_slowest(flight: Flight, name: str) -> Race | None:
-    """The median episode of a flight and its slowest ones; None for tasks without a goal position."""
-    if "position" not in flight.errors():
+    """The median episode of a flight and its slowest ones; None for tasks that are nowhere."""
+    if not has_place(flight):
         return None
     times = arrival_times(flight)
+    if flight.done is not None and flight.lengths is not None:
+        # Missions that are won between two commands are never there at one.
+        ends = np.asarray(flight.lengths) * flight.timing.control_period
+        times = np.where(np.asarray(flight.done) & np.isinf(times), ends, times)
     ranking = np.argsort(times, kind="stable")
     chosen = dict.fromkeys([int(ranking[(len(ranking) - 1) // 2]), *map(int, ranking[:-4:-1])])
 
@@ -110,6 +120,7 @@ def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, 
         "period": stride * period,
         "goal": goals,
         "turned": "attitude" in aims,
+        **_scenery(first, stride),
         "tracks": [
             {
                 "name": track.name,
@@ -143,6 +154,38 @@ def _motion(states: State, episode: int, stride: int) -> dict[str, list[list[flo
         "p": [_rounded(row) for row in position],
         "e": [_rounded(row) for row in np.concatenate(rotated, axis=1)],
     }
+
+
+def _scenery(track: Track, stride: int) -> dict[str, Any]:
+    """Zones, cones and slopes of a flight's task at every kept instant, or once if they stand still; its markers.
+
+    Of a shape its class, and its numbers in the order of its fields. Of a marker its place, m, and the number of
+    the first kept instant at which the mission has dealt with it, -1: never.
+    """
+    flight = track.flight
+    instants = len(flight.commands) // stride + 1
+
+    def kept(field: Any) -> np.ndarray:
+        values = np.asarray(field)
+        if values.ndim == 2:
+            return values[::stride, track.episode]
+        return np.full(instants, values[track.episode] if values.ndim else values)
+
+    goals = map_leaves(kept, flight.goals)
+    count = len(next(iter(leaves(goals))))
+    shapes = []
+    for shape in flight.task.scenery(goals):
+        if isinstance(shape, Ball | Cone | GlideSlope):
+            columns = [np.broadcast_to(np.asarray(x, dtype=float), count) for x in leaves(shape)]
+            rows = [_rounded(row) for row in np.stack(columns, axis=1)]
+            still = all(row == rows[0] for row in rows)
+            shapes.append({"kind": type(shape).__name__, "rows": rows[:1] if still else rows})
+    markers = []
+    for place, is_done in flight.task.markers(goals):
+        done = np.broadcast_to(np.asarray(is_done, dtype=bool), count)
+        corner = [np.broadcast_to(np.asarray(x, dtype=float), count)[0] for x in place.columns()]
+        markers.append([*_rounded(corner), int(np.argmax(done)) if done.any() else -1])
+    return {"shapes": shapes, "markers": markers}
 
 
 def _levels(track: Track, stride: int, thrusters: int) -> list[str]:

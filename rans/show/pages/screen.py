@@ -150,6 +150,12 @@ def _start(content: Mapping[str, Any]) -> dict[str, Any]:
         "period": float(content["period"]),
         "goal": _rows(content["goal"]),
         "turned": bool(content["turned"]),
+        # Files of former versions have none.
+        "shapes": [
+            {"kind": str(shape["kind"]), "rows": [[*map(float, row)] for row in shape["rows"]]}
+            for shape in content.get("shapes", ())
+        ],
+        "markers": [[*map(float, row)] for row in content.get("markers", ())],
         "tracks": tracks,
     }
 

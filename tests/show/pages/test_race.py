@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,6 +60,36 @@ def test_long_flights_skip_instants_and_keep_mean_commands() -> None:
     assert (len(track["p"]), len(track["u"]), start["period"]) == (FRAMES, FRAMES, 0.4)
     mean = flight.commands[:2, 0].mean(axis=0)
     assert [int(x) for x in track["u"][0]] == [round(9 * x) for x in mean]
+
+
+def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
+    task = rans.load_task("avoid")
+    starts = scenarios(task, PLATFORM, seed=5, count=2)
+    flight = fly(PLATFORM, task, Random(PLATFORM), starts, rans.Timing(episode_steps=6))
+    (start,) = race(PLATFORM, [("x", [Track("a", flight, 1, 0.8)])]).data["starts"]
+    assert [shape["kind"] for shape in start["shapes"]] == ["Ball"] * 3
+    for zone, shape in zip(starts.goal.notes, start["shapes"], strict=True):
+        # Centre, velocity and radius after 0, 0.2, ... 1.2 s.
+        x = zone.centre.x[1] + zone.v.x[1] * 0.2 * np.arange(7)
+        np.testing.assert_allclose([row[0] for row in shape["rows"]], x, atol=6e-4)
+        assert shape["rows"][0][4] == pytest.approx(zone.radius[1], abs=6e-4)
+    land = rans.load_task("land")
+    lander = rans.load_spacecraft("mars-lander-steered")
+    starts = scenarios(land, lander, seed=5, count=1)
+    flight = fly(lander, land, Random(lander), starts, replace(land.timing, episode_steps=3))
+    (start,) = race(lander, [("x", [Track("a", flight, 0, 0.8)])]).data["starts"]
+    ((slope,),) = [shape["rows"] for shape in start["shapes"] if shape["kind"] == "GlideSlope"]
+    assert slope[3:] == [0.0, 0.0, 1.0, pytest.approx(np.radians(4.0), abs=6e-4)]
+
+
+def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them() -> None:
+    task = rans.load_task("inspect")
+    craft = rans.load_spacecraft("afrl-deputy")
+    starts = scenarios(task, craft, seed=5, count=1)
+    flight = fly(craft, task, Random(craft), starts, replace(task.timing, episode_steps=4))
+    (start,) = race(craft, [("x", [Track("a", flight, 0, np.inf)])]).data["starts"]
+    counted = [sum(0 <= row[3] <= k for row in start["markers"]) for k in range(5)]
+    assert counted == flight.goals.notes[1][:, 0].tolist()
 
 
 @pytest.mark.parametrize("replay", [None, Race({"starts": ["</script><b>"]}, "two & one")])
