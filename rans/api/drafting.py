@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 AUTHORITY_COLUMNS = ("axis", "forwards", "backwards", "acceleration")
 """Headings of `Draft.authority_rows`."""
 
+_POSITION = {2: "X, Y", 3: "X, Y, Z"}
+"""Position of a thruster in messages, by dimension."""
+
 
 @dataclass(frozen=True)
 class Draft:
@@ -157,12 +160,15 @@ def init_spacecraft(
     # The base: a spacecraft, or a file of other software whose values fill what is not given.
     start = begun(base)
     origin = "Written by rans init."
+    foreign: str | None = None
     if isinstance(start, Foreign):
         if dimension is None:
             raise ConfigError(
-                f"{start.source} does not say whether it moves in the plane or in space: set dimension to 2 or 3."
+                f"{start.source} does not say whether it moves in the plane or in space: set dimension to 2 or 3, "
+                "as in --set dimension=3."
             )
-        origin = f"Written by rans init, from {start.source}."
+        foreign = start.source
+        origin = f"Written by rans init, from {foreign}."
         mass = start.mass if mass is None else mass
         if start.inertia is not None and size is None:
             flat_inertia = _tensor(start.inertia[2][2], dimension)
@@ -189,6 +195,12 @@ def init_spacecraft(
             "at least one thruster": not thrusters,
         }
         missing = [what for what, lacks in lacking.items() if lacks]
+        if foreign is not None and missing == ["at least one thruster"]:
+            raise ConfigError(
+                f"{foreign} has a mass, and no thrusters that are read, which are links that a plugin of "
+                "SpacecraftThrusterModel names, links whose names say thruster or nozzle, and thrusters of 42: "
+                f"give each by --thruster '{_POSITION[dimension or 3]}; DIRECTION; FORCE' in m and N."
+            )
         if missing:
             raise ConfigError(
                 f"a spacecraft needs {', '.join(missing)}; or name a base to begin from."

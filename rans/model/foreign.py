@@ -373,14 +373,19 @@ def _sdf(root: ET.Element, name: str) -> Foreign:
     """Mass properties and thrusters of an SDF's only model, in the frame of the model."""
     if root.tag != "sdf":
         raise ConfigError(f"an SDF's root is <sdf>, got <{brief(root.tag)[1:-1]}>.")
-    models = [*root.findall("model"), *root.findall("world/model")]
+    # What never moves, such as a floor, is no spacecraft.
+    models = [
+        model
+        for model in (*root.findall("model"), *root.findall("world/model"))
+        if (model.findtext("static") or "").strip() not in ("true", "1")
+    ]
     if len(models) != 1:
         hint = (
-            "; it includes another file: name that one"
+            "; it includes another file: name the model.sdf or model.urdf of that one"
             if root.find(".//include") is not None
             else ""
         )
-        raise ConfigError(f"it must have one model, got {len(models)}{hint}.")
+        raise ConfigError(f"it must have one model that moves, got {len(models)}{hint}.")
     (model,) = models
     for tag in ("include", "model"):
         if model.find(tag) is not None:

@@ -228,6 +228,11 @@ def test_a_table_without_places_of_thrusters_says_what_to_add(tmp_path: Path) ->
             "form a ring",
         ),
         (".sdf", "<sdf><include/></sdf>", "includes another file"),
+        (
+            ".sdf",
+            "<sdf><world><model><static>true</static><link name='floor'/></model><include/></world></sdf>",
+            "one model that moves, got 0; it includes another file",
+        ),
         (".sdf", "<sdf><model><include/><link name='a'/></model></sdf>", "has an <include> within"),
         (
             ".sdf",
