@@ -1,27 +1,31 @@
 """The agents for any craft: their training, and their figures on craft that they have never flown.
 
-``python -m campaigns.any_craft train --seconds 1500`` trains that of the plane and writes it into the package;
+``python -m campaigns.any_craft train`` trains that of the plane and writes it into the package, ``train
+--dimension 3 --seed 1 --device cuda`` that of space;
 ``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts, ``dead`` that of
-a dead thruster, ``mass`` that of a mass that the agent is not given, all of docs/any_craft.md; ``picture`` draws
-layouts. ``--dimension 3`` does the same in space.
+a dead thruster, ``mass`` that of another mass, all of docs/any_craft.md; ``picture`` draws layouts.
+``--dimension 3`` does the same in space, of docs/any_craft_in_space.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from scipy.linalg import solve_discrete_are
+from torch import Tensor
 
 from rans.deploy.export import evaluated
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import controller
@@ -33,19 +37,28 @@ from rans.fast.learn.config import TrainConfig, to_table
 from rans.fast.learn.demands import (
     DemandNetwork,
     DemandSettings,
+    Law,
+    Stage,
     as_policy,
+    demanded,
     draw_batch,
     draw_pool,
     fly,
     policy_layers,
+    stopping_law,
     train,
 )
 from rans.files import environment, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
+from rans.optimal.control.regulator import Weights
 from rans.policy.any_craft import AGENTS
+from rans.policy.authority import Authority, columns, rotation_vector
 from rans.pretrained import FOLDER
+from rans.processes import Workers
+from rans.randomization.conditions import Conditions, FaultConditions
+from rans.randomization.faults import fault_sets
 from rans.randomization.layouts import authority_margin, layouts
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPose
@@ -75,87 +88,274 @@ SPECIALISTS = {
 """Agents of a single craft each, whose task, starts, conditions and control period are the protocol."""
 _OWN = {2: ("floating-platform", Timing(0.2, 1, 125)), 3: ("free-flyer", Timing(0.2, 1, 125))}
 """Craft and timing of an agent without a craft's name."""
+RECIPES = {
+    2: DemandSettings(stages=(Stage(1500.0),)),
+    3: DemandSettings(
+        3, (Stage(330.0, 1.0, 1.0), Stage(290.0, 2.5, 2.5)), layouts=1920, crafts=4096, channels=3
+    ),
+}
+"""Trainings of the agents, by dimension: on one processor core, and on one H200."""
+CONTESTANTS = "specialist", "any-craft", "LQR"
+"""Who flies a craft; the specialist only the craft that it was trained on."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
 """Masses and moments of inertia over those of the file that the agent is given."""
 _LAYOUT_SEED = 1_000_003
 """Seed of layouts that no training has drawn: trainings draw from even seeds below."""
+Figures = dict[str, Any]
+"""Rows of `rans.evaluation.measure.aggregate.measure` by their names."""
 _BINS = 0.25, 0.35, 0.5, 0.75, 1.0, 1.5, np.inf
 """Bounds of the authority margin, by which random layouts are listed."""
 
 
+class Contest(NamedTuple):
+    """Who flies a craft, in the setup of the agent of that craft alone."""
+
+    name: str
+    """Agent of a single craft, whose task, starts, conditions and control period are the setup."""
+    by: str
+    """"specialist", "any-craft" or "LQR"."""
+    mass: float = 1.0
+    """Mass and moments of inertia that the craft flies with, over those of its file."""
+    dead: int | None = None
+    """Number of the thruster that the craft has lost."""
+    is_stated: bool = True
+    """Whether the controller's file has the other mass, or lacks the thruster."""
+    has_fault: bool = False
+    """Whether a thruster is dead in every flight, drawn among those that the craft can spare."""
+
+
+class _Judge(NamedTuple):
+    """Number and seed of the flights of every contest."""
+
+    episodes: int
+    start_seed: int
+    agent: str | None
+    """Run folder of an agent for any craft; None: the one that comes with RANS."""
+
+    def rows(self, contest: Contest) -> Figures | str:
+        """Figures of a contest by name, or why the controller refuses the craft."""
+        own = contestant(f"pretrained:{contest.name}")
+        craft = own.craft
+        if contest.mass != 1.0:
+            inertia = tuple(tuple(contest.mass * x for x in row) for row in craft.inertia)
+            craft = replace(craft, mass=contest.mass * craft.mass, inertia=inertia)
+        if contest.dead is not None:
+            craft = _without(craft, contest.dead)
+        stated = craft if contest.is_stated else own.craft
+        if contest.has_fault:
+            faults = FaultConditions(count=1.0, kinds=("dead",), among="recoverable")
+            conditions = replace(own.conditions or Conditions(), faults=faults)
+            own = own._replace(conditions=conditions)
+        run = own
+        try:
+            if contest.by == "any-craft":
+                agent = contestant(self.agent or f"pretrained:{AGENTS[craft.dimension]}")
+                run = for_spacecraft(agent, stated, own.timing)
+            elif contest.by == "LQR":
+                setup = Setup(stated, own.task, own.timing, own.conditions)
+                run = own._replace(controller=controller("lqr", setup))
+        except ConfigError as error:
+            return str(error)
+        run = run._replace(craft=craft, task=own.task, conditions=own.conditions)
+        flight = fly_episodes(run.controller, run.judged, self.start_seed, self.episodes).flight
+        return {row.name: row for row in measure(flight).rows}
+
+
+def _judged(
+    contests: Sequence[Contest],
+    episodes: int,
+    start_seed: int = EVALUATION_SEED,
+    agent: str | None = None,
+) -> Iterator[Figures | str]:
+    """Figures of each contest in order, flown on all processors."""
+    workers = Workers(_Judge, (episodes, start_seed, agent), work="flew craft")
+    return workers.ordered(_Judge.rows, [(contest,) for contest in contests])
+
+
 def shipped(
-    episodes: int, names: Sequence[str], start_seed: int = EVALUATION_SEED
+    episodes: int,
+    names: Sequence[str],
+    start_seed: int = EVALUATION_SEED,
+    agent: str | None = None,
 ) -> Iterator[str]:
     """Rows of the table of shipped craft, as Markdown, from the starts of a seed."""
     yield "| craft | flown by | settled | lower end | settling time, s | impulse, N s |"
     yield "|---|---|---|---|---|---|"
-    for name in names:
-        own = contestant(f"pretrained:{name}")
-        for label, run in (
-            ("specialist", own),
-            (AGENTS[own.craft.dimension], _in_setup_of(own)),
-            ("LQR", _classical("lqr", own)),
-        ):
-            yield f"| {own.craft.name} | {label} | {_figures(run, episodes, start_seed)} |"
+    contests = [Contest(name, by) for name in names for by in CONTESTANTS]
+    judged = _judged(contests, episodes, start_seed, agent)
+    for contest, rows in zip(contests, judged, strict=True):
+        craft = contestant(f"pretrained:{contest.name}").craft
+        label = AGENTS[craft.dimension] if contest.by == "any-craft" else contest.by
+        if isinstance(rows, str):
+            yield f"| {craft.name} | {label} | refuses the craft | | | |"
+            continue
+        settled, settling, impulse = (rows[key] for key in ("solved", "settling time", "impulse"))
+        yield (
+            f"| {craft.name} | {label} | {settled.value:.1f} % | {settled.low:.1f} % | "
+            f"{settling.value:.1f} | {impulse.value:.1f} |"
+        )
 
 
 def heavier(episodes: int, names: Sequence[str]) -> Iterator[str]:
-    """Rows of the table of craft whose mass and inertia are not those of the file that the agent is given."""
-    yield f"| craft | {' | '.join(f'{mass:g} times' for mass in _MASSES)} |"
-    yield f"|---|{'---|' * len(_MASSES)}"
+    """Rows of the table of craft with other masses, which the controller's file has or has not."""
+    yield f"| craft | flown by | {' | '.join(f'{mass:g} times' for mass in _MASSES)} |"
+    yield f"|---|---|{'---|' * len(_MASSES)}"
+    kinds = [(by, is_stated) for by in CONTESTANTS[1:] for is_stated in (True, False)]
+    judged = _judged(
+        [
+            Contest(name, by, mass, is_stated=is_stated)
+            for name in names
+            for by, is_stated in kinds
+            for mass in _MASSES
+        ],
+        episodes,
+    )
     for name in names:
-        run = _in_setup_of(contestant(f"pretrained:{name}"))
-        cells = []
-        for mass in _MASSES:
-            inertia = tuple(tuple(mass * x for x in row) for row in run.craft.inertia)
-            craft = replace(run.craft, mass=mass * run.craft.mass, inertia=inertia)
-            solved = _rows(run._replace(craft=craft), episodes)["solved"]
-            cells.append(f"{solved.value:.1f} %")
-        yield f"| {run.craft.name} | {' | '.join(cells)} |"
+        craft = contestant(f"pretrained:{name}").craft
+        for by, is_stated in kinds:
+            cells = [_settled(next(judged)) for _ in _MASSES]
+            yield f"| {craft.name} | {by}{'' if is_stated else ', not told'} | {' | '.join(cells)} |"
 
 
 def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
-    """Rows of the table of craft that have lost one thruster, each in turn, and know it."""
-    yield "| craft | dead thrusters that leave every axis | settled, the worst | flights of each |"
-    yield "|---|---|---|---|"
+    """Rows of the table of craft that have lost a thruster.
+
+    The file of the agent and of LQR lacks each thruster in turn; then 1,024 flights with a thruster that is drawn,
+    of which the file says nothing.
+    """
+    yield (
+        "| craft | dead thrusters that leave every axis | any-craft, told: the worst | LQR, told: the worst | "
+        "any-craft, not told | LQR, not told |"
+    )
+    yield f"|---|{'---|' * 5}"
+    spare = {name: _spare(contestant(f"pretrained:{name}").craft) for name in names}
+    each = _judged(
+        [
+            Contest(name, by, dead=number)
+            for name in names
+            for by in CONTESTANTS[1:]
+            for number in spare[name]
+        ],
+        episodes,
+    )
+    some = [name for name in names if spare[name]]
+    unknown = _judged(
+        [Contest(name, by, has_fault=True) for name in some for by in CONTESTANTS[1:]], 1024
+    )
     for name in names:
-        own = contestant(f"pretrained:{name}")
-        worst = 100.0
-        count = 0
-        for number in range(len(own.craft.thrusters)):
-            try:
-                run = _in_setup_of(own, _without(own.craft, number))
-            except ConfigError:
-                continue
-            count += 1
-            worst = min(worst, _rows(run, episodes)["solved"].value)
-        result = f"{worst:.1f} %" if count else "-"
-        yield f"| {own.craft.name} | {count} of {len(own.craft.thrusters)} | {result} | {episodes} |"
+        craft = contestant(f"pretrained:{name}").craft
+        numbers = spare[name]
+        cells = []
+        for _ in CONTESTANTS[1:]:
+            found = [next(each) for _ in numbers]
+            worst = [x if isinstance(x, str) else x["solved"].value for x in found]
+            refused = any(isinstance(x, str) for x in worst)
+            cells.append("refuses" if refused else f"{min(worst):.1f} %" if worst else "-")
+        cells += [_settled(next(unknown)) if numbers else "-" for _ in CONTESTANTS[1:]]
+        yield f"| {craft.name} | {len(numbers)} of {craft.thruster_count} | {' | '.join(cells)} |"
+
+
+def _spare(craft: Spacecraft) -> list[int]:
+    """Numbers of the thrusters without which the others can still push and turn the craft every way."""
+    return [found.thrusters[0] for found in fault_sets(craft, 1, "dead") if found.recoverable]
+
+
+def _settled(rows: Figures | str) -> str:
+    return "refuses" if isinstance(rows, str) else f"{rows['solved'].value:.1f} %"
 
 
 def random_layouts(count: int, dimension: int) -> Iterator[str]:
-    """Rows of the table of random layouts, by their authority margin."""
+    """Rows of the table of random layouts by their authority margin, flown by the agent and by two laws."""
     agent = f"pretrained:{AGENTS[dimension]}"
     network = contestant(agent).controller.network  # type: ignore[attr-defined]
+    layers = policy_layers(network)
     settings = DemandSettings(dimension, crafts=count, steps=320)
-    pool = draw_pool(count, _LAYOUT_SEED, dimension)
-    generator = torch.Generator().manual_seed(EVALUATION_SEED)
-    yield "| authority margin | layouts | on/off: settled | continuous: settled |"
-    yield "|---|---|---|---|"
-    shares = []
-    for continuous in (False, True):
+    # Starts are as far away as the training's; a regulator needs longer from there.
+    steps = 2 * settings.steps
+    pool = draw_pool(count, _LAYOUT_SEED, dimension, workers=None)
+    contestants: dict[str, Callable[[], Law]] = {
+        "any-craft": lambda: (
+            lambda *known: demanded(layers, torch.stack(columns(*known[:-1]), dim=1))
+        ),
+        "LQR": LinearLaw,
+        "braking": lambda: lambda *known: stopping_law(*known[:-1]),
+    }
+    kinds = [(continuous, by) for continuous in (False, True) for by in contestants]
+    titles = [f"{'continuous' if continuous else 'on/off'}: {by}" for continuous, by in kinds]
+    yield f"| authority margin | layouts | {' | '.join(titles)} |"
+    yield f"|---|---|{'---|' * len(kinds)}"
+    parts = []
+    for continuous, by in kinds:
+        # The same craft and starts for all.
+        generator = torch.Generator().manual_seed(EVALUATION_SEED)
         batch = draw_batch(pool, settings, generator, continuous, perturbed=False)
         with torch.no_grad():
-            outcome = fly(policy_layers(network), batch, settings, generator)
-        shares.append((batch.pool.margin.numpy(), outcome.settled.numpy()))
+            outcome = fly(contestants[by](), batch, settings, generator, steps)
+        parts.append((batch.pool.margin.numpy(), outcome.settled.numpy()))
     for low, high in pairwise(_BINS):
         cells = []
-        for margin, settled in shares:
+        for margin, settled in parts:
             inside = (margin >= low) & (margin < high)
             cells.append(f"{100 * settled[inside].mean():.1f} %" if inside.any() else "-")
-        number = int(((shares[0][0] >= low) & (shares[0][0] < high)).sum())
+        number = int(((pool.margin >= low) & (pool.margin < high)).sum())
         bound = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
         yield f"| {bound} | {number} | {' | '.join(cells)} |"
+
+
+class LinearLaw:
+    """Demands (N, d) of a linear-quadratic regulator with the weights of `rans.LQR`, of a batch of craft.
+
+    Every axis is a double integrator whose input, a change of speed u times the authority in a period T, costs as
+    much at 1 as the deviation of the weights. Gains are the discrete-time optimum. What the thrusters did not give
+    is demanded in the next period (sigma-delta), at most a unit of each axis.
+    """
+
+    def __init__(self) -> None:
+        self._demanded: Tensor | None = None
+        self._gains: list[Tensor] = []
+
+    def __call__(
+        self,
+        error: Sequence[Tensor],
+        turn: tuple[Tensor, Sequence[Tensor]],
+        velocity: Sequence[Tensor],
+        spin: Sequence[Tensor],
+        authority: Authority,
+        before: Tensor,
+    ) -> Tensor:
+        """See `rans.fast.learn.demands.Law`."""
+        period, _, _, a, alpha = authority
+        weights = Weights()
+        axes = (
+            (error, velocity, a, weights.position),
+            (rotation_vector(*turn), spin, alpha, weights.attitude),
+        )
+        if not self._gains:
+            # In units of the deviation s and of the authority a T: x' = x + p (v + u / 2), v' = v + u, with
+            # p = a T^2 / s; the speed that costs as much is sqrt(a s), which is 1 / sqrt(p) of a T.
+            sizes = [most * period.square() / deviation for _, _, most, deviation in axes]
+            self._gains = [torch.tensor([_gains(float(p)) for p in size]).T for size in sizes]
+        demand = []
+        for (way, speed, most, deviation), (near, fast) in zip(axes, self._gains, strict=True):
+            push = most * period
+            demand += [
+                near * x / deviation - fast * v / push for x, v in zip(way, speed, strict=True)
+            ]
+        fed_back = torch.stack(demand, dim=1).clamp(-2.5, 2.5)
+        if self._demanded is not None:
+            fed_back = fed_back + (self._demanded - before).clamp(-1.0, 1.0)
+        self._demanded = fed_back
+        return fed_back
+
+
+@cache
+def _gains(p: float) -> tuple[float, float]:
+    """Gains of position and speed of a double integrator that a unit moves by p / 2; see `linear_law`."""
+    motion = np.array([[1.0, p], [0.0, 1.0]])
+    input_ = np.array([[0.5 * p], [1.0]])
+    cost = solve_discrete_are(motion, input_, np.diag([1.0, p]), np.eye(1))
+    gain = np.linalg.solve(1.0 + input_.T @ cost @ input_, input_.T @ cost @ motion)
+    return float(gain[0, 0]), float(gain[0, 1])
 
 
 def picture(file: Path) -> None:
@@ -163,16 +363,16 @@ def picture(file: Path) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 6.0))
-    for number, columns in enumerate(layouts(12, 0)):
+    for number, layout in enumerate(layouts(12, 0)):
         axes = figure.add_subplot(3, 4, number + 1)
-        push = columns[:, :2]
+        push = layout[:, :2]
         # The point of the line of action that is nearest to the centre.
-        arm = columns[:, 2:] * np.stack([-push[:, 1], push[:, 0]], axis=1)
+        arm = layout[:, 2:] * np.stack([-push[:, 1], push[:, 0]], axis=1)
         arm = -arm / np.square(push).sum(axis=1, keepdims=True)
         axes.quiver(*arm.T, *push.T, angles="xy", scale_units="xy", scale=1.5, width=0.012)
         axes.plot(0.0, 0.0, "o", color="tab:red", markersize=3.0)
         axes.set(xlim=(-2.2, 2.2), ylim=(-2.2, 2.2), aspect="equal", xticks=[], yticks=[])
-        axes.set_title(f"{len(columns)} thrusters, {authority_margin(columns):.2f}", fontsize=8)
+        axes.set_title(f"{len(layout)} thrusters, {authority_margin(layout):.2f}", fontsize=8)
     figure.tight_layout()
     figure.savefig(file, metadata={"Date": None})
 
@@ -220,39 +420,6 @@ def save(
     write_json(folder / "card.json", card)
 
 
-def _in_setup_of(own: LoadedRun, craft: Spacecraft | None = None) -> LoadedRun:
-    """The agent for any craft in the setup of a specialist, or with another craft in its place."""
-    agent = contestant(f"pretrained:{AGENTS[own.craft.dimension]}")
-    run = for_spacecraft(agent, craft or own.craft, own.timing)
-    return run._replace(task=own.task, conditions=own.conditions)
-
-
-def _classical(name: str, own: LoadedRun) -> LoadedRun | str:
-    """A controller without training in the same setup, or why there is none."""
-    setup = Setup(own.craft, own.task, own.timing, own.conditions)
-    try:
-        return own._replace(controller=controller(name, setup))
-    except ConfigError as error:
-        return str(error)
-
-
-def _figures(run: LoadedRun | str, episodes: int, start_seed: int) -> str:
-    if isinstance(run, str):
-        return "refuses the craft | | | "
-    rows = _rows(run, episodes, start_seed)
-    settled, settling, impulse = (rows[key] for key in ("solved", "settling time", "impulse"))
-    return (
-        f"{settled.value:.1f} % | {settled.low:.1f} % | {settling.value:.1f} | {impulse.value:.1f}"
-    )
-
-
-def _rows(  # noqa: ANN202 (rows of `rans.evaluation.measure.aggregate`)
-    run: LoadedRun, episodes: int, start_seed: int = EVALUATION_SEED
-):
-    flight = fly_episodes(run.controller, run.judged, start_seed, episodes).flight
-    return {row.name: row for row in measure(flight).rows}
-
-
 def _without(craft: Spacecraft, number: int) -> Spacecraft:
     """The craft without one thruster; its commands are those of the others."""
     left = tuple(one for k, one in enumerate(craft.thrusters) if k != number)
@@ -266,21 +433,28 @@ def main() -> None:
     parser.add_argument("--dimension", type=int, choices=(2, 3), default=2)
     parser.add_argument("--episodes", type=int, default=256)
     parser.add_argument("--layouts", type=int, default=1024)
-    parser.add_argument("--seconds", type=float, default=1500.0)
+    parser.add_argument("--part-of-time", type=float, default=1.0, help="of every stage's time")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cpu", help="of torch, on which train runs")
+    parser.add_argument("--output", type=Path, help="folder of the trained agent")
     parser.add_argument("--start-seed", type=int, default=EVALUATION_SEED)
+    parser.add_argument(
+        "--agent", help="run folder whose agent craft flies; by default the shipped one"
+    )
     parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
     given = parser.parse_args()
     names = given.only or SPECIALISTS[given.dimension]
     if given.part == "train":
-        settings = DemandSettings(given.dimension, seconds=given.seconds, seed=given.seed)
-        write_agent(FOLDER / AGENTS[given.dimension], settings)
+        recipe = RECIPES[given.dimension]
+        stages = tuple(x._replace(seconds=given.part_of_time * x.seconds) for x in recipe.stages)
+        settings = replace(recipe, stages=stages, seed=given.seed, device=given.device)
+        write_agent(given.output or FOLDER / AGENTS[given.dimension], settings)
         return
     if given.part == "picture":
         picture(Path("docs/pictures/layouts.svg"))
         return
     rows = {
-        "craft": lambda: shipped(given.episodes, names, given.start_seed),
+        "craft": lambda: shipped(given.episodes, names, given.start_seed, given.agent),
         "dead": lambda: dead(given.episodes, names),
         "mass": lambda: heavier(given.episodes, names),
         "layouts": lambda: random_layouts(given.layouts, given.dimension),

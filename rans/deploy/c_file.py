@@ -65,6 +65,80 @@ _TRUTHS = {"Equal", "Greater", "Less", "GreaterOrEqual", "LessOrEqual", "And", "
 """Operations that give 0 or 1 as an int."""
 
 
+class _Packed(NamedTuple):
+    """A table of few distinct numbers: the numbers of each block of rows once, and which of them every entry is.
+
+    Networks that obey the symmetries of a square or a cube have few: every block of their rows has the same numbers
+    in another order, and all blocks may have the same order.
+    """
+
+    rows: int
+    """Number of rows in a block."""
+    values: np.ndarray
+    """(blocks, P) distinct numbers, in the order in which they come first."""
+    index: np.ndarray
+    """(rows, columns) of every block, or of all rows where blocks differ."""
+
+    @classmethod
+    def of(cls, table: np.ndarray) -> _Packed | None:
+        """The smallest way to store a float32 table (rows, columns); None: as it is."""
+        count = len(table)
+        best = None
+        least = 4 * table.size // 2
+        for rows in (n for n in range(1, count + 1) if count % n == 0):
+            packed = cls._in_blocks(table, rows)
+            if packed is not None and packed.bytes < least:
+                best, least = packed, packed.bytes
+        return best
+
+    @classmethod
+    def _in_blocks(cls, table: np.ndarray, rows: int) -> _Packed | None:
+        """The table in blocks of so many rows; None: they have more numbers than a byte can count."""
+        blocks = []
+        # Numbers that differ in a bit are two.
+        for block in table.view(np.int32).reshape(len(table) // rows, -1):
+            _, first, inverse = np.unique(block, return_index=True, return_inverse=True)
+            if len(first) > 256:
+                return None
+            order = np.argsort(first)
+            rank = np.empty(len(order), dtype=np.uint8)
+            rank[order] = np.arange(len(order))
+            blocks.append((block[first[order]].view(np.float32), rank[inverse.ravel()]))
+        longest = max(len(values) for values, _ in blocks)
+        values = np.array([np.pad(own, (0, longest - len(own))) for own, _ in blocks])
+        indices = np.array([index for _, index in blocks])
+        if (indices == indices[0]).all():
+            indices = indices[:1]
+        return cls(rows, values, indices.reshape(-1, table.shape[1]))
+
+    @property
+    def bytes(self) -> int:
+        """Size of what is stored."""
+        return self.values.nbytes + len(self.stored)
+
+    @property
+    def is_bits(self) -> bool:
+        """Whether an entry is one bit."""
+        return self.values.shape[1] <= 2
+
+    @property
+    def stored(self) -> np.ndarray:
+        """Bytes of the index; eight entries in a byte, the lowest first, where there are two numbers."""
+        flat = self.index.ravel()
+        return np.packbits(flat, bitorder="little") if self.is_bits else flat
+
+    def entry(self, name: str, row: str, column: str, width: int) -> str:
+        """Entry of a row and a column, in C."""
+        blocks, longest = self.values.shape
+        own = row if blocks == 1 or len(self.index) > self.rows else f"{row} % {self.rows}"
+        at = f"{own} * {width} + {column}" if width > 1 else own
+        which = f"{name}_index[{at}]"
+        if self.is_bits:
+            which = f"(({name}_index[({at}) / 8] >> (({at}) % 8)) & 1)"
+        start = "" if blocks == 1 else f"{row} / {self.rows} * {longest} + "
+        return f"{name}[{start}{which}]"
+
+
 class _Value(NamedTuple):
     """A value of one spacecraft as C has it: a number, a literal or an array."""
 
@@ -72,6 +146,19 @@ class _Value(NamedTuple):
     shape: Shape
     kind: str = "float"
     """"float" or "int"."""
+    packed: _Packed | None = None
+    """How a table is stored whose entries repeat."""
+
+    def entry(self, row: str, column: str) -> str:
+        """Its entry, as a table of rows."""
+        width = math.prod(self.shape[1:])
+        if self.packed is not None:
+            return self.packed.entry(self.text, row, column, width)
+        if width == 1:
+            return f"{self.text}[{row}]"
+        # Rows of known number are counted here.
+        start = str(int(row) * width) if row.isdigit() else f"{row} * {width}"
+        return f"{self.text}[{start} + {column}]"
 
     @property
     def size(self) -> int:
@@ -291,6 +378,8 @@ class _Printer:
         self._used: dict[str, None] = {}
         self._architecture = architecture
         self._lines: list[str] = []
+        self._packable = _packable(program)
+        self._scores = _scores(program)
 
     def lines(self) -> list[str]:
         """Everything from the observation and the memory to the command and the memory after."""
@@ -310,9 +399,17 @@ class _Printer:
             if value.dtype.kind == "i":
                 kind, numbers = "int", [str(int(x)) for x in flat]
             else:
+                packed = self._known[name].packed
+                if packed is not None:
+                    stored = packed.stored
+                    texts.append(
+                        f"static const uint8_t {_table(name)}_index[{len(stored)}] = {{\n    "
+                        f"{_rows([str(x) for x in stored])}}};"
+                    )
+                    flat = packed.values.ravel()
                 kind, numbers = "float", [_number(float(x)) for x in flat]
             texts.append(
-                f"static const {kind} {_table(name)}[{value.size}] = {{\n    {_rows(numbers)}}};"
+                f"static const {kind} {_table(name)}[{len(numbers)}] = {{\n    {_rows(numbers)}}};"
             )
         return texts
 
@@ -332,7 +429,8 @@ class _Printer:
             else:
                 text = _table(name)
                 self._used[name] = None
-            self._known[name] = _Value(text, constant.shape, kind)
+            packed = _Packed.of(constant) if name in self._packable else None
+            self._known[name] = _Value(text, constant.shape, kind, packed)
         return self._known[name]
 
     def _result(self, name: str, shape: Shape, kind: str = "float") -> _Value:
@@ -375,26 +473,18 @@ class _Printer:
                 self._reduced(step)
             case "MatMul" if len(self._value(step.inputs[1]).shape) > 2:
                 self._products(name, *(self._value(operand) for operand in step.inputs))
+            case "MatMul" | "Add" if name in self._scores.parts:
+                pass  # the search below computes them one by one
             case "MatMul":
-                a, b = (self._value(operand) for operand in step.inputs)
-                inner, columns = b.shape
-                result = self._result(name, (1, columns))
-                # (k) times (k, n): each column's sum.
-                terms = [
-                    f"{a.text}[{k}] * {b.text}[{k * columns} + i]"
-                    if a.is_array
-                    else f"{a.text} * {b.text}[i]"
-                    for k in range(inner)
-                ]
-                self._set(result, " + ".join(terms))
+                result = self._result(name, (1, self._value(step.inputs[1]).shape[1]))
+                self._set(result, self._product(step))
             case "ArgMax":
-                self._argmax(name, self._value(step.inputs[0]))
+                self._argmax(step)
             case "Gather":
                 table, which = (self._value(operand) for operand in step.inputs)
                 width = math.prod(table.shape[1:])
                 result = self._result(name, (1, *table.shape[1:]), table.kind)
-                entry = f"{table.text}[{which.text} * {width} + i]"
-                self._set(result, entry if width > 1 else f"{table.text}[{which.text}]")
+                self._set(result, table.entry(which.text, "i" if width > 1 else "0"))
             case "GatherElements":
                 value, index = (self._value(operand) for operand in step.inputs)
                 width = index.shape[-1]
@@ -414,6 +504,16 @@ class _Printer:
                     f"the agent has the operation {operation!r}, which the export as C does not know: export as "
                     "onnx or numpy."
                 )
+
+    def _product(self, step: Step) -> str:
+        """Entry i of a row times a table."""
+        a, b = (self._value(operand) for operand in step.inputs)
+        return " + ".join(
+            f"{a.text}[{k}] * {b.entry(str(k), 'i')}"
+            if a.is_array
+            else f"{a.text} * {b.entry('0', 'i')}"
+            for k in range(b.shape[0])
+        )
 
     def _split(self, step: Step, widths: Sequence[int]) -> None:
         value = self._value(step.inputs[0])
@@ -462,11 +562,13 @@ class _Printer:
         left = f"{x.text}[k]" if x.is_array else x.text
         target = f"{result.text}[i]"
         # Weights and bias of a single number are literals.
-        row = f"{weight.text}[i * {inputs} + k]" if weight.is_array else weight.text
+        row = weight.entry("i", "k") if weight.is_array else weight.text
         begin = f"{bias.text}[i]" if bias.is_array else bias.text
         if not result.is_array:
             sums = " + ".join(
-                f"{x.text}[{k}] * {weight.text}[{k}]" if x.is_array else f"{x.text} * {weight.text}"
+                f"{x.text}[{k}] * {weight.entry('0', str(k))}"
+                if x.is_array
+                else f"{x.text} * {weight.text}"
                 for k in range(inputs)
             )
             self._set(result, f"{begin} + {sums}")
@@ -484,7 +586,7 @@ class _Printer:
         outputs, inputs = weight.shape
         rows = x.shape[0]
         result = self._result(name, (rows, outputs))
-        row = f"{weight.text}[i * {inputs} + k]" if weight.is_array else weight.text
+        row = weight.entry("i", "k") if weight.is_array else weight.text
         begin = f"{bias.text}[i]" if bias.is_array else bias.text
         self._lines += [
             f"for (int row = 0; row < {rows}; ++row) {{",
@@ -526,15 +628,80 @@ class _Printer:
             "}",
         ]
 
-    def _argmax(self, name: str, value: _Value) -> None:
+    def _argmax(self, step: Step) -> None:
+        """Number of the largest entry, the first of equal ones."""
+        name = step.outputs[0]
         result = _Value("v_" + re.sub(r"\W", "_", name), (1,), "int")
+        if name in self._scores.whole:
+            product, offset = self._scores.whole[name]
+            table = self._value(offset)
+            size = table.size
+            score = f"{self._product(product)} + {table.text}[i]"
+        else:
+            value = self._value(step.inputs[0])
+            size = value.size
+            score = f"{value.text}[i]"
         self._known[name] = result
+        best = f"{result.text}_score"
         self._lines += [
             f"int {result.text} = 0;",
-            f"for (int i = 1; i < {value.size}; ++i) {{",
-            f"    if ({value.text}[i] > {value.text}[{result.text}]) {{ {result.text} = i; }}",
+            f"float {best} = 0.0F;",
+            f"for (int i = 0; i < {size}; ++i) {{",
+            f"    const float score = {score};",
+            f"    if (i == 0 || score > {best}) {{",
+            f"        {result.text} = i;",
+            f"        {best} = score;",
+            "    }",
             "}",
         ]
+
+
+class _Scores(NamedTuple):
+    """Searches for the largest of linear functions, which need no memory for all of their values."""
+
+    whole: dict[str, tuple[Step, str]]
+    """By the name of the largest one's number: product of the row and the slopes, and name of the offsets."""
+    parts: frozenset[str]
+    """Names of the values that are computed one by one."""
+
+
+def _scores(program: Program) -> _Scores:
+    """Searches of a program: the largest of a row times a table plus a table."""
+    made = {name: step for step in program.steps for name in step.outputs}
+    uses = [name for step in program.steps for name in step.inputs]
+    whole = {}
+    parts = set()
+    for step in program.steps:
+        total = made.get(step.inputs[0]) if step.operation == "ArgMax" else None
+        if total is None or total.operation != "Add":
+            continue
+        product = made.get(total.inputs[0])
+        offset = total.inputs[1]
+        if product is None or product.operation != "MatMul" or offset not in program.constants:
+            continue
+        inner = [product.outputs[0], total.outputs[0]]
+        tables = program.constants.get(product.inputs[1]), program.constants[offset]
+        is_plain = tables[0] is not None and tables[0].shape[1:] == tables[1].shape
+        if is_plain and all(uses.count(name) == 1 for name in inner):
+            whole[step.outputs[0]] = product, offset
+            parts.update(inner)
+    return _Scores(whole, frozenset(parts))
+
+
+def _packable(program: Program) -> frozenset[str]:
+    """Names of the float tables of rows that are read entry by entry: weights of layers, slopes, rows to choose."""
+    read = {("Gemm", 1), ("MatMul", 1), ("Gather", 0)}
+    others = {
+        name
+        for step in program.steps
+        for place, name in enumerate(step.inputs)
+        if (step.operation, place) not in read
+    }
+    return frozenset(
+        name
+        for name, table in program.constants.items()
+        if name not in others and table.ndim == 2 and table.dtype == np.float32 and table.size > 256
+    )
 
 
 def _table(name: str) -> str:

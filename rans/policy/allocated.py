@@ -79,13 +79,14 @@ class Allocated(Backbone):
         )
         offset = program.constant(chosen.offset, "subset_offsets")
         best = program.apply("ArgMax", program.apply("Add", product_, offset), axis=1, keepdims=0)
+        turning = wheels(architecture.tokens)
+        count = chosen.opened.shape[1]
+        if not turning:
+            table = program.constant(effects(chosen)[:, :count], "subsets")
+            return program.apply("Gather", table, best, axis=0)
         table = program.constant(effects(chosen), "subsets")
         row = program.apply("Gather", table, best, axis=0)
-        count = chosen.opened.shape[1]
         opened, twist = program.split(row, (count, width))
-        turning = wheels(architecture.tokens)
-        if not turning:
-            return opened
         half = program.constant(0.5)
         pairs = zip(program.single(demand, width), program.single(twist, width), strict=True)
         left = [program.apply("Sub", a, b) for a, b in pairs]

@@ -11,14 +11,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from scipy.spatial.transform import Rotation
 
 from rans.cli import main
-from rans.deploy.c_file import C_FILES, FLAGS, compiled_check, stack_of, write_c
+from rans.deploy.c_file import C_FILES, FLAGS, _Packed, compiled_check, stack_of, write_c
 from rans.deploy.contract import contract, golden
 from rans.deploy.program import agent_program
 from rans.errors import ConfigError
+from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
+from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.any_craft import for_craft
 from rans.pretrained import pretrained_folder
 from tests.support.exports import FAST, exported, remembering, written
 from validation.speed.exported import c_compilers
@@ -381,3 +386,57 @@ def test_an_answer_that_is_not_finite_shuts_the_valves(folder: Path, tmp_path: P
     assert status & SHUT
     assert status & FORGOTTEN
     assert set(command.tolist()) == {0.0, 7.0}  # every command is 0, and nothing else was written
+
+
+@pytest.mark.parametrize("name", ["free-flyer", pytest.param("spheres", marks=pytest.mark.slow)])
+def test_the_agent_for_any_craft_fits_a_small_microcontroller(name: str, tmp_path: Path) -> None:
+    """50 kB of code and constants by binutils' size, 4 KiB of stack, and the network's own commands."""
+    run = contestant("pretrained:any-craft-3d")
+    made = for_craft(run.controller.network, load_spacecraft(name), 0.2)  # type: ignore[attr-defined]
+    write_c(tmp_path, agent_program(made), made.architecture, "it")
+    built = library(tmp_path)
+    if shutil.which("size"):
+        told = subprocess.run(
+            ["size", str(tmp_path / "agent.o")], capture_output=True, text=True, check=True
+        ).stdout
+        # Columns: text with constants, data, bss.
+        assert [int(x) for x in told.splitlines()[1].split()[1:3]] == [0, 0]
+        assert int(told.split()[6]) < 50_000
+    assert (stack_of(tmp_path) or 0) <= 4096
+    random = np.random.default_rng(3)
+    turns = Rotation.random(400, rng=random).as_matrix()[:, :2].reshape(2, 200, 6)
+    rates, way = random.normal(size=(200, 6)), random.normal(size=(200, 3))
+    seen = np.hstack([turns[0], 0.2 * rates, np.ones((200, 1)), way, turns[1]]).astype(np.float32)
+    expected, _ = made.deterministic_action(torch.tensor(seen), None)
+    array = np.ctypeslib.ndpointer(np.float32, flags="C")
+    answer = built.rans_agent_answer
+    answer.argtypes = [array, ctypes.c_void_p, array, ctypes.c_void_p]
+    found = np.zeros(expected.shape, np.float32)
+    for row, command in zip(seen, found, strict=True):
+        answer(row, None, command, None)
+    assert len(np.unique(found, axis=0)) > 50
+    # Sums in another order may choose another subset that is equally good.
+    assert np.isclose(found, expected.numpy(), atol=1e-3).all(axis=1).mean() > 0.99
+
+
+def test_tables_of_few_numbers_are_stored_without_loss() -> None:
+    """By the C expression of every entry, read as Python, with blocks that are alike and that are not."""
+    random = np.random.default_rng(0)
+    block = random.integers(0, 9, (4, 30))
+    alike = random.normal(size=(3, 9)).astype(np.float32)[:, block].reshape(12, 30)
+    unlike = alike.copy()
+    unlike[7] = unlike[7, ::-1]
+    bits = random.choice(np.array([-0.5, 0.5], np.float32), (40, 7))
+    zeros = np.where(bits > 0.0, np.float32(0.0), np.float32(-0.0))
+    for table in (alike, unlike, bits, zeros, bits[:, :1]):
+        packed = _Packed.of(np.ascontiguousarray(table))
+        assert packed is not None
+        assert packed.bytes <= table.nbytes // 2
+        arrays = {"t": packed.values.ravel(), "t_index": packed.stored}
+        width = table.shape[1]
+        for (i, k), number in np.ndenumerate(table):
+            text = packed.entry("t", str(i), str(k), width).replace("/", "//")
+            found = eval(text, arrays)
+            assert (found == number, np.signbit(found)) == (True, np.signbit(number))
+    # Numbers that do not repeat stay as they are.
+    assert _Packed.of(random.normal(size=(30, 30)).astype(np.float32)) is None

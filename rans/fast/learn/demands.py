@@ -38,13 +38,14 @@ from rans.policy.authority import (
     width,
 )
 from rans.policy.network import Network
+from rans.processes import Workers
 from rans.randomization.layouts import (
     IN_SPACE,
     LayoutRanges,
     Shape,
     authority_margin,
     canonical,
-    layouts,
+    sample_layout,
 )
 from rans.tasks import Task
 from rans.tasks.derived import layout
@@ -75,14 +76,29 @@ _AXES = {2: (0, 1, 5), 3: (0, 1, 2, 3, 4, 5)}
 """Components of a twist in space that a craft of the dimension has."""
 
 
+class Stage(NamedTuple):
+    """A stage of the training, which begins with the weights of the one before it."""
+
+    seconds: float = 180.0
+    """Time, s."""
+    thrust_price: float = 0.4
+    """Price of a second of the craft's least authority, over that of a second outside the tolerances."""
+    rest_price: float = 0.0
+    """Further price of a second of thrust within the tolerances, in the unit of `thrust_price`."""
+
+
+_FREE = Stage(0.0, 0.0, 0.0)
+"""Thrust without a price."""
+
+
 @dataclass(frozen=True)
 class DemandSettings:
     """Settings of the training."""
 
     dimension: int = 2
     """2: the plane; 3: space."""
-    seconds: float = 180.0
-    """Time of training, s."""
+    stages: tuple[Stage, ...] = (Stage(),)
+    """Prices of thrust and times, one stage after the other."""
     seed: int = 0
     layouts: int = 1000
     """Number of layouts drawn; each is used at many scales."""
@@ -93,10 +109,6 @@ class DemandSettings:
     channels: int = 8
     """Hidden units of each layer over 8, the number of turns and mirror images of a square, or 48 of a cube."""
     learning_rate: float = 3e-3
-    thrust_price: float = 0.4
-    """Price of a second of the craft's least authority, over that of a second outside the tolerances."""
-    rest_price: float = 0.0
-    """Further price of a second of thrust within the tolerances, in the unit of `thrust_price`."""
     memory: float = 0.985
     """Part of a state's gradient that goes back by one period: without it a few flights outweigh all others."""
     on_off: float = 0.5
@@ -141,32 +153,68 @@ def shipped_shapes(dimension: int) -> frozenset[Shape]:
     )
 
 
-def draw_pool(count: int, seed: int, dimension: int = 2) -> Pool:
-    """Draw layouts and what a training needs to know of them."""
-    random = np.random.default_rng(seed)
-    ranges = RANGES_OF_LAYOUTS[dimension]
-    size = 3 if dimension == 2 else 6
-    most = ranges.most + (6 if ranges.wheels else 0)
-    demands = random.normal(size=(2048, size))
-    demands *= 3.0 * random.random((2048, 1)) / np.linalg.norm(demands, axis=1, keepdims=True)
-    rows = []
-    shipped = shipped_shapes(dimension)
-    for drawn in layouts(count, seed, ranges):
+def draw_pool(count: int, seed: int, dimension: int = 2, workers: int | None = 1) -> Pool:
+    """Draw layouts and what a training needs to know of them.
+
+    Args:
+        count: number of layouts; those with the shape of a craft that comes with RANS are left out.
+        seed: of the layouts, and of the demands that choose among subsets of thrusters.
+        dimension: 2: the plane; 3: space.
+        workers: see `rans.processes.Workers`.
+    """
+    # Enough jobs that all processors end together.
+    edges = np.linspace(0, count, min(count, 64) + 1).astype(int).tolist()
+    jobs = [(first, end) for first, end in itertools.pairwise(edges)]
+    pool = Workers(_Drawing, (seed, dimension), workers, "drew layouts")
+    rows = [row for part in pool.ordered(_Drawing.rows, jobs) for row in part]
+    *numbers, flags = (np.array(column) for column in zip(*rows, strict=True))
+    tensors = [torch.tensor(array, dtype=torch.float32) for array in numbers]
+    return Pool._make([*tensors, torch.tensor(flags)])
+
+
+class _Drawing:
+    """Draws layouts of a seed."""
+
+    def __init__(self, seed: int, dimension: int) -> None:
+        random = np.random.default_rng(seed)
+        size = 3 if dimension == 2 else 6
+        demands = random.normal(size=(2048, size))
+        demands *= 3.0 * random.random((2048, 1)) / np.linalg.norm(demands, axis=1, keepdims=True)
+        self._demands = demands
+        self._seed = seed
+        self._dimension = dimension
+        self._shipped = shipped_shapes(dimension)
+
+    def rows(self, first: int, end: int) -> list[tuple[Any, ...]]:
+        """Entries of the pool for the layouts with these numbers."""
+        ranges = RANGES_OF_LAYOUTS[self._dimension]
+        drawn = (
+            sample_layout(np.random.default_rng((self._seed, number)), ranges)
+            for number in range(first, end)
+        )
+        rows = (self._row(layout) for layout in drawn)
+        return [row for row in rows if row is not None]
+
+    def _row(self, drawn: np.ndarray) -> tuple[Any, ...] | None:
+        """Entry of the pool for a layout (n, d); None: it is left out."""
+        dimension = self._dimension
+        ranges = RANGES_OF_LAYOUTS[dimension]
+        size = drawn.shape[1]
+        most = ranges.most + (6 if ranges.wheels else 0)
         # The craft that come with RANS are for evaluation.
-        if canonical(drawn, digits=_HELD_OUT) & shipped:
-            continue
+        if canonical(drawn, digits=_HELD_OUT) & self._shipped:
+            return None
         ways = balanced(drawn)
         least = np.repeat(
             [ways[: 2 * dimension].min(), ways[2 * dimension :].min()],
             [dimension, size - dimension],
         )
         if least.min() <= 0.05:
-            continue
+            return None
         layout = (drawn / least)[in_order(drawn)]
         pushes = thrust(layout)
         padded = np.zeros((most, size))
         padded[: len(layout)] = layout
-        matrix, step = _descent(padded)
         # Subsets of on/off thrusters; wheels have none.
         has_wheels = bool((pushes == 0.0).any())
         twist = np.zeros((_TABLE, size))
@@ -174,29 +222,23 @@ def draw_pool(count: int, seed: int, dimension: int = 2) -> Pool:
         used = np.zeros(_TABLE)
         if not has_wheels:
             every = subsets(tuple(map(tuple, layout.tolist())), False)
-            best = np.argmax(demands @ every.slope.T + every.offset, axis=1)
+            best = np.argmax(self._demands @ every.slope.T + every.offset, axis=1)
             counts = np.bincount(best, minlength=len(every.offset))
             chosen = np.argsort(-counts, kind="stable")[:_TABLE]
             twist[: len(chosen)] = every.twist[chosen]
             offset[: len(chosen)] = every.offset[chosen]
             used[: len(chosen)] = every.opened[chosen] @ pushes
-        rows.append(
-            (
-                padded,
-                matrix,
-                step,
-                np.pad(pushes, (0, most - len(pushes))),
-                twist,
-                offset,
-                used,
-                ways / least.repeat(2),
-                authority_margin(drawn),
-                has_wheels,
-            )
+        return (
+            padded,
+            *_descent(padded),
+            np.pad(pushes, (0, most - len(pushes))),
+            twist,
+            offset,
+            used,
+            ways / least.repeat(2),
+            authority_margin(drawn),
+            has_wheels,
         )
-    *numbers, flags = (np.array(column) for column in zip(*rows, strict=True))
-    tensors = [torch.tensor(array, dtype=torch.float32) for array in numbers]
-    return Pool._make([*tensors, torch.tensor(flags)])
 
 
 def _descent(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -307,6 +349,19 @@ class DemandNetwork(torch.nn.Module):
 
 
 Layers = list[tuple[Tensor, Tensor]]
+Law = Callable[
+    [
+        Sequence[Tensor],
+        tuple[Tensor, Sequence[Tensor]],
+        Sequence[Tensor],
+        Sequence[Tensor],
+        Authority,
+        Tensor,
+    ],
+    Tensor,
+]
+"""Demands (N, d) of the arguments of `stopping_law`, and of the change of the twist (N, d) in the period before, in
+units of the authority."""
 
 
 def stopping_law(
@@ -582,8 +637,12 @@ def _one_period(
     flat: list[Tensor],
     fields: Sequence[Tensor],
     continuous: bool,
+    law: Law | None = None,
 ) -> tuple[Motion, Tensor, Tensor, Tensor, Tensor]:
-    """State after a period, twist of this period, cost without thrust, nearness to the goal, and thrust."""
+    """State after a period, twist of this period, cost without thrust, nearness to the goal, and thrust.
+
+    Demands are those of the law, or else those of a network, whose layers are ``flat``.
+    """
     period, ways, scale, gain, late, noise, centre, moments, *rows = fields
     size = scale.shape[1]
     dimension = directions(size)
@@ -607,9 +666,12 @@ def _one_period(
         state.v + 0.003 * rates[:, :3],
         state.spin + 0.003 * rates[:, 3:],
     )
-    layers = list(zip(flat[::2], flat[1::2], strict=True))
-    inputs = columns(*_inputs(measured, authority, dimension))
-    demand = demanded(layers, torch.stack(inputs, dim=1))
+    known = _inputs(measured, authority, dimension)
+    if law is None:
+        layers = list(zip(flat[::2], flat[1::2], strict=True))
+        demand = demanded(layers, torch.stack(columns(*known), dim=1))
+    else:
+        demand = law(*known, before / (scale * gain))
     unit, pushes = allocated(demand, rows, continuous)
     twist = unit * scale * gain
     acting = torch.zeros_like(errors)
@@ -652,13 +714,23 @@ def _compiled(continuous: bool) -> Callable[..., _Period]:
 
 
 def fly(
-    layers: Layers,
+    policy: Layers | Law,
     batch: Batch,
     settings: DemandSettings,
     generator: torch.Generator,
     steps: int | None = None,
+    stage: Stage = _FREE,
 ) -> Outcome:
-    """Fly a batch, with gradients if they are enabled."""
+    """Fly a batch by a network's layers or by a law like `stopping_law`, with gradients if they are enabled.
+
+    Args:
+        policy: layers or law.
+        batch: of craft.
+        settings: of the training.
+        generator: of the sensors' noise.
+        steps: control periods; None: those of the settings.
+        stage: whose prices of thrust the cost has; by default none.
+    """
     state = batch.state
     period = batch.authority.period
     steps = steps or settings.steps
@@ -687,19 +759,20 @@ def fly(
         batch.moments,
         *batch.pool[:7],
     )
-    flat = [x for layer in layers for x in layer]
+    law = policy if callable(policy) else None
+    flat = [] if callable(policy) else [x for layer in policy for x in layer]
     # Compiling pays for a training only.
     one_period: Callable[..., _Period] = (
         _compiled(batch.continuous)
         if torch.is_grad_enabled()
-        else partial(_one_period, continuous=batch.continuous)
+        else partial(_one_period, continuous=batch.continuous, law=law)
     )
     for step in range(steps):
         drawn = torch.randn(count, 2 * size, generator=generator, device=device)
         state, before, spent, inside, pushes = one_period(state, before, drawn, flat, fields)
         if torch.is_grad_enabled():
             state = Motion(*(Bounded.apply(keep * x + (1.0 - keep) * x.detach()) for x in state))
-        price = settings.thrust_price + settings.rest_price * inside.detach()
+        price = stage.thrust_price + stage.rest_price * inside.detach()
         cost = cost + spent + price * period * pushes
         thrust_sum = thrust_sum + pushes.detach() * batch.scale[:, 0]
         with torch.no_grad():
@@ -744,24 +817,42 @@ def train(
     report: Callable[[str, DemandNetwork], None] = lambda text, network: None,
     pool: Pool | None = None,
 ) -> DemandNetwork:
-    """Train a network for the time of the settings.
+    """Train a network: imitate the law made by hand, then go on by gradients through the stages of the settings.
 
     Args:
         settings: of the training.
         report: is given a line and the network, now and then.
         pool: layouts; None: those of the settings' seed.
     """
-    pool = pool or draw_pool(settings.layouts, 2 * settings.seed, settings.dimension)
+    pool = pool or draw_pool(settings.layouts, 2 * settings.seed, settings.dimension, workers=None)
     pool = Pool(*(x.to(settings.device) for x in pool))
     weights = torch.Generator().manual_seed(settings.seed)
     network = DemandNetwork(settings.channels, weights, settings.dimension).to(settings.device)
     generator = torch.Generator(settings.device).manual_seed(settings.seed)
+    imitate(network, pool, settings, generator)
+    for number, stage in enumerate(settings.stages):
+
+        def staged(text: str, number: int = number) -> None:
+            report(f"stage {number + 1} {text}", network)
+
+        _train_stage(network, pool, settings, stage, generator, staged)
+    return network
+
+
+def _train_stage(
+    network: DemandNetwork,
+    pool: Pool,
+    settings: DemandSettings,
+    stage: Stage,
+    generator: torch.Generator,
+    report: Callable[[str], None],
+) -> None:
+    """Train a network for the time of a stage at its prices, with an optimizer of its own."""
     optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate, betas=(0.9, 0.98))
     begun = time.perf_counter()
-    imitate(network, pool, settings, generator)
     number = 0
-    while (elapsed := time.perf_counter() - begun) < settings.seconds:
-        elapsed_part = elapsed / settings.seconds
+    while (elapsed := time.perf_counter() - begun) < stage.seconds:
+        elapsed_part = elapsed / stage.seconds
         # The step size rises within the first hundredth and falls to nothing at the end.
         rate = (
             settings.learning_rate * min(1.0, 0.02 + 100.0 * elapsed_part) * (1.0 - elapsed_part**2)
@@ -770,7 +861,7 @@ def train(
         # The n-th batch is on/off as often as the part says.
         on_off = int((number + 1) * settings.on_off) > int(number * settings.on_off)
         batch = draw_batch(pool, settings, generator, continuous=not on_off)
-        outcome = fly(network.layers(), batch, settings, generator)
+        outcome = fly(network.layers(), batch, settings, generator, stage=stage)
         # Hopeless flights must not outweigh all others.
         loss = (10.0 * torch.tanh(outcome.cost / 10.0)).sum()
         optimizer.zero_grad()
@@ -782,11 +873,9 @@ def train(
             report(
                 f"{elapsed:6.0f} s {number:5d} cost {outcome.cost.mean():.3f} settled "
                 f"{outcome.settled.float().mean():.3f} time {outcome.settling.median():.3f} impulse "
-                f"{outcome.impulse.median():.3f} norm {norm / settings.crafts:.2f}",
-                network,
+                f"{outcome.impulse.median():.3f} norm {norm / settings.crafts:.2f}"
             )
         number += 1
-    return network
 
 
 def as_policy(network: DemandNetwork, craft: Spacecraft, task: Task, period: float) -> Network:
