@@ -130,7 +130,8 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         away = np.linalg.norm(states[:, :3] - goals, axis=1) > self.task.position_tolerance * _EDGE
         over = np.array([now > plan.times[-1] + _ARRIVED * self._period for plan in self._plans])
         change = np.where((over & away)[:, None], staying - states[:, 3:], change)
-        return change, change.any(axis=1)
+        burns: Any = change.any(axis=1)
+        return change, burns
 
     def _change_by_plans(
         self, plans: list[_Plan], states: np.ndarray, goals: np.ndarray, now: float

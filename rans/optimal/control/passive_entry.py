@@ -172,7 +172,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         change = np.where(
             self._entered[:, None], 0.0, self._change(states, self._points, self._ends, now)
         )
-        return change, change.any(axis=1)
+        burns: Any = change.any(axis=1)
+        return change, burns
 
     def _change(
         self, states: np.ndarray, points: np.ndarray, ends: np.ndarray, now: float

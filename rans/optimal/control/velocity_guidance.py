@@ -63,7 +63,7 @@ class VelocityGuidance(ABC, Generic[Mission]):
         purpose: str,
     ) -> None:
         self.craft, task_value = craft_and_task(craft, task)
-        self.task = mission.expected(task_value, purpose)
+        self.task: Mission = mission.expected(task_value, purpose)
         self._timing = self.task.timing if timing is None else timing
         self._period = self._timing.control_period
         # Nothing is carried over to the next period: the law sees what is missing in the next state.
