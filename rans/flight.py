@@ -298,6 +298,7 @@ def fly(
     Raises:
         ConfigError: see `rans.fly`.
     """
+    # World and first states; what no array says is the same for all episodes.
     _check_starts(checked("starts", starts, Scenario), craft)
     _check_controller(controller, craft)
     checked("timing", timing, Timing)
@@ -310,11 +311,13 @@ def fly(
     begun = now.state
     nowhere = map_leaves(lambda _: np.nan, begun)
     controller.reset(count)
+    # History, of T + 1 states and goals, and of T commands and margins.
     states = [begun]
     goals = [starts.goal]
     commands = []
     margins = []
     guarded = []
+    # Episodes whose state is finite, those whose mission is accomplished, and when it was.
     alive = np.ones(count, dtype=bool)
     won = None
     lengths = None
@@ -329,6 +332,7 @@ def fly(
                 f"shape {(count, craft.command_count)}, got {desired.shape}: was it made for another "
                 f"craft than {craft.name}?"
             )
+        # A control period: the guard may change commands.
         outcome = step(world, now, tuple(desired.T), draws, move)
         command = np.stack(outcome.command, axis=1)
         if outcome.guarded is not None:
@@ -354,6 +358,7 @@ def fly(
             won = won | newly
         else:
             now = outcome.episode
+        # A state that is not finite stays none in the history, and flies on from the start in vain.
         margins.append({name: np.broadcast_to(x, count) for name, x in period_margins.items()})
         alive = alive & finite(*leaves(now.state))
         where_alive = partial(np.where, alive)

@@ -102,6 +102,7 @@ class Fly:
             with contextlib.suppress(OSError):
                 Terminal().say(text)
 
+        # Which agent, as an export or as a run folder, and its task.
         name = ContestantName.parse(self.agent)
         label = Path(name.name).name
         output = self.output or Path("runs/flights") / f"{label}-{time.strftime('%Y%m%d-%H%M%S')}"
@@ -137,6 +138,7 @@ class Fly:
             raise ConfigError(
                 f"{self.agent} is a multi-task agent: pick one, as in {self.agent}#go-to-pose."
             )
+        # The flight.
         goal = read_state(self.goal, craft.dimension, "--goal")
         zones = self.zones
         if zones and not any("," in word for word in zones):
@@ -172,6 +174,7 @@ class Fly:
             say(f"Writing the agent of this flight into {folder}.")
             with doing("flying it for the range of its observations"):
                 export_for_flight(run.path, folder)
+        # From here on a signal ends the flight with shut valves.
         stop = stop_on_signals()
         bus = opened_bus(self.bus, self.domain, self.address, self.ros)
         try:

@@ -120,8 +120,12 @@ class Optimal:
         """Print a table of the starts."""
         from rans.evaluation.compare.bounds import no_certificate
         from rans.evaluation.compare.optima import optima, optima_table, write
-        from rans.evaluation.compare.refinement import Mesh, refined_objectives, refinement_json
-        from rans.evaluation.compare.refinement import refinement_table as refinement_table
+        from rans.evaluation.compare.refinement import (
+            Mesh,
+            refined_objectives,
+            refinement_json,
+            refinement_table,
+        )
         from rans.optimal.trajectory.allocation import check_attitude
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
@@ -138,6 +142,7 @@ class Optimal:
             return self._mission(craft, cast("OrbitalMission", task))
         if task.optimal_problem == "landing":
             return self._land(craft, cast("Land", task))
+        # Objective, also on finer meshes; starts, limits and initial guesses.
         self._refuse_unused()
         objective = objective_of(
             self.objective, self.horizon, self.control_period, ending, self.intervals
@@ -163,12 +168,16 @@ class Optimal:
         if self.certify and not no_certificate(craft, aims(task), self.control_period):
             require("numba")
         folder = ready_folder(self.output or Path("runs") / name)
-        answers = self._with_progress(
-            "optimal trajectories",
-            lambda step: optima(
-                craft, task, objective, starts, guesses, self.workers, step, limits=limits
-            ),
-        )
+
+        def solved(objective: Objective, title: str) -> list[Optimum]:
+            return self._with_progress(
+                title,
+                lambda step: optima(
+                    craft, task, objective, starts, guesses, self.workers, step, limits=limits
+                ),
+            )
+
+        answers = solved(objective, "optimal trajectories")
         Terminal().print(
             optima_table(
                 f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
@@ -191,20 +200,14 @@ class Optimal:
         if finer:
             meshes = [Mesh.of(answers)]
 
-            def show_meshes() -> None:
+            def write_meshes() -> None:
                 Terminal().print(refinement_table(objective.measure, meshes))
                 about["meshes"] = refinement_json(meshes)
                 write(folder, about, answers, craft, starts)
 
-            with writing_at_end(show_meshes):
+            with writing_at_end(write_meshes):
                 for number, mesh in enumerate(finer, 1):
-                    answers_by_number = self._with_progress(
-                        f"control period / {2**number}",
-                        lambda step, mesh=mesh: optima(
-                            craft, task, mesh, starts, guesses, self.workers, step, limits=limits
-                        ),
-                    )
-                    meshes.append(Mesh.of(answers_by_number))
+                    meshes.append(Mesh.of(solved(mesh, f"control period / {2**number}")))
         if self.certify:
             bounds: list[Bound] = []
 

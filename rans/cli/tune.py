@@ -78,6 +78,7 @@ class Tune:
 
         check_count("--candidates", self.candidates)
         check_count("--starts", self.starts)
+        # Task, spacecraft and control period: of the name, of options, or of a contestant.
         name, setup_text = _parts(self.controller)
         within = ranges(typed(name))
         like = self.like or self.contestant
@@ -102,6 +103,7 @@ class Tune:
         else:
             task, craft, timing = _of_contestant(like)
             again = ["rans", "compare", like, "--with", name]
+        # Search; settings in use stay if they are better founded.
         world = None if self.conditions is None else load_conditions(self.conditions)
         label = conditions_label(self.conditions, world) if self.conditions and world else ""
         conditions = None if world is None else world.or_none
@@ -126,6 +128,7 @@ class Tune:
         staying = in_use if in_use and in_use.outlasts(result) else None
         if staying is None:
             result.write(file)
+        # Result, and how to use it.
         before = defaults(CONTROLLERS[name], within)
         Terminal().print(
             table(

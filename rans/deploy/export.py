@@ -100,6 +100,7 @@ def write_export(
             f"Stable-Baselines3's policies act from 0 to 1, and {craft.name} takes {allowed(craft)}: export "
             "as onnx or numpy."
         )
+    # What the agent is, and what it does on flights of its training.
     config = source.config()
     card = _card(source)
     saved = read_policy(source.agent_file)
@@ -110,6 +111,7 @@ def write_export(
     paired_flights = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
     chosen = golden(network, paired_flights, craft, config.settings)
     pairs = json.dumps(chosen) + "\n"
+    # Its contract, and what the conditions of a flight may be.
     _check_alone(folder, form, pairs)
     measured = None
     if margins and is_one_task(loaded.task):
@@ -123,6 +125,7 @@ def write_export(
         flights.observations,
         measured,
     )
+    # Files: the agent in its form, then those of every form.
     write_agent(
         folder,
         form,

@@ -265,7 +265,11 @@ def _linear(problem: dict[str, Any]) -> Any:
 
 
 def _taylor(problem: dict[str, Any]) -> Any:
-    """Motion of a polynomial plant by Taylor steps of order 1 with a bounded rest."""
+    """Motion of a polynomial plant by Taylor steps of second order, with a bound of the third term.
+
+    The variables are the states x, with x' = f(x, u), and the commands u, which are constant in a period. A step is
+    x + h f + h^2 / 2 f' + h^3 / 6 f'', with f'' anywhere in the step.
+    """
     count = len(problem["derivative"])
     width = count + problem["commands"]
     rates = [polynomial(text, count, width) for text in problem["derivative"]]
@@ -285,45 +289,60 @@ def _taylor(problem: dict[str, Any]) -> Any:
     step = [plus(plus(x, f, h), g, h * h / 2) for x, f, g in zip(unit, rates, second, strict=True)]
     slopes = [[derivative(component, k) for k in range(width)] for component in step]
 
+    def states_of(centre: list[Any], spread: Any) -> tuple[Any, Any]:
+        return column(centre[:count]), arb_mat(spread.tolist()[:count])
+
     def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
-        middle = [*centre.entries(), *(gain * centre + offset).entries()]
-        below = side_by_side(gain * spread, diagonal(errors))
-        above = side_by_side(spread, arb_mat(count, len(errors)))
-        wide = arb_mat(above.tolist() + below.tolist())
+        # States and commands as one set, centre + spread s with |s| <= 1; errors of commands are further s.
+        variables = [*centre.entries(), *(gain * centre + offset).entries()]
+        of_states = side_by_side(spread, arb_mat(count, len(errors)))
+        of_commands = side_by_side(gain * spread, diagonal(errors))
+        wide = arb_mat(of_states.tolist() + of_commands.tolist())
         pieces = []
         for _ in range(_SUBSTEPS):
+            widths = absolute_row_sums(wide)
             balls = [
-                arb(c.mid(), (r + c.rad()).upper())
-                for c, r in zip(middle, absolute_row_sums(wide), strict=True)
+                arb(c.mid(), (r + c.rad()).upper()) for c, r in zip(variables, widths, strict=True)
             ]
-            grown = balls
-            for _ in range(3):  # as Picard's iteration, with some room
-                grown = [
-                    x + arb(0, (2 * h * abs(value_at(f, grown))).upper())
-                    for x, f in zip(balls, rates, strict=False)
-                ] + balls[count:]
-            for x, big, f in zip(balls, grown, rates, strict=False):
-                if not big.contains(x + (arb(0).union(h)) * value_at(f, grown)):
-                    raise Refused("its motion has no bound within a Taylor step.")
-            rest = [h**3 / 6 * abs(value_at(polynomial, grown)).upper() for polynomial in third]
-            sag = [(h * h / 8 * abs(value_at(polynomial, grown))).upper() for polynomial in second]
-            # Mean value theorem: the step is its value at the centre and slopes over the whole set.
-            exact = [x.mid() for x in middle]
+            during = _during(rates, balls, h)
+            remainder = [h**3 / 6 * abs(value_at(p, during)).upper() for p in third]
+            sag = [(h * h / 8 * abs(value_at(p, during))).upper() for p in second]
+            # Mean value theorem: the step is its value at the centre, and slopes over the whole set. What is
+            # uncertain in the slopes, in the centre and in that value is an error.
+            exact = [x.mid() for x in variables]
             jacobian = arb_mat([[value_at(entry, balls) for entry in row] for row in slopes])
             fixed = arb_mat([[x.mid() for x in row] for row in jacobian.tolist()])
             loose = arb_mat([[arb(x.rad()) for x in row] for row in jacobian.tolist()])
-            reach = [r + arb(c.rad()) for r, c in zip(absolute_row_sums(wide), middle, strict=True)]
-            off = [a + b for a, b in zip((loose * column(reach)).entries(), rest, strict=True)]
-            new = [value_at(polynomial, exact) for polynomial in step]
-            drift = (sizes(fixed) * column([arb(c.rad()) for c in middle])).entries()
-            off = [a + b + arb(n.rad()) for a, b, n in zip(off, drift, new, strict=True)]
+            reach = [r + arb(c.rad()) for r, c in zip(widths, variables, strict=True)]
+            off = [a + b for a, b in zip((loose * column(reach)).entries(), remainder, strict=True)]
+            new = [value_at(component, exact) for component in step]
+            of_centre = (sizes(fixed) * column([arb(c.rad()) for c in variables])).entries()
+            off = [a + b + arb(n.rad()) for a, b, n in zip(off, of_centre, new, strict=True)]
+            # The set after the step; its errors are further s.
+            begin = states_of(variables, wide)
             moved = arb_mat((fixed * wide).tolist() + wide.tolist()[count:])
             extra = arb_mat(diagonal(off).tolist() + [[arb(0)] * count] * (width - count))
-            begin = (column(middle[:count]), arb_mat(wide.tolist()[:count]))
-            middle = [n.mid() for n in new] + middle[count:]
+            variables = [n.mid() for n in new] + variables[count:]
             wide = side_by_side(moved, extra)
-            end = (column(middle[:count]), arb_mat(wide.tolist()[:count]))
-            pieces.append((begin, end, sag))
+            pieces.append((begin, states_of(variables, wide), sag))
         return pieces
 
     return move
+
+
+def _during(rates: Sequence[Any], balls: list[Any], h: Any) -> list[Any]:
+    """Balls that hold states and commands at all times of a step of length h; ``balls`` hold them at its start.
+
+    They are guessed by Picard's iteration with some room, and hold the motion if it leaves them inside.
+    """
+    count = len(rates)
+    grown = balls
+    for _ in range(3):
+        grown = [
+            x + arb(0, (2 * h * abs(value_at(f, grown))).upper())
+            for x, f in zip(balls, rates, strict=False)
+        ] + balls[count:]
+    for x, larger, f in zip(balls, grown, rates, strict=False):
+        if not larger.contains(x + (arb(0).union(h)) * value_at(f, grown)):
+            raise Refused("its motion has no bound within a Taylor step.")
+    return grown

@@ -218,118 +218,17 @@ class Conditions(Settings):
             )
             _check_alike(self, component, "")
         # Bounds other than "finite and not negative" of single ranges.
-        thrusters = self.thrusters
-        pushes = self.disturbances
-        for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
-            _require(bounds(low)[0] > 0, f"body.{name}", low, "> 0")
-        for name in ("thrust", "pressure"):
-            value = getattr(self.thrusters, name)
-            _require(
-                largest(value) > 0,
-                f"thrusters.{name}",
-                value,
-                "above 0 at its upper bound, a factor",
-            )
-        limit = MOST_FAULTS if self.faults.among == "any" else 2
-        _require(
-            largest(self.faults.count) <= limit,
-            "faults.count",
-            self.faults.count,
-            f'at most {limit} with faults.among = "{self.faults.among}"',
-        )
-        _require(
-            all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
-            "faults.kinds",
-            self.faults.kinds,
-            f"among {', '.join(get_args(FaultKind))}",
-        )
-        named = self.faults.thrusters
-        _require(
-            isinstance(named, tuple)
-            and all(type(k) is int and k >= 0 for k in named)
-            and len(named) <= MOST_FAULTS
-            and len({*named}) == len(named),
-            "faults.thrusters",
-            named,
-            f"at most {MOST_FAULTS} different numbers of thrusters, from 0",
-        )
-        _require(
-            not named or (self.faults.count == 0.0 and self.faults.among == "any"),
-            "faults.count and faults.among",
-            (self.faults.count, self.faults.among),
-            "left out where faults.thrusters are named",
-        )
-        _require(largest(self.faults.share) <= 1, "faults.share", self.faults.share, "at most 1")
-        one_of("faults.among", self.faults.among, get_args(FaultChoice))
-        _require(
-            bounds(pushes.slow_period)[0] > 0,
-            "disturbances.slow_period",
-            pushes.slow_period,
-            "> 0 s",
-        )
-        _require(
-            0 <= pushes.kicks <= 8, "disturbances.kicks", pushes.kicks, "a whole number from 0 to 8"
-        )
-        for name in ("kick", "kick_spin"):
-            value = getattr(pushes, name)
-            _require(
-                largest(value) == 0 or pushes.kicks > 0 or bool(self.others),
-                f"disturbances.{name}",
-                value,
-                "left out, or disturbances.kicks, the number of impulses, at least 1",
-            )
-        _require(
-            largest(self.sensors.delay) <= MOST_DELAY,
-            "sensors.delay",
-            self.sensors.delay,
-            f"at most {MOST_DELAY:,} control periods, which are all remembered",
-        )
+        _check_body(self.body)
+        _check_thrusters(self.thrusters)
         _require(
             self.delay <= 30.0,
             "thrusters.latency and command_delay",
             self.delay,
             "together at most 30 s",
         )
-        _require(
-            largest(thrusters.least_on) <= 30 and largest(thrusters.least_off) <= 30,
-            "thrusters.least_on and least_off",
-            (thrusters.least_on, thrusters.least_off),
-            "at most 30 s",
-        )
-        sensors = zip(
-            ("position", "attitude", "velocity", "spin"), self.sensors.each(), strict=True
-        )
-        for name, sensor in sensors:
-            _require(
-                largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1"
-            )
-        _require(
-            largest(thrusters.noise) <= 1,
-            "thrusters.noise",
-            thrusters.noise,
-            "at most 1, all of the force",
-        )
-        _require(
-            largest(thrusters.misalignment) <= math.pi / 2,
-            "thrusters.misalignment",
-            thrusters.misalignment,
-            "at most pi / 2 rad",
-        )
-        view = self.sensors.field_of_view
-        _require(
-            bounds(view)[0] > 0 and largest(view) <= math.pi,
-            "sensors.field_of_view",
-            view,
-            "above 0 and at most pi rad, half of the cone",
-        )
-        every = self.sensors.outage_every
-        _require(bounds(every)[0] > 0, "sensors.outage_every", every, "> 0 s")
-        _require(
-            largest(self.sensors.outage) < bounds(every)[0],
-            "sensors.outage",
-            self.sensors.outage,
-            f"below the least of sensors.outage_every, {bounds(every)[0]:g} s",
-        )
+        _check_faults(self.faults)
+        _check_disturbances(self.disturbances, is_mixture=bool(self.others))
+        _check_sensors(self.sensors)
 
     def met(self, chance: Field) -> Conditions:
         """Conditions of an episode, selected from the mixture by a number in [0, 1).
@@ -464,6 +363,128 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
             result = where(chance >= end, zero + value, result)
         last = value
     return result
+
+
+def _check_body(body: BodyConditions) -> None:
+    """Reject a body without mass or inertia."""
+    for name, values in (("mass", body.mass), ("inertia", body.inertia)):
+        _require(bounds(values)[0] > 0, f"body.{name}", values, "> 0")
+
+
+def _check_thrusters(thrusters: ThrusterConditions) -> None:
+    """Reject thrusters without force, and errors of thrust and valves that are out of range."""
+    for name in ("thrust", "pressure"):
+        value = getattr(thrusters, name)
+        _require(
+            largest(value) > 0,
+            f"thrusters.{name}",
+            value,
+            "above 0 at its upper bound, a factor",
+        )
+    _require(
+        largest(thrusters.least_on) <= 30 and largest(thrusters.least_off) <= 30,
+        "thrusters.least_on and least_off",
+        (thrusters.least_on, thrusters.least_off),
+        "at most 30 s",
+    )
+    _require(
+        largest(thrusters.noise) <= 1,
+        "thrusters.noise",
+        thrusters.noise,
+        "at most 1, all of the force",
+    )
+    _require(
+        largest(thrusters.misalignment) <= math.pi / 2,
+        "thrusters.misalignment",
+        thrusters.misalignment,
+        "at most pi / 2 rad",
+    )
+
+
+def _check_faults(faults: FaultConditions) -> None:
+    """Reject unknown kinds, and thrusters that cannot be chosen so."""
+    limit = MOST_FAULTS if faults.among == "any" else 2
+    _require(
+        largest(faults.count) <= limit,
+        "faults.count",
+        faults.count,
+        f'at most {limit} with faults.among = "{faults.among}"',
+    )
+    _require(
+        all(kind in get_args(FaultKind) for kind in faults.kinds) and faults.kinds,
+        "faults.kinds",
+        faults.kinds,
+        f"among {', '.join(get_args(FaultKind))}",
+    )
+    named = faults.thrusters
+    _require(
+        isinstance(named, tuple)
+        and all(type(k) is int and k >= 0 for k in named)
+        and len(named) <= MOST_FAULTS
+        and len({*named}) == len(named),
+        "faults.thrusters",
+        named,
+        f"at most {MOST_FAULTS} different numbers of thrusters, from 0",
+    )
+    _require(
+        not named or (faults.count == 0.0 and faults.among == "any"),
+        "faults.count and faults.among",
+        (faults.count, faults.among),
+        "left out where faults.thrusters are named",
+    )
+    _require(largest(faults.share) <= 1, "faults.share", faults.share, "at most 1")
+    one_of("faults.among", faults.among, get_args(FaultChoice))
+
+
+def _check_disturbances(disturbances: DisturbanceConditions, is_mixture: bool) -> None:
+    """Reject impulses without a number of them, and waves without a period.
+
+    In a mixture other conditions may have the number.
+    """
+    _require(
+        bounds(disturbances.slow_period)[0] > 0,
+        "disturbances.slow_period",
+        disturbances.slow_period,
+        "> 0 s",
+    )
+    kicks = disturbances.kicks
+    _require(0 <= kicks <= 8, "disturbances.kicks", kicks, "a whole number from 0 to 8")
+    for name in ("kick", "kick_spin"):
+        value = getattr(disturbances, name)
+        _require(
+            largest(value) == 0 or kicks > 0 or is_mixture,
+            f"disturbances.{name}",
+            value,
+            "left out, or disturbances.kicks, the number of impulses, at least 1",
+        )
+
+
+def _check_sensors(sensors: SensorsConditions) -> None:
+    """Reject readings that are too late, never come, or are hidden all the time."""
+    _require(
+        largest(sensors.delay) <= MOST_DELAY,
+        "sensors.delay",
+        sensors.delay,
+        f"at most {MOST_DELAY:,} control periods, which are all remembered",
+    )
+    names = ("position", "attitude", "velocity", "spin")
+    for name, sensor in zip(names, sensors.each(), strict=True):
+        _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
+    view = sensors.field_of_view
+    _require(
+        bounds(view)[0] > 0 and largest(view) <= math.pi,
+        "sensors.field_of_view",
+        view,
+        "above 0 and at most pi rad, half of the cone",
+    )
+    every = sensors.outage_every
+    _require(bounds(every)[0] > 0, "sensors.outage_every", every, "> 0 s")
+    _require(
+        largest(sensors.outage) < bounds(every)[0],
+        "sensors.outage",
+        sensors.outage,
+        f"below the least of sensors.outage_every, {bounds(every)[0]:g} s",
+    )
 
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:

@@ -29,6 +29,7 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
     Raises:
         ConfigError: the file is no bag, or none of its messages is a pose or a command of this kind of robot.
     """
+    # Readings and commands by the time at which they were recorded, ns; parts that no message had are NaN.
     kind: RobotName = robot or "ros"
     poses: dict[int, list[np.ndarray]] = {}
     commands: dict[int, np.ndarray] = {}
@@ -59,6 +60,7 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
             f"the bag {file} has {len(poses)} readings and {len(commands)} commands on the topics "
             f"{needed}{refused}; name the kind of robot with --robot."
         )
+    # In the order of time, in seconds since the first.
     begin = min(*poses, *commands)
     times = np.array(sorted(poses))
     readings = [poses[time] for time in sorted(poses)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from rans.deploy.robot.bus import Bus
 from rans.deploy.robot.frames import Motion
-from rans.deploy.robot.interfaces import RobotName, interface
+from rans.deploy.robot.interfaces import Interface, RobotName, interface
 from rans.deploy.robot.messages import FLOATS, TEXT, array, pack, text_message
 from rans.deploy.robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
 from rans.effectors.commands import command_bounds
@@ -227,6 +227,7 @@ def run_twin(
         craft = Craft(plan)
         craft.advance()
         craft.measured()
+    # The craft, and its topics.
     craft = Craft(plan)
     ends = interface(plan.robot, plan.craft.command_count, plan.craft.thruster_count)
     inbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
@@ -238,6 +239,7 @@ def run_twin(
         "name": plan.craft.name,
     }
     announced = text_message(json.dumps(about))
+    # Times in ns: of the next step, the last command, and the next messages beside the state.
     period = round(craft.period * 1e9)
     watchdog = round(_WATCHDOG * plan.control_period * 1e9)
     begun = due = time.monotonic_ns()
@@ -262,20 +264,7 @@ def run_twin(
         now = time.monotonic_ns()
 
         # The newest command, or shut valves where it no longer holds.
-        command = None
-        while True:
-            try:
-                topic, data = inbox.get_nowait()
-            except queue.Empty:
-                break
-            try:
-                found = ends.commanded(topic, data)
-            except ValueError as error:
-                if str(error) not in refused and len(refused) < _MOST_CAUSES:
-                    refused.add(str(error))
-                    say(f"{topic}: {error}.")
-                continue
-            command = command if found is None else found
+        command = _newest_command(inbox, ends, refused, say)
         if command is not None:
             craft.hold(command)
             commanded = now
@@ -300,3 +289,34 @@ def run_twin(
             bus.publish(CRAFT_TOPIC, TEXT, announced)
         due += period
     return craft.motion
+
+
+def _newest_command(
+    inbox: queue.SimpleQueue[tuple[str, bytes]],
+    ends: Interface,
+    refused: set[str],
+    say: Callable[[str], None],
+) -> np.ndarray | None:
+    """The last command among all messages that wait; None: there is none.
+
+    Args:
+        inbox: topics and contents of the messages, which are taken out.
+        ends: how this kind of robot reads them.
+        refused: reasons that were said already, to which new ones are added.
+        say: takes a sentence about each new reason to refuse a message.
+    """
+    command = None
+    while True:
+        try:
+            topic, data = inbox.get_nowait()
+        except queue.Empty:
+            return command
+        try:
+            received = ends.commanded(topic, data)
+        except ValueError as error:
+            if str(error) not in refused and len(refused) < _MOST_CAUSES:
+                refused.add(str(error))
+                say(f"{topic}: {error}.")
+            continue
+        # Some messages hold no command.
+        command = command if received is None else received

@@ -16,6 +16,8 @@ from rans.errors import ConfigError, brief, checked, is_finite
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.tasks.base import Task
 from rans.tasks.goal_set import arrived, asks_rest
 from rans.tasks.rewards import RestReward, paid
 
@@ -200,40 +202,19 @@ class Lookahead:
         craft = loaded.craft
         task = loaded.task
         timing = loaded.timing
-        if not isinstance(agent, Agent) and not all(
-            callable(getattr(agent, need, None)) for need in ("memory", "recall")
-        ):
-            raise ConfigError(
-                f"{agent.name} cannot look ahead: it has no methods memory and recall, by which a flight goes "
-                "on from an instant in several ways, as rans.LQR has."
-            )
-        self._trade_off = np.zeros((1, 0), np.float32)
-        """Columns of a fixed trade-off, which follow the other columns of the observation."""
-        if task.draws_trade_off:
-            raise ConfigError(
-                f"{agent.name} cannot look ahead: it has a trade-off; fix it, as in "
-                f"{PREFIX}:{agent.name}#0.5."
-            )
-        if task.held_trade_off is not None:
-            self._trade_off = np.full((1, 1), task.held_trade_off, np.float32)
-            task = task.plain()
-        if craft.actuators != ON_OFF:
-            raise ConfigError(
-                f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
-                f"those of {craft.name} are {craft.actuators.kind}."
-            )
-        if not craft.has_only_thrusters:
-            others = "reaction wheels" if craft.wheels else "effectors of other kinds"
-            raise ConfigError(
-                f"{agent.name} cannot look ahead: {craft.name} has {others}, and it would open and shut single "
-                "thrusters."
-            )
+        _check_subject(agent, craft, task)
         for what, seconds in (
             ("the horizon", horizon),
             ("the time that changes come within", change_within),
         ):
             if not (is_finite(seconds) and seconds > 0):
                 raise ConfigError(f"{what} must be finite and > 0 s, got {seconds!r}.")
+        # What flies, with a fixed trade-off as further columns of the observation.
+        self._trade_off = np.zeros((1, 0), np.float32)
+        """Columns of a fixed trade-off, which follow the other columns of the observation."""
+        if task.held_trade_off is not None:
+            self._trade_off = np.full((1, 1), task.held_trade_off, np.float32)
+            task = task.plain()
         self.name = f"{PREFIX}:{agent.name}"
         self._horizon = horizon
         self.arrival = arrival
@@ -354,3 +335,30 @@ def looking_ahead(run: LoadedRun) -> Lookahead:
     else:
         arriving = asks_rest(run.task)
     return Lookahead(run, arrival=ArrivalCost() if arriving else None)
+
+
+def _check_subject(agent: Any, craft: Spacecraft, task: Task) -> None:
+    """Refuse agents, spacecraft and tasks of which single thrusters cannot be opened and shut ahead."""
+    if not isinstance(agent, Agent) and not all(
+        callable(getattr(agent, need, None)) for need in ("memory", "recall")
+    ):
+        raise ConfigError(
+            f"{agent.name} cannot look ahead: it has no methods memory and recall, by which a flight goes "
+            "on from an instant in several ways, as rans.LQR has."
+        )
+    if task.draws_trade_off:
+        raise ConfigError(
+            f"{agent.name} cannot look ahead: it has a trade-off; fix it, as in "
+            f"{PREFIX}:{agent.name}#0.5."
+        )
+    if craft.actuators != ON_OFF:
+        raise ConfigError(
+            f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
+            f"those of {craft.name} are {craft.actuators.kind}."
+        )
+    if not craft.has_only_thrusters:
+        others = "reaction wheels" if craft.wheels else "effectors of other kinds"
+        raise ConfigError(
+            f"{agent.name} cannot look ahead: {craft.name} has {others}, and it would open and shut single "
+            "thrusters."
+        )

@@ -269,6 +269,7 @@ def _table(architecture: Architecture) -> dict[str, Any]:
 
 def _architecture(table: dict[str, Any]) -> Architecture:
     """Architecture from its table; ValueError, KeyError or TypeError if the table is wrong."""
+    # Values of their own kinds; agents of early versions lack some, or have others in their place.
     views = table.pop("symmetries")
     if views is not None:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
@@ -297,17 +298,30 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         filters=bank,
         **{name: _value(name, x) for name, x in table.items()},
     )
-    if bank is not None and not bank.fits(blocks.body, architecture.thrusters):
-        raise ValueError("its filters are of another spacecraft")
+    _check_names(architecture)
+    _check_craft(architecture)
+    _check_numbers(architecture)
+    return architecture
+
+
+def _check_names(architecture: Architecture) -> None:
+    """Refuse (`ValueError`) parts that this version does not have."""
     choices = {
         "head": (architecture.head, HEADS),
         "activation": (architecture.activation, ACTIVATIONS),
         "backbone": (architecture.backbone, BACKBONES),
     }
-    for name, (key, table) in choices.items():
-        if key not in table:
+    for name, (key, available) in choices.items():
+        if key not in available:
             hint = f"; {ATTENTION}" if key == "attention" else ""
             raise ValueError(f"its {name} {brief(key)} is unknown here{hint}")
+
+
+def _check_craft(architecture: Architecture) -> None:
+    """Refuse (`ValueError`) tables whose sizes are not those of the thrusters and the observation."""
+    bank, views = architecture.filters, architecture.symmetries
+    if bank is not None and not bank.fits(architecture.layout.body, architecture.thrusters):
+        raise ValueError("its filters are of another spacecraft")
     backbone = BACKBONES[architecture.backbone]
     widths = [[width] * architecture.thrusters for width in backbone.token_widths]
     if backbone.has_tokens and [*map(len, architecture.tokens)] not in widths:
@@ -331,9 +345,17 @@ def _architecture(table: dict[str, Any]) -> Architecture:
             or [*map(len, architecture.levers)] != [last - first] * architecture.thrusters
         ):
             raise ValueError("what guidance recommends to it is of another spacecraft or task")
+    if views is not None and not _are_views(views, architecture):
+        raise ValueError("its symmetries are of another spacecraft")
+    if architecture.nominal and len(architecture.nominal) != architecture.privileged:
+        raise ValueError("its critic observes quantities of another spacecraft")
+
+
+def _check_numbers(architecture: Architecture) -> None:
+    """Refuse (`ValueError`) numbers that are not finite."""
     numbers = {
-        "filters": bank or (),
-        "symmetries": views or (),
+        "filters": architecture.filters or (),
+        "symmetries": architecture.symmetries or (),
         "nominal": architecture.nominal,
         "averages": architecture.averages,
         "zoom": architecture.zoom,
@@ -345,11 +367,6 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     for name, values in numbers.items():
         if not _are_finite(values):
             raise ValueError(f"in its {name} there are numbers that are not finite")
-    if views is not None and not _are_views(views, architecture):
-        raise ValueError("its symmetries are of another spacecraft")
-    if architecture.nominal and len(architecture.nominal) != architecture.privileged:
-        raise ValueError("its critic observes quantities of another spacecraft")
-    return architecture
 
 
 def _value(name: str, value: Any) -> Any:

@@ -90,6 +90,7 @@ class Trainer:
         self.seconds = 0.0
         self.warm_up = 0.0
         self.steps = 0
+        # Members on this process's share of the environments.
         device = torch.device(first.device)
         each = processes.portion("n_envs", first.ppo.n_envs)
         tasks = [config.settings for config in configs]
@@ -100,6 +101,7 @@ class Trainer:
         self.curriculum = Curriculum(
             tasks, first.curriculum, field_dtype(device, plain=plain), device, each
         )
+        # Engine.
         timing = replace(
             first.timing, episode_steps=first.episode_steps or first.timing.episode_steps
         )
@@ -118,6 +120,7 @@ class Trainer:
             guard=guard,
             plain=plain,
         )
+        # Learner, from initial weights or those of another agent, which may also teach it.
         settings = [config.ppo for config in configs]
         by_torch = plain or algorithm.plain_network
         own = own_settings(first.algorithm, first.learner)

@@ -597,6 +597,7 @@ class _Problem:
 
     def _linear(self, log_mass: np.ndarray, side: Side) -> tuple[Any, np.ndarray, int]:
         """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b."""
+        # Rows, as (row, column, value), and their right sides.
         n = self.count
         rows: list[tuple[int, int, float]] = []
         right: list[float] = []
@@ -605,7 +606,7 @@ class _Problem:
             rows.extend((len(right), column, value) for column, value in entries)
             right.append(bound)
 
-        # Of a mean over half of a period's weight.
+        # Means over the halves of a period's weight, in units of the acceleration.
         weight = 1.0 / (self.groups * _ACCELERATION)
 
         def bounded(force: float, line: Line, *entries: tuple[int, float]) -> None:
@@ -621,9 +622,12 @@ class _Problem:
             # Engines may be off in a part of this period.
             is_late = self.late > 0.0 and k == 0
             for group in range(self.groups):
+                # The flow is between those of the least and of the largest thrust.
                 sigma = self._sigma(k, group)
                 bounded(0.0 if is_late else self.lander.least_thrust, under, (sigma, -1.0))
                 bounded(-self.lander.largest_thrust, over, (sigma, 1.0))
+                # The thrust is tilted by a bounded angle: with engines throttled together its vertical part is not
+                # below sigma times the cosine; else lines bound its size and its vertical part by the flow.
                 vertical = sigma - 1
                 if not self.lander.corners:
                     add(0.0, (sigma, math.cos(tilts[k])), (vertical, -1.0))
@@ -636,6 +640,7 @@ class _Problem:
                         line = over if force > 0.0 else under
                         off = max(force, 0.0) if is_late else force
                         bounded(-off, line, (variable, sign), (sigma, -slope))
+        # No more propellant than there is.
         dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)
         add(-dry, (self._z(n), -1.0))
         row, column, value = zip(*rows, strict=True)

@@ -296,6 +296,7 @@ class Transcription:
         Constraints: intervals join, wrenches are the commands', arrival, with shared thrust the sums of
         commands, and margins of the task's constraints.
         """
+        # Symbols of the variables and parameters.
         count = self._objective.intervals
         (nozzles, forces, width) = self._rows
         variables = ca.MX.sym("variables", count * sum(self._rows) + 1)
@@ -312,6 +313,7 @@ class Transcription:
         if self._later is not None:
             times = period * ca.DM(range(1, count + 1)).T
             goals = self._later.map(count)(goals, times)
+        # Constraints.
         gaps = after - self._step.map(count)(ca.horzcat(start, after[:, :-1]), applied, period)
         constraints = [
             ca.vec(gaps),
@@ -321,18 +323,19 @@ class Transcription:
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
         if self._margins is not None:
+            # At every check of every interval, of which the last is its end.
+            margins = self._margins.map(count)
             before = ca.horzcat(start, after[:, :-1])
-            for check in range(1, self._checks + 1):
+            for check in range(1, self._checks):
                 fraction = check / self._checks
-                then = goals
-                if check == self._checks:
-                    node = after
-                else:
-                    node = self._step.map(count)(before, applied, fraction * period)
-                    if self._later is not None:
-                        instants = period * (ca.DM(range(count)).T + fraction)
-                        then = self._later.map(count)(ca.repmat(goal, 1, count), instants)
-                constraints.append(ca.vec(self._margins.map(count)(node, then)))
+                state = self._step.map(count)(before, applied, fraction * period)
+                goal_then = goals
+                if self._later is not None:
+                    instants = period * (ca.DM(range(count)).T + fraction)
+                    goal_then = self._later.map(count)(ca.repmat(goal, 1, count), instants)
+                constraints.append(ca.vec(margins(state, goal_then)))
+            constraints.append(ca.vec(margins(after, goals)))
+        # Cost, whose corners are rounded by a parameter for the solver.
         corner = ca.MX.sym("corner")
         path = SymbolicTrajectory(
             self._craft, self._task, start, after, commands, period, goals, corner

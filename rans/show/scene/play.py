@@ -134,38 +134,42 @@ class LivePlayground:
         flight.delay = round(self._meshcat.GetSliderValue(_DELAY))
         flight.noise = 0.01 * self._meshcat.GetSliderValue(_NOISE)
         chosen = round(self._meshcat.GetSliderValue(_THRUSTER))
-        once = False
         # Buttons, in the order in which they were clicked.
-        for name in self._clicked():
-            if name == PAUSE:
-                self.running = not self.running
-            elif name == STEP:
-                self.running = False
-                once = True
-            elif name == BACK:
-                flight.rewind(round(REWIND / flight.world.timing.control_period))
-                self._trail.clear()
-            elif name == AGAIN:
-                flight.restart()
-                self._begin()
-            elif name == NEXT:
-                flight.restart(flight.number + 1)
-                self._begin()
-            elif name == KILL:
-                flight.stuck.discard(chosen)
-                flight.dead.add(chosen)
-            elif name == STICK:
-                flight.dead.discard(chosen)
-                flight.stuck.add(chosen)
-            elif name == REPAIR:
-                flight.dead.clear()
-                flight.stuck.clear()
-            elif name == SWITCH:
-                flight.command_by(flight.active + 1)
-                self._put_craft()
+        clicked = self._clicked()
+        for name in clicked:
+            self._press(name, chosen)
             self._mark_faults()
             self._say()
-        return once
+        return STEP in clicked
+
+    def _press(self, name: str, thruster: int) -> None:
+        """Do what a button asks for; two of them act on a thruster."""
+        flight = self.flight
+        # Time.
+        if name == PAUSE:
+            self.running = not self.running
+        elif name == STEP:
+            self.running = False
+        elif name == BACK:
+            flight.rewind(round(REWIND / flight.world.timing.control_period))
+            self._trail.clear()
+        elif name in (AGAIN, NEXT):
+            flight.restart(flight.number + 1 if name == NEXT else None)
+            self._begin()
+        # Faults.
+        elif name == KILL:
+            flight.stuck.discard(thruster)
+            flight.dead.add(thruster)
+        elif name == STICK:
+            flight.dead.discard(thruster)
+            flight.stuck.add(thruster)
+        elif name == REPAIR:
+            flight.dead.clear()
+            flight.stuck.clear()
+        # Who commands.
+        elif name == SWITCH:
+            flight.command_by(flight.active + 1)
+            self._put_craft()
 
     def _stage(self) -> None:
         for path, name, value in STAGE:
