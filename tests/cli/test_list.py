@@ -9,14 +9,9 @@ import pytest
 
 from rans.cli import main
 from rans.cli.list import _solved
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.randomization.conditions import Conditions
-from rans.show.tables.layout_text import layout_text
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation_columns
-from tests.support.crafts import nasty_planar, nasty_spatial
-
-UNIT_INERTIA = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @pytest.fixture(autouse=True)
@@ -180,46 +175,6 @@ def test_wrong_pictures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     )
     assert "name it" in refused(capsys, "--picture", "x.png")
     assert "name it" in refused(capsys, "go-to-pose", "--picture", "x.png")
-
-
-@pytest.mark.parametrize(
-    ("direction", "mark"),
-    [
-        ((1.0, 0.0, 0.0), "→"),
-        ((0.6, 0.8, 0.0), "↗"),
-        ((0.0, 1.0, 0.0), "↑"),
-        ((-0.8, 0.6, 0.0), "↖"),
-        ((-1.0, 0.0, 0.0), "←"),
-        ((-0.6, -0.8, 0.0), "↙"),
-        ((0.0, -1.0, 0.0), "↓"),
-        ((0.8, -0.6, 0.0), "↘"),
-        ((0.0, 0.0, 1.0), "⊙"),
-        ((0.0, 0.0, -1.0), "⊗"),
-    ],
-)
-def test_arrow_of_a_force(direction: tuple[float, float, float], mark: str) -> None:
-    with pytest.warns(UserWarning, match="cannot push"):
-        craft = Spacecraft(
-            "one", 3, 1.0, UNIT_INERTIA, (Thruster((0.0, 0.3, 0.0), direction, 1.0),)
-        )
-    lines = layout_text(craft).splitlines()
-    rows = [line for line in lines if f"0{mark}" in line]
-    assert len(rows) == 1
-    assert lines.index(rows[0]) < next(i for i, line in enumerate(lines) if "+" in line)  # y is up
-
-
-@pytest.mark.parametrize(
-    "craft",
-    [load_spacecraft("free-flyer"), nasty_planar(), nasty_spatial()],
-    ids=lambda craft: craft.name,
-)
-def test_no_thruster_hides_another(craft: Spacecraft) -> None:
-    text = layout_text(craft)
-    for letter in "→↗↑↖←↙↓↘⊙⊗":
-        text = text.replace(letter, " ")
-    assert sorted(int(word) for word in text.replace("·", " ").replace("+", " ").split()) == list(
-        range(len(craft.thrusters))
-    )
 
 
 def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import io
-import json
 import os
 import random
 import re
-import shlex
 import subprocess
 import sys
 import warnings
@@ -16,7 +13,7 @@ from collections import deque
 from contextlib import redirect_stdout
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -25,12 +22,9 @@ from torch._inductor.exc import InductorError
 
 from rans import cli
 from rans.cli import COMMANDS, check_count, main
-from rans.cli.help import EXAMPLES
-from rans.cli.options import former, is_in_help, with_numbers_named
-from rans.display import meanings
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
-from tests.support.command_runs import tiny
+from tests.support.command_codes import code_of
 
 MISSPELT = ["--sed", "--no-such-option", "-x", "--", "--seed=", "--=", "---"]
 OPTIONS = [
@@ -73,14 +67,6 @@ VALUES = [
     "--",
     "\udcff",
 ]
-
-
-def code_of(arguments: list[str]) -> int:
-    """The exit code a shell would see."""
-    try:
-        return main(arguments)
-    except SystemExit as end:  # tyro's way of ending after help and after a wrong option
-        return end.code if isinstance(end.code, int) else 1
 
 
 class Broken:
@@ -197,79 +183,6 @@ def test_a_folder_of_bytes_that_are_no_letters(tmp_path: Path) -> None:
     assert read_text(folder / "page.html") == "<h1>b\\udce9</h1>"
 
 
-def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of([]) == 0
-    printed = capsys.readouterr().out
-    assert all(command in printed for command in COMMANDS)
-
-
-@pytest.mark.parametrize("command", ["", *COMMANDS])
-@pytest.mark.parametrize("columns", [60, 80])
-def test_help_fits_and_keeps_words_whole(
-    command: str, columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    assert code_of([*command.split(), "--help"]) == 0
-    printed = capsys.readouterr().out
-    assert max(map(len, printed.splitlines())) <= columns
-    assert ("╭─ options" in printed) is bool(command)
-    assert "{None}" not in printed
-    assert "(default: None)" not in printed
-    assert "(default: False)" not in printed
-    about = cli._ABOUT
-    texts = [about]
-    if command:
-        described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
-        about = described.__doc__
-        texts = [about, *meanings(described).values()]
-    assert " ".join(about.split()[:12]) in " ".join(printed.split())
-    for whole in re.findall(r"`rans [^`]{1,20}`", " ".join(texts)):
-        assert " ".join(whole.split()) in printed  # not broken at the end of a line
-    assert not re.search(r"│ +│\n", printed)  # no empty line in a box
-
-
-def test_help_without_box_characters_has_the_same_lines() -> None:
-    """A terminal of ASCII has no frames; an option begins a line there too."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rans", "fly", "--help"],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "ascii"},
-        check=True,
-    )
-    starts = {line.split()[0] for line in done.stdout.splitlines() if line.strip()}
-    assert {"--bus", "--robot", "--goal", "--zones", "--trust"} <= starts
-
-
-def test_help_of_an_option_is_one_paragraph() -> None:
-    """The second line of its text in the source began a line of its own."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rans", "compare", "--help"],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "utf-8"},
-        check=True,
-    )
-    lines = [line.strip("│ ") for line in done.stdout.splitlines()]
-    assert any("trade-off, all others, and the certified Pareto front." in line for line in lines)
-
-
-@pytest.mark.parametrize("second", [["--certified", "4"], ["--certified=4"]])
-def test_an_option_twice_is_told(
-    second: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The last counts, as everywhere: whoever has an alias may go on."""
-    assert (
-        main(
-            ["compare", "pretrained:nobody", "--certified", "3", *second, "--output", str(tmp_path)]
-        )
-        == 2
-    )
-    assert (
-        "warning: '--certified' is given twice; the last value is used" in capsys.readouterr().err
-    )
-
-
 def test_a_misspelt_command_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of(["evalute", "runs/first"]) == 2
     told = capsys.readouterr().err
@@ -297,58 +210,6 @@ def test_on_a_terminal_sentences_break_between_words(
     assert "there is no command 'evalute' (did you mean evaluate?)" in " ".join(
         map(str.strip, lines)
     )
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_its_options(
-    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "500")  # beside one another, columns would mix
-    assert code_of([command, "--help"]) == 0
-    printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())
-    described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
-    assert f"usage: rans {command}" in printed
-    hints = get_type_hints(described, include_extras=True)
-    for field, explanation in meanings(described).items():
-        if is_in_help(hints[field]):
-            assert " ".join(explanation.replace("`", "").split()) in printed
-        elif former(hints[field]) is not None:
-            assert f"--{field.replace('_', '-')} " not in printed
-
-
-def test_a_former_option_is_accepted_with_the_present_one_in_a_warning(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = tmp_path / "run"
-    former = ["--set=total_timesteps=64", "--algorithm=ppo", "--run", str(run), "--plain"]
-    assert main([*tiny(), *former]) == 0
-    told = capsys.readouterr().err
-    for option, present in (
-        ("--algorithm", "write --set algorithm=NAME"),
-        ("--run", "write --output FOLDER"),
-        ("--plain", "write --set plain=true"),
-    ):
-        assert f"rans: warning: {option} of rans train is deprecated" in told
-        assert f": {present}." in told
-    config = json.loads((run / "config.json").read_text())
-    assert config["plain"] is True
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_examples_and_pages_of_help_name_no_former_option(command: str) -> None:
-    for line in EXAMPLES[command]:
-        words = shlex.split(line)
-        cli._parse(words[words.index("rans") + 1 :])  # whose warning would be an error
-
-
-def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
-    assert with_numbers_named(["--guard", "0.01", "--seed", "3"]) == [
-        "--guard",
-        "--guard-slack=0.01",
-        "--seed",
-        "3",
-    ]
-    assert with_numbers_named(["--guard", "runs/first"]) == ["--guard", "runs/first"]
 
 
 @pytest.mark.slow

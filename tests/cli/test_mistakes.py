@@ -9,7 +9,6 @@ import pytest
 
 from rans.cli import COMMANDS, main
 from rans.cli.mistakes import COMMAND_NAMES, check_options
-from rans.cli.numbers import whole_number
 from rans.cli.train import Train, _has_solved, _train_on
 from rans.errors import ConfigError, meant, meant_file
 from rans.fast.learn.member import SOLVED_IN_A_ROW
@@ -95,29 +94,6 @@ def test_words_of_other_programs_lead_to_commands_and_hide_none() -> None:
 )
 def test_options_that_there_are_pass(words: list[str]) -> None:
     check_options("train", Train, words)
-
-
-@pytest.mark.parametrize(
-    ("word", "value"),
-    [
-        ("7", 7),
-        ("-1", -1),
-        ("1_000_000", 1_000_000),
-        ("1e6", 1_000_000),
-        ("0.3e1", 3),
-        ("1M", 1_000_000),
-        ("1.5k", 1500),
-        ("2G", 2_000_000_000),
-    ],
-)
-def test_counts_as_people_write_them(word: str, value: int) -> None:
-    assert whole_number(word) == value
-
-
-@pytest.mark.parametrize("word", ["1.5", "many", "", "M", "1e400", "nan", "inf", "1m", "0.0001k"])
-def test_what_is_no_count(word: str) -> None:
-    with pytest.raises((ValueError, ArithmeticError)):
-        whole_number(word)
 
 
 def test_names_of_other_forms_are_near() -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -24,9 +23,7 @@ from rans.deploy.contract import (
     flights_of_training,
     golden,
     recorded,
-    wiring,
 )
-from rans.deploy.margins import SEED, margin_lines, margins_around, measure_margins
 from rans.deploy.robot.twin import Craft, TwinPlan
 from rans.episode import Setup
 from rans.errors import ConfigError
@@ -38,13 +35,10 @@ from rans.files import plain
 from rans.model.fields import map_leaves
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions import (
-    BodyConditions,
     Conditions,
     SensorsConditions,
-    ThrusterConditions,
 )
 from rans.tasks import GoToPose
-from rans.tasks.derived import observation_width
 from tests.support.exports import exported, written
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -287,46 +281,6 @@ def test_a_contract_names_the_filter_that_its_files_lack() -> None:
     assert known["go-to-pose-2d"] is None
 
 
-def columns_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Columns of a shipped agent's contract by name, and its states and goals with their observations."""
-    run = RunFolder(pretrained_folder(name))
-    config = run.config()
-    craft = run.spacecraft()
-    seen = np.zeros((1, 1, observation_width(config.settings, craft.dimension)), np.float32)
-    about = contract(name, config, craft, "", 0, seen)
-    columns = {column["name"]: column for column in about["observation"]}
-    return columns, wiring(config.settings, craft)
-
-
-@pytest.mark.parametrize(
-    "name", ["avoid-2d", "avoid-3d", "dock-port-2d", "dock-port-3d", "land-3d"]
-)
-def test_every_column_of_a_mission_has_a_meaning(name: str) -> None:
-    columns, _ = columns_and_wiring(name)
-    assert all(column["meaning"] for column in columns.values())
-
-
-def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
-    """Worked out from the zones in the notes of the goal."""
-    columns, pairs = columns_and_wiring("avoid-2d")
-    assert columns["zone 1 dx"]["meaning"] == "position of the centre of zone 1 minus own"
-    assert columns["zone 1 dv_y"]["meaning"] == "velocity of zone 1 minus own"
-    assert "of length 1 at its surface" in columns["zone 1 near x"]["meaning"]
-    for state, goal, row in zip(pairs["state"], pairs["goal"], pairs["observation"], strict=True):
-        own = np.array(state["position"])
-        zones = np.reshape(goal["notes"], (-1, 5))  # centre, velocity and radius of each
-        gaps = np.linalg.norm(zones[:, :2] - own, axis=1) - zones[:, 4]
-        x, y, _, vy, radius = zones[np.argmin(gaps)]
-        way = [x, y] - own
-        known = {
-            "zone 1 dx": way[0],
-            "zone 1 dv_y": vy - state["velocity"][1],
-            "zone 1 gap": np.linalg.norm(way) - radius,
-        }
-        for column, value in known.items():
-            assert row[columns[column]["column"]] == pytest.approx(value, abs=1e-4)
-
-
 def test_valid_ranges_leave_out_flights_that_failed() -> None:
     """A task in space that fails above 2 rad/s: of 32 flights some are faster, and none of them is kept."""
     folder = pretrained_folder("go-to-pose-3d")
@@ -406,66 +360,6 @@ def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None
         "1": "thrifty",
         "valid": [0.0, 1.0],
     }
-
-
-def test_margins_of_an_agent() -> None:
-    """Against flights in single conditions, of other numbers."""
-    run = load_policy(pretrained_folder("go-to-pose-2d"))
-    margins = measure_margins(run.controller, run.judged, 8)
-    assert margins["nominal"] == margins["training"] == 1.0
-    for quantity, size, world in (
-        ("latency", "0.1", Conditions(thrusters=ThrusterConditions(latency=0.1))),
-        ("mass", "2", Conditions(body=BodyConditions(mass=2.0))),
-        ("mass", "0.5", Conditions(body=BodyConditions(mass=0.5))),
-    ):
-        setup = run.judged._replace(conditions=world)
-        alone = fly_episodes(run.controller, setup, SEED, 8, workers=1).flight.verdict.held.mean()
-        assert margins[quantity]["held"][size] == alone
-    least, most = margins["mass"]["holds"]
-    assert least <= 0.65 < 1.0 < most == 2.0
-
-
-def test_margins_are_around_the_training_and_leave_a_hole_out() -> None:
-    """By hand: trained at 30 to 50 ms, it holds from 25 ms to 0.1 s, at any mass from 0.8 to 1.25."""
-    trained = Conditions(thrusters=ThrusterConditions(latency=(0.03, 0.05)))
-    every = list[Conditions]()
-
-    def share(conditions: Conditions) -> float:
-        latency, mass = conditions.thrusters.latency, conditions.body.mass
-        least, most = latency if isinstance(latency, tuple) else (latency, latency)
-        assert isinstance(mass, float)
-        return 1.0 if least >= 0.025 and most <= 0.1 and 0.8 <= mass <= 1.25 else 0.33
-
-    def measure(several: Sequence[Conditions]) -> list[float]:
-        every.extend(several)
-        return [share(one) for one in several]
-
-    run = load_policy(pretrained_folder("go-to-pose-2d"))
-    margins = margins_around(trained, run.craft, run.timing, measure)
-    assert margins["latency"]["of_training"] == [0.03, 0.05]
-    assert margins["latency"]["holds"] == [0.025, 0.1]
-    assert margins["mass"]["holds"] == [0.8, 1.25]
-    assert margins["noise of spin"]["holds"] == [0.0, 5.0]
-    assert (margins["training"], margins["nominal"]) == (1.0, 0.33)
-    # Everything but the quantity that is tried is as in the training.
-    assert {one.thrusters.latency for one in every if one.body.mass != 1.0} == {(0.03, 0.05)}
-    text = " ".join(margin_lines(margins))
-    assert "0.025 to 0.1 s" in text
-    assert "33.0%" in text
-    assert text.count("Warning") == 1
-
-
-def test_a_value_is_flown_in_every_part_of_a_mixture() -> None:
-    """The flights that are counted for a value are those of episodes that drew it."""
-    run = load_policy(pretrained_folder("go-to-pose-2d"))
-    calm = Conditions(weight=3.0)
-    mixed = replace(calm, others=(Conditions(body=BodyConditions(mass=20.0)),))
-    margins = measure_margins(run.controller, run.judged._replace(conditions=mixed), 24)
-    # 20 times the mass holds nowhere, and is a quarter of the episodes: 5 standard deviations of 24.
-    assert margins["training"] == pytest.approx(0.75, abs=5 * math.sqrt(0.75 * 0.25 / 24))
-    assert margins["nominal"] == margins["mass"]["held"]["1"] == 1.0
-    assert margins["mass"]["held"]["20"] == 0.0
-    assert margins["mass"]["of_training"] == [1.0, 20.0]
 
 
 def test_wild_readings_are_held_and_then_shut_the_valves(folder: Callable[[str], Path]) -> None:

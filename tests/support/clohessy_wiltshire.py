@@ -20,3 +20,11 @@ def transition(mean_motion: float, duration: float) -> np.ndarray:
     rates[4, 3] = -2.0 * mean_motion
     rates[5, 2] = -(mean_motion**2)
     return expm(rates * duration)
+
+
+def orbit(n: float) -> np.ndarray:
+    """The differential equations of Clohessy and Wiltshire as a matrix, (6, 6)."""
+    system = np.zeros((6, 6))
+    system[:3, 3:] = np.eye(3)
+    system[3, 0], system[3, 4], system[4, 3], system[5, 2] = 3 * n * n, 2 * n, -2 * n, -n * n
+    return system

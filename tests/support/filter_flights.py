@@ -9,6 +9,8 @@ import numpy as np
 
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.filter_bank import Filters
+from rans.policy.kalman_filter import Filter
 from rans.tasks.base import Task
 from rans.tasks.derived import layout
 
@@ -27,3 +29,11 @@ def commands(craft: Spacecraft, often: float, seed: int = 1) -> Any:
 def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.ndarray]:
     seen = layout(task, craft.dimension).in_body(columns)
     return [np.broadcast_to(np.asarray(x, float), COUNT) for x in seen]
+
+
+def made(
+    craft: Spacecraft, task: Task, drift: float, steady: float = 0.0, response: float = 0.0
+) -> Filter:
+    """One filter of a bank."""
+    (one,) = Filters.of(craft, task, TIMING.control_period, (drift,), (steady,), (response,)).each
+    return one

@@ -108,20 +108,6 @@ def test_an_engine_and_a_training_of_a_slow_file_warn(tmp_path: Path) -> None:
         tiny_trainer(tmp_path / "run", replace(CONFIG, spacecraft="afrl-deputy"))
 
 
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
-        ({}, 0),
-        ({"radius": 310.0}, 1),
-        ({"radius": 0.00031}, 2),
-        ({"inertia": ((20.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0))}, 1),
-        ({"centre_of_mass": (0.35, 0.0, 0.0)}, 1),
-    ],
-)
-def test_a_body_fits_its_radius(changes: dict[str, Any], expected: int) -> None:
-    assert len(misfits(replace(PLATFORM, **changes))) == expected
-
-
 def test_a_file_with_a_radius_in_mm_warns(tmp_path: Path) -> None:
     text = SPACECRAFT["floating-platform"].text.replace("radius = 0.31", "radius = 310")
     (tmp_path / "mine.toml").write_text(text)

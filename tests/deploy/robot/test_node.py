@@ -20,13 +20,12 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from rans.cli import main
-from rans.cli.fly import Fly, opened_bus
+from rans.cli.fly import Fly
 from rans.deploy.robot.bag import bag_entries
 from rans.deploy.robot.bus import Receive, UDPBus, open_bus
-from rans.deploy.robot.frames import Motion, quaternion_of, rotated, swapped
+from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import RobotName, interface
-from rans.deploy.robot.messages import FLOATS, PX4_MOTORS, TEXT, array, make, pack, types, unpack
+from rans.deploy.robot.messages import FLOATS, TEXT, array, make, pack, unpack
 from rans.deploy.robot.node import END_TOPIC, fly_over, replay_bag
 from rans.deploy.robot.pilot import (
     CRAFT_TOPIC,
@@ -37,17 +36,9 @@ from rans.deploy.robot.pilot import (
     motion_of,
 )
 from rans.deploy.robot.twin import VALVES_TOPIC, Craft, TwinPlan, run_twin
-from rans.deploy.robot.velocity import VelocityFilter
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
-from rans.randomization.conditions import (
-    Conditions,
-    FaultConditions,
-    SensorConditions,
-    SensorsConditions,
-    ThrusterConditions,
-)
 from rans.tasks import Avoid, GoToPose
 from tests.support.robots import AWAY
 
@@ -81,160 +72,7 @@ class Wire:
 # Frames
 
 
-PX4_THRUSTERS = [
-    # x, y (m) and direction of the force in FRD: PX4-Space-Systems, airframe 70000, in PX4's order.
-    ((-0.12, -0.12), (1, 0)),
-    ((0.12, -0.12), (-1, 0)),
-    ((-0.12, 0.12), (1, 0)),
-    ((0.12, 0.12), (-1, 0)),
-    ((0.12, -0.12), (0, 1)),
-    ((0.12, 0.12), (0, -1)),
-    ((-0.12, -0.12), (0, 1)),
-    ((-0.12, 0.12), (0, -1)),
-]
-ATMOS = 17.8, 0.315, 1.5
-"""Mass, kg, yaw inertia, kg m^2, and force, N."""
-
-
-@pytest.mark.parametrize("thruster", range(8))
-@pytest.mark.parametrize("heading", [0.0, 100.0])
-def test_one_pulse_of_each_thruster_in_px4s_frames(thruster: int, heading: float) -> None:
-    """ActuatorMotors in, VehicleOdometry out, against PX4's own table: Newton's law in NED and FRD by hand."""
-    craft = load_spacecraft("atmos")
-    plan = TwinPlan(craft, 0.1, robot="px4", start=(1.0, 2.0, heading))
-    ends = interface("px4", 8, 8)
-    twin = Craft(plan)
-    control = np.full(12, np.nan, np.float32)
-    control[thruster] = 1.0
-    motors = make(PX4_MOTORS, timestamp=0, timestamp_sample=0, reversible_flags=0, control=control)
-    command = ends.commanded("fmu/in/actuator_motors", pack(PX4_MOTORS, motors))
-    assert command is not None
-    before = unpack(*_last(ends.state(twin.motion, 0)))
-    twin.hold(command)
-    for _ in range(10):  # 0.1 s, one pulse of full duty
-        twin.advance()
-    after = unpack(*_last(ends.state(twin.motion, 0)))
-
-    mass, inertia, force = ATMOS
-    (x, y), (fx, fy) = PX4_THRUSTERS[thruster]
-    # PX4's heading is from north, clockwise from above; RANS's from east, the other way.
-    yaw = np.pi / 2 - np.radians(heading)
-    assert before.position[:2] == pytest.approx([2.0, 1.0])
-    north = np.cos(yaw) * fx - np.sin(yaw) * fy
-    east = np.sin(yaw) * fx + np.cos(yaw) * fy
-    gained = np.subtract(after.velocity, before.velocity)[:2] / 0.1
-    # It turns by 0.0029 rad meanwhile, which changes the direction of the force by 0.1 %.
-    assert gained == pytest.approx(np.array([north, east]) * force / mass, abs=2e-4)
-    rate = (after.angular_velocity[2] - before.angular_velocity[2]) / 0.1
-    assert rate == pytest.approx((x * fy - y * fx) * force / inertia, rel=1e-4)
-
-
-def _last(messages: list[Any]) -> tuple[str, bytes]:
-    return messages[-1].kind, messages[-1].data
-
-
-def test_frames_by_examples() -> None:
-    """Facing east, moving north, rolling: by hand."""
-    facing_east = Motion(
-        np.array([3.0, 4.0, 5.0]),
-        quaternion_of(0.0),
-        np.array([0.0, 1.0, 0.0]),
-        np.array([0.1, 0.2, 0.3]),
-    )
-    px4 = swapped(facing_east)
-    assert px4.position == pytest.approx([4.0, 3.0, -5.0])
-    assert px4.velocity == pytest.approx([1.0, 0.0, 0.0])
-    assert px4.spin == pytest.approx([0.1, -0.2, -0.3])
-    # In NED east is +y: a yaw of 90 degrees about down.
-    assert np.abs(px4.attitude) == pytest.approx([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
-    assert rotated(px4.attitude, (1.0, 0.0, 0.0)) == pytest.approx([0.0, 1.0, 0.0])
-    assert rotated(px4.attitude, (0.0, 0.0, 1.0)) == pytest.approx([0.0, 0.0, 1.0])
-    for ours, theirs in zip(facing_east, swapped(px4), strict=True):
-        assert theirs == pytest.approx(ours)
-
-
-@pytest.mark.parametrize("robot", ["ros", "odometry", "px4"])
-def test_a_motion_survives_its_messages(robot: RobotName) -> None:
-    random = np.random.default_rng(3)
-    q = random.normal(size=4)
-    motion = Motion(
-        random.normal(size=3), q / np.linalg.norm(q), random.normal(size=3), random.normal(size=3)
-    )
-    ends = interface(robot, 8, 8)
-    found: dict[str, Any] = {}
-    for message in ends.state(motion, 12_345_678_000):
-        assert ends.inputs[message.topic] == message.kind
-        reading = ends.read(message.topic, message.data)
-        assert reading.measured == 12_345_678_000
-        found |= {k: v for k, v in reading._asdict().items() if v is not None}
-    assert found["position"] == pytest.approx(motion.position, abs=1e-6)
-    assert found["velocity"] == pytest.approx(motion.velocity, abs=1e-6)
-    assert found["spin"] == pytest.approx(motion.spin, abs=1e-6)
-    assert abs(found["attitude"] @ motion.attitude) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "px4", "roboran", "pingu"])
-def test_a_command_survives_its_messages(robot: RobotName) -> None:
-    command = np.array([1.0, 0, 0, 1, 1, 0, 1, 0])
-    ends = interface(robot, 8, 8)
-    found = [
-        one
-        for message in ends.command(command.tolist(), 10**9)
-        if (one := ends.commanded(message.topic, message.data)) is not None
-    ]
-    np.testing.assert_array_equal(found, [command])
-
-
-def test_messages_of_laboratories() -> None:
-    """By hand: RoboRAN's valve 5 is the agent's thruster 0; Pingu's thrusters follow bearing and enable."""
-    row = unpack(
-        "std_msgs/msg/Int16MultiArray",
-        interface("roboran", 8, 8).command([1.0] + [0] * 7, 0)[0].data,
-    )
-    assert row.data.tolist() == [1, 0, 0, 0, 0, 0, 1, 0, 0]
-    row = unpack(FLOATS, interface("pingu", 8, 8).command([0.0, 1.0] + [0] * 6, 0)[0].data)
-    assert row.data.tolist() == [1, 1, 0, 1] + [0] * 11
-    motors = interface("px4", 8, 8).command([0.0, 0.5] + [0] * 6, 5_000)[1]
-    assert len(motors.data) == 72  # as PX4's agent has it
-    assert np.isnan(unpack(PX4_MOTORS, motors.data).control[0])
-    assert unpack(PX4_MOTORS, motors.data).control[1] == 0.5
-
-
 # Velocities from poses
-
-
-def test_velocities_from_poses_settle_on_the_truth() -> None:
-    """A body that moves steadily and turns, measured with noise at irregular times."""
-    random = np.random.default_rng(0)
-    velocity = np.array([0.2, -0.1, 0.0])
-    filtered = VelocityFilter((0.05, 0.2), (0.001, 0.002))
-    motion = None
-    time = 0
-    for _ in range(400):
-        time += int(random.uniform(5e6, 15e6))
-        seconds = time * 1e-9
-        position = velocity * seconds + random.normal(0, 0.001, 3)
-        attitude = quaternion_of(0.5 * seconds + random.normal(0, 0.002))
-        motion = filtered.update(time, position, attitude)
-    assert motion is not None
-    # Steady state of this filter at 100 poses a second: a velocity's variance is sqrt(2) q^1.5 r^0.5, where q is
-    # the density of the acceleration, 0.05 m/s^2 for a second, and r that of the noise, 1 mm at 100 Hz.
-    expected = np.sqrt(np.sqrt(2.0) * 0.05**1.5 * (0.001 * 0.1) ** 0.5)
-    assert np.abs(motion.velocity - velocity).max() < 4.0 * expected
-    assert motion.spin[2] == pytest.approx(0.5, abs=0.1)
-
-
-def test_velocities_follow_a_push() -> None:
-    """Within a fifth of a second of a thruster's opening, exactly measured."""
-    filtered = VelocityFilter((0.2, 1.0), (0.001, 0.002))
-    motion = None
-    for k in range(300):
-        seconds = k * 0.01
-        pushed = max(0.0, seconds - 2.0)
-        position = np.array([0.5 * 0.2 * pushed**2, 0.0, 0.0])
-        motion = filtered.update(k * 10_000_000, position, quaternion_of(0.0))
-    assert motion is not None
-    assert motion.velocity[0] == pytest.approx(0.2 * 0.99, abs=0.2 * 0.2)
 
 
 # Deciding
@@ -342,64 +180,6 @@ def test_bytes_that_are_no_message(agent: Path) -> None:
 
 
 # The twin
-
-
-def test_a_twin_has_latency_noise_and_faults() -> None:
-    craft = load_spacecraft(PLATFORM)
-    conditions = Conditions(
-        thrusters=ThrusterConditions(latency=0.1),
-        sensors=SensorsConditions(position=SensorConditions(noise=0.01, dropout=0.5)),
-        faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=1.0),
-    )
-    twin = Craft(TwinPlan(craft, 0.2, conditions=conditions, start=(1.0, 0.0, 0.0)))
-    twin.hold(np.array([1.0, 0, 0, 0, 0, 0, 0, 0]))
-    speeds = []
-    positions = []
-    for _ in range(90):
-        twin.advance()
-        speeds.append(float(np.linalg.norm(twin.motion.velocity)))
-        measured = twin.measured()
-        positions.append(np.nan if measured is None else measured.position[0])
-    assert speeds[9] == 0.0  # 0.1 s of latency
-    assert speeds[20] > 0.0
-    errors = np.array(positions) - 1.0
-    assert 0.005 < np.nanstd(errors[:10]) < 0.02
-    twin.hold(np.zeros(8))
-    for _ in range(30):
-        twin.advance()
-    coasting = twin.motion.velocity
-    for _ in range(50):
-        twin.advance()
-    assert not np.allclose(twin.motion.velocity, coasting)  # one thruster is stuck open
-
-
-@pytest.mark.parametrize("engine", ["fast", "drake"])
-def test_both_engines_are_the_same_robot(engine: Any) -> None:
-    """A pulse of 0.2 s of two thrusters, by hand: 2 N on 5.32 kg."""
-    craft = load_spacecraft(PLATFORM)
-    twin = Craft(TwinPlan(craft, 0.2, engine=engine, start=(0.0, 0.0, 0.0), rate=20.0))
-    wrench = np.array(craft.wrench_map)
-    straight = next(
-        (a, b)
-        for a in range(8)
-        for b in range(a)
-        if np.allclose(wrench[a][:2], wrench[b][:2]) and abs(wrench[a][2] + wrench[b][2]) < 1e-9
-    )
-    command = np.zeros(8)
-    command[list(straight)] = 1.0
-    twin.hold(command)
-    for _ in range(4):
-        twin.advance()
-    expected = 2.0 * wrench[straight[0]][:2] * 0.2 / craft.mass
-    assert twin.motion.velocity[:2] == pytest.approx(expected, rel=1e-6)
-
-
-def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
-    """37 % of a period of 0.1 s at steps of 10 ms: three whole ones, then seven tenths."""
-    twin = Craft(TwinPlan(load_spacecraft("atmos"), 0.1))
-    twin.hold(np.array([0.37, 0, 0, 0, 0, 0, 0, 0]))
-    given = [twin.advance()[0] for _ in range(10)]
-    assert given == pytest.approx([1, 1, 1, 0.7, 0, 0, 0, 0, 0, 0])
 
 
 # The safety filter
@@ -516,33 +296,6 @@ def test_a_plan_of_wild_numbers_is_refused(
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [{"rate": math.inf}, {"seconds": math.nan}, {"start": (math.nan, 0.0, 0.0)}],
-)
-def test_a_twin_of_wild_numbers_is_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match="finite"):
-        TwinPlan(load_spacecraft(PLATFORM), 0.2, **changes)
-    with pytest.raises(ConfigError, match="--period must be a finite number above 0"):
-        TwinPlan(load_spacecraft(PLATFORM), 0.0)
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "sentence"),
-    [
-        ("--episode", "-1", "--episode must be a whole number >= 0 and < 2^31, got -1."),
-        ("--episode", str(2**31), "--episode must be a whole number >= 0 and < 2^31"),
-        ("--seed", str(2**64), "the seed must be a whole number of at most 64 bits"),
-    ],
-)
-def test_a_twin_of_no_episode_is_refused(
-    option: str, value: str, sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Before a bus is opened: such an episode would be flown as another one, or end in a traceback."""
-    assert main(["twin", "floating-platform", "--bus", "udp", option, value]) != 0
-    assert sentence in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.parametrize(
     ("options", "sentence"),
     [
         ({"goal": ("1", "2")}, "--goal takes x, y and heading"),
@@ -560,23 +313,6 @@ def test_nothing_is_written_for_a_flight_that_cannot_begin(
     with pytest.raises(ConfigError, match=sentence):
         Fly("pretrained:go-to-pose-2d", **{"bus": "udp", "output": output} | options).run()
     assert not output.exists()
-
-
-def test_the_bus_is_that_of_the_robots_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("rans.deploy.robot.bus.open_bus", lambda *given: opened.append(given))
-    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    monkeypatch.setenv("ROS_DISTRO", "humble")
-    opened_bus("zenoh:listen/tcp/0.0.0.0:7447", None, "", None)
-    opened_bus("dds", 3, "", None)
-    assert opened == [("zenoh", 7, "listen/tcp/0.0.0.0:7447", "humble"), ("dds", 3, "", "humble")]
-    monkeypatch.setenv("ROS_DISTRO", "noetic")
-    opened_bus("udp", None, "", None)  # no distribution matters here
-    with pytest.raises(ConfigError, match="ROS_DISTRO must be one of humble"):
-        opened_bus("zenoh", None, "", None)
-    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
-    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be a whole number, got 'seven'"):
-        opened_bus("dds", None, "", None)
 
 
 def test_what_no_filter_keeps_is_refused(agent: Path) -> None:
@@ -665,63 +401,6 @@ def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
         assert {"geometry_msgs/msg/PoseStamped", FLOATS} <= names
         count = sum(1 for _ in reader.iter_messages())
     assert count == len(list(bag_entries(bag)))
-
-
-def _buses(name: str) -> tuple[Any, Any]:
-    if name == "udp":
-        return open_bus("udp", 37), open_bus("udp", 37)
-    if name == "zenoh":
-        pytest.importorskip("zenoh")
-        first = open_bus("zenoh", 0, "listen/tcp/127.0.0.1:17491")
-        return first, open_bus("zenoh", 0, "tcp/127.0.0.1:17491")
-    pytest.importorskip("cyclonedds")
-    os.environ.setdefault(
-        "CYCLONEDDS_URI",
-        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/>"
-        "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
-        "</ParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>",
-    )
-    return open_bus("dds", 77), open_bus("dds", 77)
-
-
-@pytest.mark.parametrize("name", ["udp", "zenoh", "dds"])
-def test_every_type_crosses_every_bus(name: str) -> None:
-    """The bytes that arrive are those that were sent."""
-    first, second = _buses(name)
-    try:
-        motion = AWAY._replace(spin=np.array([0.0, 0.0, 0.25]))
-        sent = []
-        for robot in ("ros", "odometry", "px4", "roboran"):
-            ends = interface(robot, 8, 8)
-            sent += [*ends.state(motion, 10**9), *ends.command([1.0] + [0.0] * 7, 10**9)]
-        got: dict[str, bytes] = {}
-        for message in sent:
-            second.subscribe(
-                message.topic, message.kind, lambda data, m=message: got.update({m.topic: data})
-            )
-        wanted = {message.topic: message.data for message in sent}
-        deadline = time.monotonic() + 10.0
-        while len(got) < len(wanted) and time.monotonic() < deadline:
-            for message in sent:
-                first.publish(*message)
-            time.sleep(0.1)
-        assert {topic: len(data) for topic, data in got.items()} == {
-            topic: len(data) for topic, data in wanted.items()
-        }
-        for message in sent:
-            if message.topic in ("pose", "twist"):
-                continue  # sent by two kinds of robots
-            assert got[message.topic] == wanted[message.topic]
-    finally:
-        first.close()
-        second.close()
-
-
-def test_types_have_the_hashes_of_ros() -> None:
-    """Of std_msgs/msg/String, as every distribution since Iron prints it."""
-    assert types().hash_rihs01(TEXT) == (
-        "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
-    )
 
 
 def start(command: list[str], folder: Path) -> subprocess.Popen[str]:

@@ -18,7 +18,7 @@ from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.tasks import GoToPose, GoToPosition, TrackVelocity
+from rans.tasks import GoToPose
 from rans.tasks.goal_set import arrived
 from tests.support.evaluation_flights import flight_of
 
@@ -48,29 +48,6 @@ def test_goal_set_is_that_of_the_certificate() -> None:
     ]
     np.testing.assert_array_equal(ours, theirs)
     assert 0.1 < ours.mean() < 0.9
-
-
-@pytest.mark.parametrize(
-    ("speed", "spin", "there"),
-    [
-        ((0.0, 0.0), 0.0, True),
-        ((0.03, 0.03), 0.08, True),
-        ((0.04, 0.04), 0.0, False),
-        ((0.0, 0.0), -0.09, False),
-    ],
-)
-def test_who_is_at_a_pose_must_rest(speed: tuple[float, float], spin: float, there: bool) -> None:
-    """5 cm/s and 5 degrees/s = 0.0873 rad/s; (4, 4) cm/s is 5.7 cm/s fast."""
-    flight = flight_of([[0.01]] * 2, 0.0, None, speed, spin)
-    assert arrived(flight.task, flight.states, flight.goals).tolist() == [[there]] * 2
-
-
-def test_only_what_is_asked_for_must_rest() -> None:
-    """At a position spin is free; a velocity to track has no place to rest at."""
-    spinning = flight_of([[0.01]] * 2, 90.0, spin=1.0, task=GoToPosition())
-    assert arrived(spinning.task, spinning.states, spinning.goals).all()
-    moving = flight_of([[3.0]] * 2, 0.0, speed=(0.04, 0.0), spin=1.0, task=TrackVelocity())
-    assert arrived(moving.task, moving.states, moving.goals).all()
 
 
 def test_scores_worked_out() -> None:
@@ -211,17 +188,6 @@ def test_returns_are_the_sum_of_all_terms() -> None:
     terms = flight.rewards()
     by_hand = [sum(float(term[k, n]) for term in terms.values() for k in range(3)) for n in (0, 1)]
     assert entry_of(flight).returns == pytest.approx(by_hand)
-
-
-def test_spin_at_rest_is_relative_to_the_goal() -> None:
-    """A goal that spins is met by who spins with it."""
-    flight = flight_of([[0.01]] * 2, 0.0, spin=0.5)
-    goals = replace(flight.goals, w=flight.goals.w + 0.5)
-    assert arrived(flight.task, flight.states, goals).all()
-    assert not arrived(flight.task, flight.states, flight.goals).any()
-    moving = flight_of([[0.01]] * 2, 0.0, speed=(0.3, 0.0))
-    goals = replace(moving.goals, v=Vec2(moving.goals.v.x + 0.3, moving.goals.v.y))
-    assert arrived(moving.task, moving.states, goals).all()
 
 
 def test_one_start_of_many() -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,16 +12,11 @@ from hypothesis import strategies as st
 
 from rans.evaluation.compare import certified
 from rans.evaluation.compare.bounds import Bound, Event
-from rans.evaluation.compare.contest import Contest, Contestant, Entry
-from rans.evaluation.compare.front import Front, Point, certify_front, judged, least, point
-from rans.show.pages.comparison_charts import front_chart
-from rans.show.pages.comparison_page import page
-from rans.show.tables.comparison_tables import to_json
-from rans.show.tables.front_tables import front_table, sentences
-from tests.support.comparisons import NOBODY, comparison, entry
+from rans.evaluation.compare.front import Point, certify_front, judged, least, point
+from tests.support.comparisons import entry
+from tests.support.fronts import answers, front, named, trade_offs
 
 LINE = [Point(5.0, 20.0, 0.01, 1.0), Point(10.0, 10.0, 0.03, 0.9), Point(20.0, 4.0, 0.02, 1.0)]
-HORIZONS = (2.0, 5.0)
 
 
 @pytest.mark.parametrize(
@@ -72,31 +65,6 @@ def test_a_line_may_bend_back() -> None:
 )  # slower than all, and dearer than the last
 def test_who_is_dominated(other: Point, dominates: bool) -> None:
     assert judged(LINE, other).dominates == dominates
-
-
-def named(name: str, trade_off: float | None = None, **changes: Any) -> Entry:
-    """See `entry`: there after 1 s, 2 s and never; in all 2, 1 and 0 N s, of which 1 and 1 until there."""
-    return replace(entry(), contestant=Contestant(name, NOBODY, "", "", trade_off), **changes)
-
-
-def answers(own: tuple[float, float] = (0.4, 0.6)) -> list[Bound]:
-    """Of all three starts: nobody in 0.5 s, 0.2 N s by each horizon; and for 1 and 2 s of the first two."""
-    found = [
-        Bound(k, horizon, 0.5 if horizon is None else 0.2)
-        for k in range(3)
-        for horizon in (None, *HORIZONS)
-    ]
-    return [
-        Bound(1, 2.0, own[1]) if (one.start, one.horizon) == (1, 2.0) else one
-        for one in (*found, Bound(0, 1.0, own[0]))
-    ]
-
-
-def front(*entries: Entry, **changes: Any) -> Front:
-    flight = entries[0].flight
-    return Front(
-        Contest(flight.craft, flight.task, flight.timing, 1, 3), HORIZONS, [*entries], **changes
-    )
 
 
 def test_where_somebody_stands() -> None:
@@ -170,16 +138,6 @@ def test_who_beats_a_bound_is_found_out(wrong: tuple[float, float]) -> None:
     ]
 
 
-def trade_offs() -> Front:
-    """A line from 1 N s to a half, and somebody beside it who needs four times that."""
-    fast = named("agent#0", 0.0)
-    thrifty = named("agent#1", 1.0)
-    dear = named("dear")
-    thrifty.flight.commands[:] *= 0.5
-    dear.flight.commands[:] *= 4.0
-    return front(thrifty, dear, fast, named("held#0.5", 0.5), certified=answers())
-
-
 def test_indicators_of_a_line_by_hand() -> None:
     """The thrifty position is there after 1, 2 s and never, with 0.5 N s.
 
@@ -206,50 +164,6 @@ def test_how_sure_a_line_is() -> None:
     sure = found.chance([quicker, *line], dear)
     assert sure == pytest.approx(26 / 27, abs=0.02)  # 3 standard deviations of 1,000 draws
     assert found.chance(line, held) == 0.0
-
-
-def test_words_and_figures_of_a_front() -> None:
-    found = trade_offs()
-    assert [*found.lines()] == ["agent"]  # from fast to thrifty; one position makes no line
-    assert [one.name for one in found.lines()["agent"]] == ["agent#0", "agent#1"]
-    assert [one.name for one in found.others()] == ["dear", "held#0.5"]
-    columns, rows = front_table(found)
-    assert columns[4] == "position error, cm"
-    assert rows[0] == ["agent#0", "66.7", "2.67", "1", "301", "1.83", "2", "3"]
-    assert [row[3] for row in rows] == ["1", "0.5", "4", "1"]
-    assert [*sentences(found)] == [
-        "agent does not dominate dear: in 2.667 s 0.5 N s instead of 4, but with 4 N s it is no quicker.",
-        "agent does not dominate held#0.5: in 2.667 s 0.5 N s instead of 1, but with 1 N s it is no quicker.",
-        "agent is behind the nearest point of the certified front, in time and impulse at once, by factors "
-        "of 1.83 at 0, 1.04 at 1.",
-        "agent spends, in multiples of the certified least impulse for its own times, 3.00 at 0, 1.50 at 1.",
-        "agent against the whole certified front from 2 to 5 s: epsilon indicator 2.5 (median), 17.9 % of its "
-        "hypervolume (mean), 3 starts.",
-        "Everybody together against the whole certified front from 2 to 5 s: epsilon indicator 2.5 (median), "
-        "17.9 % of its hypervolume (mean), 3 starts.",
-    ]
-    chart = front_chart(found)
-    drawn = {one.name: [(mark.x, mark.y) for mark in one.marks] for one in chart.series}
-    assert drawn["agent, trade-off at 2 positions"] == [
-        pytest.approx((8 / 3, 1.0)),
-        pytest.approx((8 / 3, 0.5)),
-    ]
-    assert drawn["dear (66.7 % get there)"] == [pytest.approx((8 / 3, 4.0))]
-    bars = drawn["certified least impulse at this time from each start, mean of 3 starts"]
-    assert bars == [pytest.approx((2.0, 1 / 3)), pytest.approx((5.0, 0.2))]
-    assert [bounds for *bounds, _ in chart.shaded] == [[0.0, 0.5]]
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_page_and_file_have_the_front() -> None:
-    found = trade_offs()
-    told = comparison(front=found)
-    assert "Front of time and impulse" in [section.title for section in page(told).sections]
-    read = to_json(told, "")["front"]
-    assert read["points"]["agent#0"]["over_bound"]["episode"] == pytest.approx(3.0)
-    assert read["dominates"] == {"agent": {"dear": False, "held#0.5": False}}
-    assert read["certified"]["starts"] == [0, 1, 2]
-    assert to_json(comparison(), "")["front"] is None
 
 
 def test_the_budget_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:

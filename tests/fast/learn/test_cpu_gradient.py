@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
-from rans.compile.cpu.actor_critic import CpuActorCritic
 from rans.compile.cpu.matmul import WIDTH
-from rans.fast.engine import Engine
-from rans.fast.learn.config import MemorySettings, PPOSettings
+from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.cpu_gradient import CpuGradient
-from rans.fast.learn.member import architecture_of
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
-from rans.policy.network import Network
-from rans.policy.symmetry import symmetries
-from rans.tasks import MultiTask
-from rans.tasks.derived import layout
-from tests.support.engines import FLYER, NEAR, PLATFORM
-from tests.support.training import collected, scatter, tiny_learner
-
-SIDES: Any = symmetries(PLATFORM)
+from tests.support.engines import FLYER, PLATFORM
+from tests.support.training import collected, tiny_learner
 
 CASES = pytest.mark.parametrize(
     ("craft", "settings"),
@@ -69,55 +58,3 @@ def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
 )
 def test_what_is_left_to_autograd(settings: Any) -> None:
     assert tiny_learner(**settings).backend is None
-
-
-@CASES
-@pytest.mark.parametrize("count", [1, 75])
-def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
-    network = collected(craft, **settings)[0].network
-    plain = Network(network.architecture, network.tensors)
-    generator = torch.Generator().manual_seed(1)
-    memory = network.initial_state(count)
-    observation = torch.randn(count, network.architecture.layout.width, generator=generator)
-    with torch.no_grad():
-        found, expected = (x.evaluate(observation, memory) for x in (network, plain))
-    torch.testing.assert_close(found.value, expected.value, rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(found.policy, expected.policy, rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {},
-        {"layers": (16, 12)},
-        {"activation": "relu"},
-        {"zoom": 2.0},
-        {"clip": 0.5},
-        {"symmetries": None},
-        {"symmetries": SIDES._replace(place=np.roll(SIDES.place, 1, axis=1))},
-        {"layout": layout(MultiTask(), 2)},
-    ],
-    ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"],
-)
-def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And only those: each says what torch says of its own weights."""
-    monkeypatch.setattr("rans.compile.cpu.llvm._SHARED", shared := {})
-    first = replace(
-        architecture_of(Engine(PLATFORM, NEAR, 1), PPOSettings(layers=(16, 16))), symmetries=SIDES
-    )
-    for seed, given in enumerate((first, replace(first, **change))):
-        plain = scatter(Network(given, given.initial(seed, 0.5)[0]), seed)
-        observation = torch.randn(
-            40, given.layout.width, generator=torch.Generator().manual_seed(seed)
-        )
-        found = CpuActorCritic(given, plain.tensors)(observation)
-        with torch.no_grad():
-            expected = plain.evaluate(observation)
-        # Sums of 16 float32 products in another order.
-        torch.testing.assert_close(
-            found,
-            (expected.policy[0], expected.value),  # type: ignore
-            rtol=1e-5,
-            atol=1e-5,  # type: ignore
-        )
-    assert len(shared) == 1 + bool(change)

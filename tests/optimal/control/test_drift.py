@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from rans.episode import Setup, World, step
@@ -24,7 +23,6 @@ from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mpc import MPC, shortest
 from rans.optimal.control.observer import ObserverMPC
@@ -33,6 +31,7 @@ from rans.optimal.control.sampling import MPPI
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
+from tests.support.clohessy_wiltshire import orbit
 from tests.support.crafts import deputy
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -98,33 +97,6 @@ class Velocity(TrackVelocity):
     @property
     def drift(self) -> Drift:
         return self.pulled
-
-
-def orbit(n: float) -> np.ndarray:
-    """The differential equations of Clohessy and Wiltshire as a matrix, (6, 6)."""
-    system = np.zeros((6, 6))
-    system[:3, 3:] = np.eye(3)
-    system[3, 0], system[3, 4], system[4, 3], system[5, 2] = 3 * n * n, 2 * n, -2 * n, -n * n
-    return system
-
-
-@pytest.mark.parametrize("time", [0.2, 30.0])
-def test_linear_motion_is_the_exponential_of_the_equations(time: float) -> None:
-    """Van Loan's matrix gives the effect of a constant acceleration as well."""
-    joined = np.zeros((9, 9))
-    joined[:6, :6] = orbit(0.05)
-    joined[3:6, 6:] = np.eye(3)
-    whole = expm(joined * time)
-    found = LinearMotion.of(ORBIT, 3, time)
-    np.testing.assert_allclose(found.matrix, whole[:6, :6], rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(found.effect, whole[:6, 6:], rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(found.offset, 0.0)
-
-
-def test_gravity_is_an_offset() -> None:
-    found = LinearMotion.of(SLOPE, 2, 2.0)
-    np.testing.assert_allclose(found.offset, [0.1, -0.16, 0.1, -0.16], atol=1e-15)
-    np.testing.assert_allclose(found.matrix, LinearMotion.of(FREE, 2, 2.0).matrix, atol=1e-15)
 
 
 def integrated(

@@ -20,7 +20,6 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
-from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import (
     MinimumFuel,
     MinimumTime,
@@ -364,14 +363,6 @@ class Fast(Careful):
     constrained = False
 
 
-@dataclass(frozen=True)
-class SpeedLimit(GoToPosition):
-    """0.2 m/s at most."""
-
-    def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
-        return {"speed": 0.2 - state.v.norm()}
-
-
 def test_a_goal_that_moves_evenly_is_one_that_stands_still_seen_from_elsewhere() -> None:
     """By Galilei: a goal at 0.2 m/s costs what one at rest costs from a start at -0.2 m/s."""
     objective = MinimumFuel(10.0)
@@ -417,14 +408,6 @@ def test_constraints_are_kept_at_every_instant_and_cost_something() -> None:
     assert kept.cost > free.cost * 1.01
 
 
-def test_least_time_under_a_speed_limit_is_bang_coast_bang() -> None:
-    """1/12 m/s^2 up to 0.2 m/s, coast, brake: distance / speed + speed / acceleration. Commands are held for
-    a fiftieth of it, which costs part of one."""
-    trajectory = solved(deputy(), MinimumTime(50), spatial(x=-3.0), spatial(), SpeedLimit())
-    closed = 3.0 / 0.2 + 0.2 * 12.0
-    assert closed * (1 - 1e-4) < trajectory.cost < closed * (1 + 0.02)
-
-
 def test_optimality_conditions_hold_and_costates_are_slopes() -> None:
     """The first costate is minus the slope of the least cost by the start, here by moving that 1 mm."""
     objective = MinimumFuel(10.0)
@@ -439,41 +422,6 @@ def test_optimality_conditions_hold_and_costates_are_slopes() -> None:
     # A thruster that is fully open would be opened further, one that is shut be shut further.
     assert found.command_multipliers[one.commands > 0.99].min() > -1e-6
     assert found.command_multipliers[one.commands < 0.01].max() < 1e-6
-
-
-def test_limits_hold_between_periods_too() -> None:
-    """Straight ahead lies a ball, and 0.4 m/s is all there may be: both hold at four instants a period."""
-    limits = PathLimits(speed=0.4, keep_out=((-1.5, 0.0, 0.4),))
-    objective = MinimumFuel(14.0, 0.4)
-    problem = Transcription(PLATFORM, TASK, objective, limits)
-    free = solved(PLATFORM, objective, planar(x=-3.0, heading=0.5), planar())
-    kept = problem.solve(planar(x=-3.0, heading=0.5), planar(), guesses=3)
-    assert kept.solved
-    assert kept.cost > free.cost
-    timing = Timing(control_period=0.1, episode_steps=4 * len(kept.commands))
-    states = replay(
-        PLATFORM, planar(x=-3.0, heading=0.5), np.repeat(kept.commands, 4, axis=0), timing, FREE
-    )
-    assert np.hypot(states.p.x + 1.5, states.p.y).min() > 0.4 - 1e-4
-    assert states.v.norm().max() < 0.4 + 1e-4
-    through = replay(
-        PLATFORM, planar(x=-3.0, heading=0.5), np.repeat(free.commands, 4, 0), timing, FREE
-    )
-    assert np.hypot(through.p.x + 1.5, through.p.y).min() < 0.4
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"speed": 0.0}, "the largest speed must be finite and > 0"),
-        ({"keep_out": ((1.0, 2.0),)}, "its centre and a radius > 0"),
-        ({"keep_out": ((1.0, 2.0, -1.0),)}, "its centre and a radius > 0"),
-        ({"keep_out": ((1.0, 2.0, 3.0, 1.0),)}, "needs 2 coordinates and a radius"),
-    ],
-)
-def test_wrong_limits_are_one_sentence(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        Transcription(PLATFORM, TASK, MinimumFuel(2.0), PathLimits(**changes))
 
 
 def test_from_midway_between_two_attitudes_one_guess_is_not_enough() -> None:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import pytest
 import torch
 
-from rans.fast.threads import one_thread
 from validation.speed.measurement import Clock
 
 
@@ -28,20 +27,6 @@ def test_a_clock_tells_the_median(monkeypatch: pytest.MonkeyPatch) -> None:
     took = iter([0.5, 1.0, 1.0, 5.0, 3.0])
     monkeypatch.setattr(Clock, "_took", lambda *_: next(took))
     assert Clock("cpu", repeats=3, seconds=1.0).time(lambda: None) == (3.0, 2.0)
-
-
-def test_one_thread_inside_and_as_many_as_before_after() -> None:
-    before = torch.get_num_threads()
-    try:
-        torch.set_num_threads(3)
-        with one_thread():
-            assert torch.get_num_threads() == 1
-        assert torch.get_num_threads() == 3
-        with pytest.raises(KeyError), one_thread():
-            raise KeyError
-        assert torch.get_num_threads() == 3
-    finally:
-        torch.set_num_threads(before)
 
 
 @pytest.mark.parametrize(("device", "on_gpu"), [("cpu", False), ("cuda", True), ("cuda:1", True)])

@@ -20,7 +20,6 @@ from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import (
-    Certificate,
     certified_least_fuel,
     certified_least_time,
 )
@@ -154,14 +153,6 @@ def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:
                 ask(PlanarBounder(lattice), Problem(start, goal), 5)
 
 
-@pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
-def test_periods_are_counted(steps: Any) -> None:
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    for ask in (certified_least_fuel, certified_least_time):
-        with pytest.raises(ConfigError, match="at least one control period"):
-            ask(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(rest, rest), steps)
-
-
 def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> None:
     """5 mm in two periods: two pulses forth and back go 8 mm or not at all, and 1.6 N are no help."""
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
@@ -256,30 +247,6 @@ def test_starts_that_move_and_spin(seed: int) -> None:
     assert loose <= answer.lower <= answer.upper
 
 
-def test_already_there_costs_nothing() -> None:
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
-    answer = certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, rest), 5)
-    assert (answer.lower, answer.upper) == (0.0, 0.0)
-
-
-def test_out_of_reach_is_a_sentence() -> None:
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    far = PlanarState(Vec2(30.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    with pytest.raises(ConfigError, match="too short a time"):
-        certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 10)
-    # 2 sqrt(30 m 5.32 kg / 2.83 N) = 15.02 s, less what the tolerances save.
-    assert certified_least_time(
-        PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 6
-    ).lower == pytest.approx(15.0)
-    with pytest.raises(ConfigError, match="at least one control period"):
-        certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 0)
-
-
-def test_effort_refuses() -> None:
-    with pytest.raises(ConfigError, match="effort"):
-        SearchEffort(work=0.0)
-
-
 def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
     """One attitude left, no commands found for it and nothing to branch on: the level stays open."""
     monkeypatch.setattr("rans.optimal.certificate.plane.bounder._parts", lambda *_: [])
@@ -330,20 +297,6 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(
     assert (found.lower, found.upper) == pytest.approx(bounds)
     assert found.nodes == 2 * len(ends) if ends != "???c" else 6
     assert (found.commands is not None) == math.isfinite(bounds[1])
-
-
-@pytest.mark.parametrize(
-    ("lower", "upper", "gap"),
-    [
-        (2.0, 3.0, 0.5),
-        (4.0, 4.0, 0.0),
-        (0.0, 0.0, 0.0),
-        (0.0, 1.0, math.inf),
-        (2.0, math.inf, math.inf),
-    ],
-)
-def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
-    assert Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
 
 
 def test_parts_share_out_a_branch() -> None:

@@ -19,12 +19,6 @@ SNUG = GoalSet(0.01, 0.01, 0.03)
 NAMES = ("position", "velocity", "heading", "spin")
 
 
-def test_fuel_by_hand() -> None:
-    commands = np.zeros((3, 5))
-    commands[0, 1] = commands[2, 4] = 1.0  # 1.5 N and 0.8 N, 0.2 s each
-    assert fuel(lopsided(), commands, 0.2) == pytest.approx(0.46)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
     """For the attitude of a flight that arrives with room to spare the solver finds as cheap a one."""

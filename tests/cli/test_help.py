@@ -1,0 +1,101 @@
+"""Help of commands: it fits, explains each option, and names no former one."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+from typing import get_type_hints
+
+import pytest
+
+from rans import cli
+from rans.cli import COMMANDS
+from rans.cli.help import EXAMPLES
+from rans.cli.options import former, is_in_help
+from rans.display import meanings
+from tests.support.command_codes import code_of
+
+
+def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of([]) == 0
+    printed = capsys.readouterr().out
+    assert all(command in printed for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+@pytest.mark.parametrize("columns", [60, 80])
+def test_help_fits_and_keeps_words_whole(
+    command: str, columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert code_of([*command.split(), "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= columns
+    assert ("╭─ options" in printed) is bool(command)
+    assert "{None}" not in printed
+    assert "(default: None)" not in printed
+    assert "(default: False)" not in printed
+    about = cli._ABOUT
+    texts = [about]
+    if command:
+        described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
+        about = described.__doc__
+        texts = [about, *meanings(described).values()]
+    assert " ".join(about.split()[:12]) in " ".join(printed.split())
+    for whole in re.findall(r"`rans [^`]{1,20}`", " ".join(texts)):
+        assert " ".join(whole.split()) in printed  # not broken at the end of a line
+    assert not re.search(r"│ +│\n", printed)  # no empty line in a box
+
+
+def test_help_without_box_characters_has_the_same_lines() -> None:
+    """A terminal of ASCII has no frames; an option begins a line there too."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rans", "fly", "--help"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "ascii"},
+        check=True,
+    )
+    starts = {line.split()[0] for line in done.stdout.splitlines() if line.strip()}
+    assert {"--bus", "--robot", "--goal", "--zones", "--trust"} <= starts
+
+
+def test_help_of_an_option_is_one_paragraph() -> None:
+    """The second line of its text in the source began a line of its own."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rans", "compare", "--help"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "utf-8"},
+        check=True,
+    )
+    lines = [line.strip("│ ") for line in done.stdout.splitlines()]
+    assert any("trade-off, all others, and the certified Pareto front." in line for line in lines)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_its_options(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "500")  # beside one another, columns would mix
+    assert code_of([command, "--help"]) == 0
+    printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())
+    described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
+    assert f"usage: rans {command}" in printed
+    hints = get_type_hints(described, include_extras=True)
+    for field, explanation in meanings(described).items():
+        if is_in_help(hints[field]):
+            assert " ".join(explanation.replace("`", "").split()) in printed
+        elif former(hints[field]) is not None:
+            assert f"--{field.replace('_', '-')} " not in printed
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_and_pages_of_help_name_no_former_option(command: str) -> None:
+    for line in EXAMPLES[command]:
+        words = shlex.split(line)
+        cli._parse(words[words.index("rans") + 1 :])  # whose warning would be an error

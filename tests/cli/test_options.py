@@ -1,0 +1,56 @@
+"""Options that are treated alike in all commands: former ones, repeated ones, and those with a number."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+from rans.cli.options import with_numbers_named
+from tests.support.command_runs import tiny
+
+
+@pytest.mark.parametrize("second", [["--certified", "4"], ["--certified=4"]])
+def test_an_option_twice_is_told(
+    second: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last counts, as everywhere: whoever has an alias may go on."""
+    assert (
+        main(
+            ["compare", "pretrained:nobody", "--certified", "3", *second, "--output", str(tmp_path)]
+        )
+        == 2
+    )
+    assert (
+        "warning: '--certified' is given twice; the last value is used" in capsys.readouterr().err
+    )
+
+
+def test_a_former_option_is_accepted_with_the_present_one_in_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    former = ["--set=total_timesteps=64", "--algorithm=ppo", "--run", str(run), "--plain"]
+    assert main([*tiny(), *former]) == 0
+    told = capsys.readouterr().err
+    for option, present in (
+        ("--algorithm", "write --set algorithm=NAME"),
+        ("--run", "write --output FOLDER"),
+        ("--plain", "write --set plain=true"),
+    ):
+        assert f"rans: warning: {option} of rans train is deprecated" in told
+        assert f": {present}." in told
+    config = json.loads((run / "config.json").read_text())
+    assert config["plain"] is True
+
+
+def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
+    assert with_numbers_named(["--guard", "0.01", "--seed", "3"]) == [
+        "--guard",
+        "--guard-slack=0.01",
+        "--seed",
+        "3",
+    ]
+    assert with_numbers_named(["--guard", "runs/first"]) == ["--guard", "runs/first"]

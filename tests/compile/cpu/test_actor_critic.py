@@ -1,0 +1,84 @@
+"""Answers of actor and critic by machine code against torch's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.compile.cpu.actor_critic import CpuActorCritic
+from rans.fast.engine import Engine
+from rans.fast.learn.config import MemorySettings, PPOSettings
+from rans.fast.learn.member import architecture_of
+from rans.policy.network import Network
+from rans.policy.symmetry import symmetries
+from rans.tasks import MultiTask
+from rans.tasks.derived import layout
+from tests.support.engines import FLYER, NEAR, PLATFORM
+from tests.support.training import collected, scatter
+
+SIDES: Any = symmetries(PLATFORM)
+CASES = pytest.mark.parametrize(
+    ("craft", "settings"),
+    [
+        (PLATFORM, {"layers": (64, 64), "symmetric": True}),
+        (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
+        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": MemorySettings("history", 2)}),
+    ],
+    ids=["plane", "space, elu, three layers", "relu, one layer, a history"],
+)
+
+
+@CASES
+@pytest.mark.parametrize("count", [1, 75])
+def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
+    network = collected(craft, **settings)[0].network
+    plain = Network(network.architecture, network.tensors)
+    generator = torch.Generator().manual_seed(1)
+    memory = network.initial_state(count)
+    observation = torch.randn(count, network.architecture.layout.width, generator=generator)
+    with torch.no_grad():
+        found, expected = (x.evaluate(observation, memory) for x in (network, plain))
+    torch.testing.assert_close(found.value, expected.value, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.policy, expected.policy, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"layers": (16, 12)},
+        {"activation": "relu"},
+        {"zoom": 2.0},
+        {"clip": 0.5},
+        {"symmetries": None},
+        {"symmetries": SIDES._replace(place=np.roll(SIDES.place, 1, axis=1))},
+        {"layout": layout(MultiTask(), 2)},
+    ],
+    ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"],
+)
+def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And only those: each says what torch says of its own weights."""
+    monkeypatch.setattr("rans.compile.cpu.llvm._SHARED", shared := {})
+    first = replace(
+        architecture_of(Engine(PLATFORM, NEAR, 1), PPOSettings(layers=(16, 16))), symmetries=SIDES
+    )
+    for seed, given in enumerate((first, replace(first, **change))):
+        plain = scatter(Network(given, given.initial(seed, 0.5)[0]), seed)
+        observation = torch.randn(
+            40, given.layout.width, generator=torch.Generator().manual_seed(seed)
+        )
+        found = CpuActorCritic(given, plain.tensors)(observation)
+        with torch.no_grad():
+            expected = plain.evaluate(observation)
+        # Sums of 16 float32 products in another order.
+        torch.testing.assert_close(
+            found,
+            (expected.policy[0], expected.value),  # type: ignore
+            rtol=1e-5,
+            atol=1e-5,  # type: ignore
+        )
+    assert len(shared) == 1 + bool(change)

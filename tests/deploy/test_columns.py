@@ -1,0 +1,56 @@
+"""Meanings of observed columns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.deploy.contract import (
+    contract,
+    wiring,
+)
+from rans.fast.learn.run_folder import RunFolder
+from rans.pretrained import pretrained_folder
+from rans.tasks.derived import observation_width
+
+
+def columns_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Columns of a shipped agent's contract by name, and its states and goals with their observations."""
+    run = RunFolder(pretrained_folder(name))
+    config = run.config()
+    craft = run.spacecraft()
+    seen = np.zeros((1, 1, observation_width(config.settings, craft.dimension)), np.float32)
+    about = contract(name, config, craft, "", 0, seen)
+    columns = {column["name"]: column for column in about["observation"]}
+    return columns, wiring(config.settings, craft)
+
+
+@pytest.mark.parametrize(
+    "name", ["avoid-2d", "avoid-3d", "dock-port-2d", "dock-port-3d", "land-3d"]
+)
+def test_every_column_of_a_mission_has_a_meaning(name: str) -> None:
+    columns, _ = columns_and_wiring(name)
+    assert all(column["meaning"] for column in columns.values())
+
+
+def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
+    """Worked out from the zones in the notes of the goal."""
+    columns, pairs = columns_and_wiring("avoid-2d")
+    assert columns["zone 1 dx"]["meaning"] == "position of the centre of zone 1 minus own"
+    assert columns["zone 1 dv_y"]["meaning"] == "velocity of zone 1 minus own"
+    assert "of length 1 at its surface" in columns["zone 1 near x"]["meaning"]
+    for state, goal, row in zip(pairs["state"], pairs["goal"], pairs["observation"], strict=True):
+        own = np.array(state["position"])
+        zones = np.reshape(goal["notes"], (-1, 5))  # centre, velocity and radius of each
+        gaps = np.linalg.norm(zones[:, :2] - own, axis=1) - zones[:, 4]
+        x, y, _, vy, radius = zones[np.argmin(gaps)]
+        way = [x, y] - own
+        known = {
+            "zone 1 dx": way[0],
+            "zone 1 dv_y": vy - state["velocity"][1],
+            "zone 1 gap": np.linalg.norm(way) - radius,
+        }
+        for column, value in known.items():
+            assert row[columns[column]["column"]] == pytest.approx(value, abs=1e-4)

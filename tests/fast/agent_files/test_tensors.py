@@ -1,0 +1,65 @@
+"""Tensors of agents as bytes: whole, damaged and foreign."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
+
+
+def test_what_is_packed_comes_back() -> None:
+    generator = torch.get_rng_state()
+    row = torch.arange(12.0)
+    tree = {
+        "views": [row[:6].view(2, 3), row[6:]],
+        "state": generator,
+        "number": 0.1 + 0.2,
+        "big": 2**70,
+        "none": None,
+        "empty": torch.zeros(0, 3),
+        "deep": {"a": {"b": [True, "text"]}},
+        "double": torch.tensor(math.pi, dtype=torch.float64),
+    }
+    again = unpack_tensors(pack_tensors(tree), "there")
+    for one, other in zip(tree["views"], again["views"], strict=True):
+        assert torch.equal(one, other)
+    assert torch.equal(again["state"], generator)
+    assert again["double"].dtype == torch.float64
+    assert float(again["double"]) == math.pi
+    assert again["empty"].shape == (0, 3)
+    plain = {key: again[key] for key in ("number", "big", "none", "deep")}
+    assert plain == {key: tree[key] for key in plain}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"rubbish",
+        b"\xff" * 64,
+        bytes(8),
+        b"\x02" + bytes(7) + b"{}",
+        (20).to_bytes(8, "little") + b'{"__metadata__":{}}' + b" ",
+    ],
+)
+def test_what_is_no_such_file(content: bytes) -> None:
+    with pytest.raises(
+        ConfigError, match=r"^there is damaged, it is not a safetensors file of RANS"
+    ):
+        unpack_tensors(content, "there")
+
+
+def test_every_bit_counts(tmp_path: Path) -> None:
+    content = pack_tensors(
+        {"steps": 128, "weights": torch.arange(5.0), "flags": torch.tensor([True, False])}
+    )
+    for place in range(8, len(content)):
+        spoilt = bytearray(content)
+        spoilt[place] ^= 1
+        with pytest.raises(ConfigError, match=r"^there is damaged"):
+            unpack_tensors(bytes(spoilt), "there")

@@ -1,0 +1,65 @@
+"""Certificates: gaps, periods, and starts that are there already or out of reach."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
+from rans.optimal.certificate.certificate import (
+    Certificate,
+    certified_least_fuel,
+    certified_least_time,
+)
+from rans.optimal.certificate.plane.bounder import PlanarBounder
+from rans.optimal.certificate.plane.lattice import Lattice
+from rans.optimal.certificate.problem import Problem
+from tests.support.tiny_lattice import (
+    PERIOD,
+    PLATFORM,
+)
+
+
+@pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
+def test_periods_are_counted(steps: Any) -> None:
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    for ask in (certified_least_fuel, certified_least_time):
+        with pytest.raises(ConfigError, match="at least one control period"):
+            ask(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(rest, rest), steps)
+
+
+def test_already_there_costs_nothing() -> None:
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
+    answer = certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, rest), 5)
+    assert (answer.lower, answer.upper) == (0.0, 0.0)
+
+
+def test_out_of_reach_is_a_sentence() -> None:
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    far = PlanarState(Vec2(30.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    with pytest.raises(ConfigError, match="too short a time"):
+        certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 10)
+    # 2 sqrt(30 m 5.32 kg / 2.83 N) = 15.02 s, less what the tolerances save.
+    assert certified_least_time(
+        PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 6
+    ).lower == pytest.approx(15.0)
+    with pytest.raises(ConfigError, match="at least one control period"):
+        certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 0)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "gap"),
+    [
+        (2.0, 3.0, 0.5),
+        (4.0, 4.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (0.0, 1.0, math.inf),
+        (2.0, math.inf, math.inf),
+    ],
+)
+def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
+    assert Certificate(lower, upper, None, lower, 0, 0.0).gap == gap

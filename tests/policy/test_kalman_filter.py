@@ -1,0 +1,110 @@
+"""One Kalman filter: covariances against SciPy's Riccati equation, thrust of a period, rotations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+from rans.model.fields import Heading, Quat
+from rans.model.spacecraft import Spacecraft
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+from rans.tasks.base import Task, observation
+from rans.tasks.derived import layout
+from tests.support.engines import PLATFORM, both_crafts
+from tests.support.filter_flights import COUNT, SEED, TIMING, in_body, made
+
+
+def test_what_a_thruster_gives_in_a_period() -> None:
+    """1 N for 0.2 s on 5.32 kg is 0.0376 m/s, at 45 degrees; 0.31 m off, on 0.2045 kg m^2, 0.3032 rad/s.
+
+    To as many places as are given.
+    """
+    one = made(PLATFORM, GoToPose(), 1.0)
+    assert np.abs(one.push) == pytest.approx(np.full((8, 2), 0.0376 * 0.7071), rel=1e-3)
+    assert np.abs(one.twist) == pytest.approx(np.full((8, 1), 0.3032), rel=1e-3)
+    assert one.sensitivities == ((0, 1, 0), (0, 0, 1), (0, 0, 0), (-1, 0, 0), (0, 0, 0))
+
+
+@pytest.mark.parametrize("drift", [1e-3, 0.03, 1.0])
+def test_covariances_become_those_of_scipy(drift: float) -> None:
+    """Of the algebraic Riccati equation, for a pose and its velocity read with noise of one size."""
+    task = GoToPose()
+    period = TIMING.control_period
+    body = layout(task, 2).body
+    filters = made(PLATFORM, task, drift)
+    read = in_body(PLATFORM, task, observation(task, *_example(task)))
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
+    for _ in range(400):
+        memory = filters.next_memory(body, read, memory, shut)
+    pose, both, velocity = (float(x[0]) for x in memory[-3:])
+    moves = np.array([[1.0, period], [0.0, 1.0]])
+    noise = np.diag([drift * (0.5 * period) ** 2, drift])
+    known = [
+        [pose, both],
+        [both, velocity],
+    ]  # after 80 s: what is left of the beginning is rounding
+    np.testing.assert_allclose(
+        known, solve_discrete_are(moves.T, np.eye(2), noise, np.eye(2)), rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("drift", [1e-3, 0.03])
+def test_with_steady_accelerations_too(drift: float) -> None:
+    """Of which no reading is made."""
+    task = GoToPose()
+    t = TIMING.control_period
+    body = layout(task, 2).body
+    filters = made(PLATFORM, task, drift, 25.0)
+    read = in_body(PLATFORM, task, observation(task, *_example(task)))
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
+    for _ in range(400):
+        memory = filters.next_memory(body, read, memory, shut)
+    found = np.zeros((3, 3))
+    found[np.triu_indices(3)] = [float(x[0]) for x in memory[-6:]]
+    moves = np.array([[1.0, t, 0.5 * t * t], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
+    noise = np.diag([drift * (0.5 * t) ** 2, drift, drift])
+    told = np.eye(3)[:2]
+    known = solve_discrete_are(moves.T, told.T, noise, np.eye(2))
+    np.testing.assert_allclose(found, np.triu(known), rtol=1e-6)
+
+
+def _example(task: Task) -> Any:
+    chosen = scenarios(task, PLATFORM, SEED, COUNT)
+    return chosen.start, chosen.goal
+
+
+@both_crafts
+@pytest.mark.parametrize("drift", [1e-3, 1.0])
+def test_a_rotation_stays_one(drift: float, craft: Spacecraft) -> None:
+    """In single precision, over three hundred turns in tumbling flight: rounding once doubled with each."""
+    task = GoToPose()
+    random = np.random.default_rng(2)
+    body = layout(task, craft.dimension).body
+    filters = made(craft, task, drift)
+    turn = random.random((4, COUNT), np.float32) - np.float32(0.5)
+    attitude = (
+        Heading(6.0 * turn[0]) if craft.dimension == 2 else Quat(*turn).normalised()
+    ).columns()
+    size = len(attitude)
+    width = craft.dimension
+    spins = [3.0 * (random.random(COUNT, np.float32) - 0.5) for _ in filters.twist[0]]
+    still = np.zeros(COUNT, np.float32)
+    read = [*[still] * width, *spins, still, *[still] * width, *attitude]
+    read += [still] * (body.width - len(read))
+    place = 2 * width + len(spins) + 1
+    memory = [still] * filters.width(body)
+    for _ in range(300):
+        memory = filters.next_memory(body, read, memory, [still] * len(craft.thrusters))
+        # It goes on turning as fast, and is seen where it is expected.
+        read = [*read[:place], *memory[place : place + size], *read[place + size :]]
+    rotation = np.reshape(memory[place : place + size], (-1, width, COUNT))
+    assert rotation.dtype == np.float32
+    inner = np.einsum("ain,bin->nab", rotation, rotation)
+    one = np.broadcast_to(np.eye(len(rotation)), inner.shape)
+    np.testing.assert_allclose(inner, one, rtol=0, atol=3e-6)  # some roundings of single precision
