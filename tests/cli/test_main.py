@@ -412,7 +412,7 @@ def test_any_line_ends_with_a_sentence(
 
 def random_line(draw: random.Random, wrong: list[str]) -> list[str]:
     """A command with options and values that cannot all be right."""
-    command = draw.choice([*COMMANDS, "", "lisst", "--help"])
+    command = draw.choice([*COMMANDS, *["list"] * 4, "", "lisst", "--help"])
     extra = [draw.choice(draw.choice((OPTIONS, VALUES, wrong))) for _ in range(draw.randrange(4))]
     if command in ("evaluate", "compare", "report"):
         return [command, draw.choice(wrong), *extra]

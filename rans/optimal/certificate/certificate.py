@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -137,7 +137,7 @@ def _checked(loaded: Any) -> MakeBounder:
             "a bounder is a function of a spacecraft, its control period, its dead and its stuck thrusters, got "
             f"{brief(loaded)}."
         )
-    return loaded
+    return cast("MakeBounder", loaded)
 
 
 BOUNDERS: Registry[MakeBounder] = Registry(
