@@ -134,6 +134,8 @@ class Missions:
     """The first of them, whose bounds are found and which convex guidance and LQR fly."""
     drake: int = 0
     """The first of them that agents fly in Drake too."""
+    deadlines: tuple[float, ...] = ()
+    """Deadlines of a mission on an orbit, s; by default all of the page."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     only: str = ""
@@ -187,7 +189,7 @@ class Missions:
         assert mission.spacecraft is not None
         craft = load_spacecraft(mission.spacecraft)
         agents = {spec: contestant(spec).controller for spec in self._specs()}
-        for deadline in _DEADLINES[self.mission]:
+        for deadline in self.deadlines or _DEADLINES[self.mission]:
             task = replace(mission, deadline=(deadline, deadline))
             condition = f"{deadline:,.0f} s"
             starts = scenarios(task, craft, self.seed, self.episodes)

@@ -64,6 +64,7 @@ def _mission(
     options: str,
     quick: str,
     quick_seconds: float = 0.0,
+    fewer_rows: bool = False,
 ) -> Source:
     """A mission's table, whose rows say their number of flights."""
     command = f"python -m campaigns.missions {name} --docs docs"
@@ -72,6 +73,7 @@ def _mission(
         page=f"missions/{name}.md",
         commands=(f"{command}{options}",),
         quick=(f"{command}{quick}",),
+        fewer_rows=fewer_rows,
         quick_seconds=quick_seconds,
         uncompared=("starts", "worst"),
         evidence=(f"mission-{name}.json",),
@@ -107,6 +109,7 @@ SOURCES: dict[str, Source] = {
         moved=tuple(
             (f"runs/{name}/validation.json", f"{name}.json") for name in (*_STUDIED, *_IN_SPACE)
         ),
+        quick_seconds=136.0,
     ),
     "robustness": Source(
         tables=("robustness",),
@@ -124,6 +127,7 @@ SOURCES: dict[str, Source] = {
         flights=(1000, 100),
         shares=("held",),
         evidence=("robustness.json", "robustness-space.json"),
+        quick_seconds=81.0,
     ),
     "faults": Source(
         tables=("faults",),
@@ -157,6 +161,7 @@ SOURCES: dict[str, Source] = {
         flights=(16384, 256),
         uncompared=("steps of the cycles", "in a cycle", "opposite"),
         evidence=("rest.json",),
+        quick_seconds=9.0,
     ),
     "assurances": Source(
         tables=("assurances",),
@@ -189,12 +194,22 @@ SOURCES: dict[str, Source] = {
         flights=(16, 8),
         uncompared=("flights",),
         evidence=("craft_rivals.json",),
+        quick_seconds=45.0,
     ),
     "avoid": _mission("avoid", "", " --episodes 64", 14.0),
     "dock port": _mission("dock-port", "", " --episodes 64", 60.0),
-    "dock": _mission("dock", " --episodes 10000", " --episodes 16 --bounded 1"),
-    "hold": _mission("hold", " --bounded 4", " --episodes 2 --bounded 1"),
-    "rendezvous": _mission("rendezvous", " --episodes 256", " --episodes 4 --bounded 1"),
+    "dock": _mission(
+        "dock", " --episodes 10000", " --episodes 64 --bounded 1 --deadlines 1000", fewer_rows=True
+    ),
+    "hold": _mission(
+        "hold", " --bounded 4", " --episodes 4 --bounded 1 --deadlines 600", fewer_rows=True
+    ),
+    "rendezvous": _mission(
+        "rendezvous",
+        " --episodes 256",
+        " --episodes 8 --bounded 1 --deadlines 4000",
+        fewer_rows=True,
+    ),
     "land": _mission("land", " --drake 8", " --episodes 16 --bounded 2 --drake 1"),
     "dock with errors": Source(
         tables=("dock with errors",),
@@ -250,7 +265,8 @@ SOURCES: dict[str, Source] = {
         tables=("passive safety", "percentiles"),
         page="missions/passive_safety.md",
         commands=("python -m campaigns.passive --docs docs",),
-        quick=("python -m campaigns.passive --docs docs --starts 2",),
+        quick=('python -m campaigns.passive --docs docs --starts 4 --only "dock, mission"',),
+        fewer_rows=True,
         uncompared=("least", "100 %"),
         evidence=("passive-safety.json",),
     ),
@@ -270,6 +286,7 @@ SOURCES: dict[str, Source] = {
         quick=("python -m campaigns.throttling --docs docs --episodes 3",),
         uncompared=("starts", "with a landing", "one by one", "other starts"),
         evidence=("throttling.json",),
+        quick_seconds=54.0,
     ),
     "agents": Source(
         tables=("agents",),
@@ -351,7 +368,9 @@ RECORDS: dict[str, tuple[str, str]] = {
 
 def page() -> str:
     """Text of docs/provenance.md."""
-    return "\n".join([_HEAD, *_rows(), _TAIL, *_records(), _DRAWN, *_pictures()]) + "\n"
+    return (
+        "\n".join([_HEAD, *_rows(), _duration(), _TAIL, *_records(), _DRAWN, *_pictures()]) + "\n"
+    )
 
 
 _HEAD = """# Provenance
@@ -365,8 +384,8 @@ rans reproduce --only stress "dock with errors"    # these alone, with every fli
 rans reproduce                                     # all of them
 ```
 
-| table of | measured by | evidence | flights of a share, with `--quick` |
-|---|---|---|---|"""
+| table of | measured by | evidence | flights of a share, with `--quick` | `--quick`, s of a processor |
+|---|---|---|---|---|"""
 _TAIL = """
 A table marked with * needs trainings first, and is left out with a sentence until they are there.
 
@@ -401,7 +420,25 @@ def _rows() -> Iterator[str]:
         files = ", ".join(f"[{name}](validation/{name})" for name in source.evidence)
         full, quick = source.flights
         counts = f"{full:,}, {quick:,}" if full else "-"
-        yield f"| {link} | {commands} | {files} | {counts} |"
+        seconds = quick_seconds(source)
+        yield f"| {link} | {commands} | {files} | {counts} | {f'{seconds:.0f}' if seconds else '-'} |"
+
+
+def quick_seconds(source: Source) -> float:
+    """Processor time of a row with ``--quick``, s; 0: not measured."""
+    return source.quick_seconds if source.quick else source.seconds
+
+
+def _duration() -> str:
+    """Sentence with the time of all quick rows."""
+    every = [quick_seconds(source) for source in SOURCES.values() if not source.needs]
+    total = sum(every)
+    missing = every.count(0.0)
+    rest = f" {missing} rows were not measured." if missing else ""
+    return (
+        f"\nWith `--quick` all rows without * take {total:,.0f} s of one processor together, "
+        f"{total / 120.0:.0f} minutes on two (AMD EPYC).{rest}"
+    )
 
 
 def _pictures() -> Iterator[str]:

@@ -26,7 +26,7 @@ import tyro
 from campaigns.command import ended
 from campaigns.figures import TABLES
 from campaigns.markdown import Table
-from campaigns.provenance import SOURCES, Source
+from campaigns.provenance import SOURCES, Source, quick_seconds
 from rans.errors import ConfigError, RansError, counted, meant
 from rans.executors import answers, chosen_executor
 from rans.files import environment, read_bytes, read_json, write_text
@@ -129,7 +129,7 @@ class Reproduce:
 
 
 def _planned(source: Source, quick: bool) -> float:
-    return source.quick_seconds if quick and source.quick else source.seconds
+    return quick_seconds(source) if quick else source.seconds
 
 
 def _is_failure(result: Result) -> bool:
