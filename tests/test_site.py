@@ -225,7 +225,9 @@ def test_the_extra_docs_has_what_the_configuration_asks_for() -> None:
     extra = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
         "optional-dependencies"
     ]
-    named = {re.split(r"[><=]", one)[0].replace("-", "_") for one in extra["docs"]}
+    assert "rans[all]" in extra["docs"]  # the tutorials fly in Drake, and solve with CasADi
+    others = [one for one in extra["docs"] if one != "rans[all]"]
+    named = {re.split(r"[><=]", one)[0].replace("-", "_") for one in others}
     conf = (DOCS / "conf.py").read_text("utf-8")
     listed = re.search(r"^extensions = \[(.*?)^\]", conf, re.DOTALL | re.MULTILINE)
     assert listed

@@ -295,16 +295,18 @@ def load_agent(
             Stable-Baselines3 model, a torch module, or a function of observations (N, width) that returns
             commands (N, thrusters).
         task: task of a policy that does not name one: a name or a `Task`.
-        spacecraft: spacecraft of such a policy: a name, a TOML file or a `Spacecraft`; None: the floating
-            platform.
+        spacecraft: spacecraft of such a policy, or of an agent for any craft: a name, a TOML file or a
+            `Spacecraft`; None: the floating platform, or the agent's own.
         trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
 
     Raises:
-        ConfigError: there is no such agent, its files are damaged, or a policy does not fit task and spacecraft.
+        ConfigError: there is no such agent, its files are damaged, a policy does not fit task and spacecraft, or
+            the agent flies its own spacecraft only.
             Opening files runs no code, except with ``trust``.
     """
     from rans.episode import Setup
     from rans.evaluation.fly.agent import LoadedRun, run_of
+    from rans.evaluation.fly.any_craft import for_spacecraft
     from rans.evaluation.fly.contestants import contestant
     from rans.evaluation.fly.controllers import ObjectPolicy
 
@@ -318,6 +320,8 @@ def load_agent(
     if isinstance(agent, str | Path) and str(agent):
         text = str(agent)
         run = contestant(text, default_setup=setup, trust=trust)
+        if setup is None and spacecraft is not None:
+            return Agent(for_spacecraft(run, load_spacecraft(spacecraft)))
         return Agent(run, text if setup is None else "")
     run = run_of(agent)
     if run is not None:

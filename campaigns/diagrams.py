@@ -1,0 +1,492 @@
+"""Pictures of the pages for users: diagrams, and flights in which the subject of a page is seen.
+
+`python -m campaigns.pictures` writes them. Each function draws one figure; its name is that of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, FancyBboxPatch
+
+import rans
+from rans.drawing import columns
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.metrics import arrival_times, impulses
+from rans.flight import Flight
+from rans.model.fields import Vec3
+from rans.scenario import EVALUATION_SEED
+from rans.show.figures.figures import styled
+from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
+
+_START = rans.state((3.0, 1.0), attitude=0.7)
+"""Start of the figures that show one flight of several contestants."""
+_ORIGIN = rans.state((0.0, 0.0))
+_PALE = "#DCE6F0"
+"""Fill of a craft and of boxes, which dark pages change (`rans.show.figures.svg`)."""
+
+
+class _Box(NamedTuple):
+    """A box of a diagram, with the place of its centre."""
+
+    text: str
+    x: float
+    y: float
+
+
+def _flown(who: str, episodes: int, **options: Any) -> Flight:
+    return rans.load_agent(who).fly(episodes, seed=EVALUATION_SEED, **options)
+
+
+def _path(axes: Axes, flight: Flight, episode: int, colour: str, name: str = "") -> None:
+    """The path of an episode in the plane, with a dot at its start."""
+    path = columns(flight.states.p)[:, episode]
+    axes.plot(*path.T, color=colour, linewidth=1.1, label=name or None)
+    axes.plot(*path[:1].T, "o", color=INK, markersize=2.5)
+
+
+def _plane(axes: Axes, title: str = "") -> None:
+    axes.plot(0.0, 0.0, "+", color=GREEN, markersize=10, markeredgewidth=2)
+    axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
+    axes.set_title(title, loc="left")
+
+
+def _arrow(axes: Axes, begin: Sequence[float], end: Sequence[float], colour: str) -> None:
+    axes.annotate(
+        "",
+        xy=(end[0], end[1]),
+        xytext=(begin[0], begin[1]),
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": colour,
+            "linewidth": 1.6,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
+    )
+
+
+def _boxes(
+    width: float, height: float, boxes: Sequence[_Box], arrows: Sequence[tuple[int, int, str]]
+) -> Figure:
+    """A diagram of boxes, 2.2 wide and 0.8 high, and of arrows between two of them with a text.
+
+    Args:
+        width: width of the diagram, in the unit of the boxes' places.
+        height: its height.
+        boxes: boxes.
+        arrows: number of the box at the beginning, of that at the end, and the text.
+    """
+    figure = Figure(figsize=(0.78 * width, 0.78 * height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set(xlim=(0.0, width), ylim=(0.0, height), aspect="equal")
+    axes.axis("off")
+    half = (1.1, 0.4)
+    for box in boxes:
+        patch = FancyBboxPatch(
+            (box.x - half[0], box.y - half[1]),
+            2.0 * half[0],
+            2.0 * half[1],
+            boxstyle="round,pad=0,rounding_size=0.12",
+            facecolor=_PALE,
+            edgecolor=GREY,
+        )
+        axes.add_patch(patch)
+        axes.text(box.x, box.y, box.text, ha="center", va="center", color=INK, fontsize=9)
+    for first, second, text in arrows:
+        a = np.array(boxes[first][1:], dtype=float)
+        b = np.array(boxes[second][1:], dtype=float)
+        way = b - a
+        # From edge to edge of the boxes.
+        reach = min(h / abs(w) if abs(w) > 1e-9 else np.inf for h, w in zip(half, way, strict=True))
+        begin = a + way * reach
+        end = b - way * reach
+        _arrow(axes, begin, end, INK)
+        middle = 0.5 * (begin + end)
+        level = abs(way[1]) < 1e-9
+        axes.text(
+            middle[0] + (0.0 if level else 0.08),
+            middle[1] + (0.1 if level else 0.0),
+            text,
+            ha="center" if level else "left",
+            va="bottom" if level else "center",
+            color=INK,
+            fontsize=8,
+        )
+    return figure
+
+
+@styled
+def pipeline() -> Figure:
+    """What a user gives, what RANS does with it, and what comes out."""
+    boxes = (
+        _Box("spacecraft\n(TOML file)", 1.2, 3.4),
+        _Box("task", 1.2, 2.2),
+        _Box("conditions\n(TOML file)", 1.2, 1.0),
+        _Box("rans train", 4.6, 2.2),
+        _Box("run folder\nwith the agent", 8.0, 2.2),
+        _Box("evaluate, compare,\nstress, assure, prove", 11.4, 3.4),
+        _Box("view, report", 11.4, 2.2),
+        _Box("export, fly", 11.4, 1.0),
+    )
+    arrows = [(0, 3, ""), (1, 3, ""), (2, 3, ""), (3, 4, ""), (4, 5, ""), (4, 6, ""), (4, 7, "")]
+    return _boxes(12.7, 4.4, boxes, arrows)
+
+
+@styled
+def export() -> Figure:
+    """The forms of an exported agent, and what opens them."""
+    boxes = (
+        _Box("agent of a\nrun folder", 1.2, 2.6),
+        _Box("agent.c, agent.h", 5.2, 4.4),
+        _Box("agent.onnx", 5.2, 3.2),
+        _Box("agent.py, agent.npz", 5.2, 2.0),
+        _Box("policy.zip", 5.2, 0.8),
+        _Box("any C99 compiler,\nfirmware", 9.2, 4.4),
+        _Box("any ONNX runtime", 9.2, 3.2),
+        _Box("NumPy, rans fly", 9.2, 2.0),
+        _Box("Stable-Baselines3", 9.2, 0.8),
+    )
+    arrows = [(0, k, "") for k in range(1, 5)] + [(k, k + 4, "") for k in range(1, 5)]
+    return _boxes(10.5, 5.2, boxes, arrows)
+
+
+@styled
+def robot() -> Figure:
+    """Who sends what to whom when an agent flies a robot."""
+    boxes = (
+        _Box("robot, or\nrans twin", 1.3, 1.6),
+        _Box("rans fly:\nwatchdogs, filter", 6.3, 1.6),
+        _Box("agent", 11.0, 1.6),
+        _Box("bag (MCAP)", 6.3, 0.5),
+    )
+    figure = _boxes(12.3, 2.3, boxes, [(1, 2, "observation, command"), (1, 3, "all messages")])
+    (axes,) = figure.axes
+    _arrow(axes, (2.5, 1.75), (5.1, 1.75), INK)
+    _arrow(axes, (5.1, 1.4), (2.5, 1.4), INK)
+    axes.text(3.8, 1.85, "pose, velocity", ha="center", va="bottom", color=INK, fontsize=8)
+    axes.text(3.8, 1.3, "valves", ha="center", va="top", color=INK, fontsize=8)
+    return figure
+
+
+@styled
+def frames() -> Figure:
+    """World frame, body frame, and the position and force of a thruster."""
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set(xlim=(-0.5, 4.2), ylim=(-0.5, 2.6), aspect="equal")
+    axes.axis("off")
+    centre = np.array([2.6, 1.4])
+    angle = np.radians(25.0)
+    turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    axes.add_patch(Circle((centre[0], centre[1]), 0.7, facecolor=_PALE, edgecolor=INK))
+    for tip, name in (((0.9, 0.0), "x"), ((0.0, 0.9), "y")):
+        _arrow(axes, (0.0, 0.0), tip, INK)
+        axes.text(*(1.12 * np.array(tip)), f"${name}_W$", color=INK, ha="center", va="center")
+        end = centre + turned @ tip
+        _arrow(axes, centre, end, BLUE)
+        axes.text(
+            *(centre + 1.14 * (end - centre)), f"${name}_B$", color=BLUE, ha="center", va="center"
+        )
+    _arrow(axes, (0.0, 0.0), centre, GREY)
+    axes.text(1.1, 0.83, "position ${}^Wp^B$", color=INK, rotation=28, ha="center", va="center")
+    # A thruster: where it pushes, and the force on the craft, opposite to its plume.
+    place = centre + turned @ np.array([-0.35, -0.6])
+    force = turned @ np.array([0.75, 0.0])
+    _arrow(axes, place, place + force, RED)
+    axes.text(
+        *(place + 0.5 * force + [0.12, -0.17]),
+        "force of a thruster",
+        color=RED,
+        ha="left",
+        va="center",
+    )
+    axes.plot(*place, "o", color=RED, markersize=5)
+    plume = np.array([place, place - 0.5 * force])
+    axes.plot(*plume.T, color=ORANGE, linewidth=7, alpha=0.5, solid_capstyle="butt")
+    axes.text(*(place - 0.6 * force), "plume", color=ORANGE, ha="right", va="center")
+    axes.plot(*centre, "o", color=INK, markersize=4)
+    axes.text(
+        centre[0] - 0.08,
+        centre[1] + 0.12,
+        "centre of mass",
+        color=INK,
+        ha="right",
+        va="center",
+        fontsize=8,
+    )
+    axes.plot([centre[0], centre[0] + 0.9], [centre[1]] * 2, ":", color=GREY)
+    axes.text(centre[0] + 0.92, centre[1] + 0.16, "heading", color=INK, va="center")
+    return figure
+
+
+@styled
+def valves() -> Figure:
+    """A command, and the thrust that follows it, as the engine computes it every 5 ms."""
+    craft = rans.load_spacecraft("floating-platform")
+    period = 0.005
+    delay, latency, rise = 0.02, 0.04, 0.06
+    steps = 80
+    own = rans.Conditions(
+        thrusters=rans.ThrusterConditions(command_delay=delay, latency=latency, rise=rise)
+    )
+    timing = rans.Timing(control_period=period, episode_steps=steps)
+    starts = rans.scenario.scenarios(rans.GoToPose(), craft, EVALUATION_SEED, 1)
+    drawn = rans.scenario.draws(EVALUATION_SEED, 1)
+    flight = rans.fly(
+        craft, rans.GoToPose(), _Pulse(0.05, 0.25), starts, timing, conditions=own, draws=drawn
+    )
+    speed = np.hypot(*columns(flight.states.v)[:, 0].T)
+    # Two thrusters that push together: the acceleration is that of their force.
+    thrust = np.diff(speed) / period
+    thrust /= thrust.max()
+    times = 1e3 * (np.arange(steps) + 0.5) * period
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    axes = figure.add_subplot()
+    axes.step(
+        times,
+        flight.commands[:, 0].max(axis=1),
+        where="mid",
+        color=INK,
+        label="command of the policy",
+    )
+    axes.plot(times, thrust, color=BLUE, label="thrust, share of the full force")
+    edges = 50.0 + 1e3 * np.cumsum([0.0, delay, latency, rise])
+    names = ("command_delay", "latency", "rise")
+    for name, begin, end, colour in zip(
+        names, edges, edges[1:], (PURPLE, ORANGE, GREEN), strict=False
+    ):
+        axes.axvspan(begin, end, ymax=0.9, color=colour, alpha=0.25, linewidth=0)
+        axes.text(0.5 * (begin + end), 1.12, name, color=INK, ha="center", fontsize=7.5)
+    axes.set(xlabel="time, ms", ylabel="", ylim=(-0.05, 1.25))
+    axes.legend(loc="center right")
+    return figure
+
+
+class _Pulse:
+    """A controller that opens the thrusters that push along x, from one time to another."""
+
+    name = "pulse"
+
+    def __init__(self, begin: float, end: float) -> None:
+        self._begin = begin
+        self._end = end
+        self._time = 0.0
+        craft = rans.load_spacecraft("floating-platform")
+        pushes = [thruster.direction[0] > 0.5 for thruster in craft.thrusters]
+        self._command = np.array(pushes, dtype=float)
+
+    def reset(self, count: int) -> None:
+        """Begin anew."""
+        self._time = 0.0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """Commands (N, thrusters)."""
+        is_open = self._begin - 1e-9 <= self._time < self._end - 1e-9
+        self._time += 0.005
+        return np.tile(self._command * is_open, (len(observation), 1))
+
+
+@styled
+def controllers() -> Figure:
+    """Four contestants from one start: their paths, and when each thruster is open."""
+    names = ("lqr:go-to-pose-2d", "switching:go-to-pose-2d", "mpc:go-to-pose-2d", "go-to-pose-2d")
+    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
+    grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.4))
+    left = figure.add_subplot(grid[:, 0])
+    for k, who in enumerate(names):
+        flight = _flown(who, 1, start=_START, goal=_ORIGIN)
+        colour, _ = series_style(k)
+        _path(left, flight, 0, colour, flight.controller)
+        axes = figure.add_subplot(grid[k, 1])
+        openings = np.asarray(flight.commands)[:60, 0].T
+        for thruster, row in enumerate(openings):
+            spans = [(0.2 * step, 0.2 * level) for step, level in enumerate(row) if level > 0.0]
+            axes.broken_barh(spans, (thruster - 0.4, 0.8), facecolors=colour)
+        axes.set(ylim=(7.6, -0.6), xlim=(0.0, 12.0), yticks=(0, 7), ylabel="valves")
+        axes.tick_params(labelbottom=k == 3)
+    axes.set_xlabel("time, s")
+    _plane(left)
+    left.legend(loc="best")
+    return figure
+
+
+@styled
+def conditions() -> Figure:
+    """Flights of one agent as designed, in a laboratory, and with a dead thruster at random."""
+    named = ("perfect", "lab", "harsh")
+    figure = Figure(figsize=(10.0, 3.6), layout="constrained")
+    grid = figure.subplots(1, len(named), sharex=True, sharey=True)
+    for axes, name in zip(grid, named, strict=True):
+        run = contestant("pretrained:go-to-pose-2d").under(rans.load_conditions(name))
+        flight = fly_episodes(run.controller, run.judged, EVALUATION_SEED, 16, workers=1).flight
+        good = np.isfinite(arrival_times(flight))
+        for k in range(16):
+            _path(axes, flight, k, BLUE if good[k] else RED)
+        _plane(axes, name)
+        axes.set(xlim=(-4.5, 4.5), ylim=(-4.5, 4.5))
+    return figure
+
+
+@styled
+def faults() -> Figure:
+    """An agent without and one with thruster faults in its training, whose first thruster is stuck open."""
+    stuck = rans.Conditions(faults=rans.FaultConditions(kinds=("stuck-open",), thrusters=(0,)))
+    figure = Figure(figsize=(8.6, 4.0), layout="constrained")
+    grid = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, who in zip(grid, ("go-to-pose-2d", "go-to-pose-2d-faults"), strict=True):
+        run = contestant(f"pretrained:{who}").under(stuck)
+        flight = fly_episodes(run.controller, run.judged, EVALUATION_SEED, 12, workers=1).flight
+        for k in range(12):
+            _path(axes, flight, k, BLUE)
+        _plane(axes, who)
+        axes.set(xlim=(-4.5, 4.5), ylim=(-4.5, 4.5))
+    return figure
+
+
+@styled
+def comparison() -> Figure:
+    """Time and impulse until the arrival, 64 starts of each contestant, and their medians."""
+    names = ("go-to-pose-2d", "go-to-pose-2d-fast", "lqr:go-to-pose-2d", "switching:go-to-pose-2d")
+    figure = Figure(figsize=(7.2, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    for k, who in enumerate(names):
+        flight = _flown(who, 64)
+        times = arrival_times(flight)
+        spent = impulses(flight)
+        colour, marker = series_style(k)
+        axes.plot(times, spent, marker, color=colour, alpha=0.35, markersize=4, markeredgewidth=0)
+        middle = (np.median(times), np.median(spent))
+        axes.plot(*middle, marker, color=colour, markersize=10, label=flight.controller)
+    axes.set(xlabel="time until the arrival, s", ylabel="impulse of the flight, N s")
+    axes.legend(loc="best")
+    return figure
+
+
+@styled
+def tasks() -> Figure:
+    """Three tasks in the plane, four flights of an agent each."""
+    subjects = (
+        ("go-to-position-2d", "go-to-position"),
+        ("go-to-pose-2d", "go-to-pose: the heading too"),
+        ("track-velocity-2d", "track-velocity"),
+    )
+    figure = Figure(figsize=(10.0, 3.6), layout="constrained")
+    grid = figure.subplots(1, len(subjects))
+    for axes, (who, title) in zip(grid, subjects, strict=True):
+        flight = _flown(who, 4)
+        for k in range(4):
+            _path(axes, flight, k, series_style(k)[0])
+            path = columns(flight.states.p)[::10, k]
+            ahead = np.stack(
+                [np.cos(flight.states.attitude.angle), np.sin(flight.states.attitude.angle)]
+            )
+            axes.quiver(*path.T, *ahead[:, ::10, k], color=GREY, width=0.005, scale=18)
+        if who != "track-velocity-2d":
+            axes.plot(0.0, 0.0, "+", color=GREEN, markersize=10, markeredgewidth=2)
+        axes.set(xlabel="x, m", ylabel="y, m")
+        axes.set_aspect("equal", "datalim")
+        axes.set_title(title, loc="left")
+    return figure
+
+
+@styled
+def optimum() -> Figure:
+    """The quickest way around a keep-out zone, and the commands on it."""
+    found = rans.optimal_trajectory(
+        "go-to-pose",
+        "floating-platform",
+        start=_START,
+        goal=_ORIGIN,
+        objective="time",
+        keep_out=[(1.5, 0.4, 0.5)],
+    )
+    return found.plot()
+
+
+@styled
+def passive_safety() -> Figure:
+    """Guidance to a hold point, and the coasts of an orbit that follow where all thrusters shut."""
+    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    grid = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, who in zip(grid, ("mission:hold-3d", "passive:hold-3d"), strict=True):
+        flight = _flown(who, 1)
+        task: Any = flight.task
+        path = columns(flight.states.p)[:, 0]
+        times = np.linspace(0.0, 2.0 * np.pi / task.mean_motion, 200)
+        for k in range(4, 150, 12):
+            p, v = (Vec3(*columns(x)[k, 0]) for x in (flight.states.p, flight.states.v))
+            coast = columns(task.drift.carry(p, v, times)[0])
+            near = np.linalg.norm(coast, axis=1).min() < task.keep_out
+            axes.plot(
+                coast[:, 1], coast[:, 0], color=RED if near else GREY, linewidth=0.8, alpha=0.8
+            )
+        axes.plot(path[:, 1], path[:, 0], color=BLUE, linewidth=2)
+        axes.add_patch(Circle((0.0, 0.0), task.keep_out, facecolor=RED, alpha=0.2))
+        axes.set(xlabel="along the track, m", xlim=(-500, 400), ylim=(-250, 250), aspect="equal")
+        axes.set_title(flight.controller, loc="left")
+    grid[0].set_ylabel("radially outwards, m")
+    return figure
+
+
+@styled
+def guard() -> Figure:
+    """LQR, which knows no zones, without and with the safety filter."""
+    figure = Figure(figsize=(8.6, 3.6), layout="constrained")
+    grid = figure.subplots(1, 2, sharex=True, sharey=True)
+    zone = (1.5, 0.4, 0.5)
+    start = rans.state((3.0, 1.0), attitude=0.7)
+    for axes, guarded in zip(grid, (False, True), strict=True):
+        run = contestant("lqr:avoid-2d").guarded(guarded)
+        endpoints = rans.scenario.Endpoints(start, _ORIGIN, [zone])
+        flight = fly_episodes(
+            run.controller, run.judged, EVALUATION_SEED, 1, workers=1, endpoints=endpoints
+        ).flight
+        axes.add_patch(Circle(zone[:2], zone[2], facecolor=RED, alpha=0.25))
+        _path(axes, flight, 0, BLUE)
+        _plane(axes, "with the safety filter" if guarded else "LQR alone")
+    return figure
+
+
+@styled
+def any_craft_in_space() -> Figure:
+    """Six flights of an agent for any craft with a spacecraft that its training has not had."""
+    flight = rans.load_agent("any-craft-3d", spacecraft="cubesat-6u").fly(6, seed=EVALUATION_SEED)
+    positions = columns(flight.states.p)
+    figure = Figure(figsize=(8.6, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for k in range(6):
+        colour = series_style(k)[0]
+        left.plot(*positions[:, k, :2].T, color=colour, linewidth=1.1)
+        right.plot(*positions[:, k, ::2].T, color=colour, linewidth=1.1)
+    for axes, other in ((left, "y"), (right, "z")):
+        axes.plot(0.0, 0.0, "+", color=GREEN, markersize=10, markeredgewidth=2)
+        axes.set(xlabel="x, m", ylabel=f"{other}, m", aspect="equal")
+    return figure
+
+
+DIAGRAMS: dict[str, Callable[[], Figure]] = {
+    figure.__name__.replace("_", "-"): figure
+    for figure in (
+        any_craft_in_space,
+        comparison,
+        conditions,
+        controllers,
+        export,
+        faults,
+        frames,
+        guard,
+        optimum,
+        passive_safety,
+        pipeline,
+        robot,
+        tasks,
+        valves,
+    )
+}
+"""Functions of figures by the names of their files."""

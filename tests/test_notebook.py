@@ -1,0 +1,45 @@
+"""The notebook of the examples runs from top to bottom, without a training and without Jupyter."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+NOTEBOOK = Path(__file__).parents[1] / "examples" / "notebook" / "first_agent.ipynb"
+TRAINED = 'rans.train("go-to-pose", run="first")'
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_from_top_to_bottom(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every value that a cell shows has a form for notebooks."""
+    monkeypatch.chdir(tmp_path)
+    display = ModuleType("IPython.display")
+    monkeypatch.setattr(display, "HTML", str, raising=False)
+    package = ModuleType("IPython")
+    # Matplotlib asks a module of this name.
+    monkeypatch.setattr(package, "version_info", (9, 0), raising=False)
+    monkeypatch.setattr(package, "get_ipython", lambda: None, raising=False)
+    monkeypatch.setitem(sys.modules, "IPython", package)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    cells = json.loads(NOTEBOOK.read_text("utf-8"))["cells"]
+    codes = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert sum(TRAINED in code for code in codes) == 1
+    names: dict[str, object] = {}
+    for code in codes:
+        *body, last = code.replace(TRAINED, 'rans.load_agent("go-to-pose-2d")').split("\n")
+        exec("\n".join(body).replace("episodes=256", "episodes=8"), names)
+        shown = eval(last.replace("episodes=256", "episodes=8"), names)
+        assert isinstance(shown, str) or "<" in shown._repr_html_()
+    assert (tmp_path / "fly.html").is_file()
+
+
+def test_the_notebook_has_no_outputs() -> None:
+    """Outputs change with every run, and are large."""
+    cells = json.loads(NOTEBOOK.read_text("utf-8"))["cells"]
+    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
