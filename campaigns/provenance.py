@@ -173,6 +173,7 @@ SOURCES: dict[str, Source] = {
         fewer_rows=True,
         uncompared=("flights", "failed", "probability", "how they fail", "flown again"),
         evidence=("assurance",),
+        quick_seconds=15.0,
     ),
     "craft": Source(
         tables=("craft", "agents of craft"),
@@ -184,6 +185,7 @@ SOURCES: dict[str, Source] = {
         uncompared=("in Drake",),
         evidence=("craft.json",),
         deterministic=False,
+        quick_seconds=13.0,
     ),
     "craft rivals": Source(
         tables=("controllers of craft",),

@@ -179,8 +179,9 @@ def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[An
 def _out_of_view(state: State, view: Field) -> Field:
     """Whether the origin of W is outside the cone about the axis x of B with this cosine of its half-angle."""
     p = state.p
+    attitude: Any = state.attitude
     axis = type(p)(1.0, *[0.0] * (len(p.columns()) - 1))
-    return -state.attitude.rotate(axis).dot(p) < view * p.norm()
+    return -attitude.rotate(axis).dot(p) < view * p.norm()
 
 
 def _turned(attitude: Any, turn: Any) -> Any:

@@ -94,6 +94,34 @@ def test_a_row_that_is_missing_differs() -> None:
     assert {one.row for one, _ in found if one is not None} == {"lqr"}
 
 
+def test_rows_that_a_quick_run_leaves_out_do_not_differ() -> None:
+    """Only where the list says that it leaves some out, and only in a quick run."""
+    before = table(("lqr", "64", "90.0", "2.00", "3"), ("mpc", "64", "50.0", "1.00", "2"))
+    now: Table = table(before.rows[1])  # type: ignore[arg-type]
+    partial = replace(SOURCE, fewer_rows=True)
+    assert [one for one, _ in compared(before, now, partial, True, False) if one] == []
+    assert any(one for one, _ in compared(before, now, partial, False, False))
+    assert any(one for one, _ in compared(before, now, SOURCE, True, False))
+
+
+def test_a_row_without_any_cell_is_a_failure(tmp_path: Path) -> None:
+    """The command leaves an empty table of evidence."""
+    (tmp_path / "empty.py").write_text(
+        "import json\nfrom pathlib import Path\n"
+        f"file = Path({str(ROOT / 'docs' / 'validation' / 'dock-errors.json')!r})\n"
+        "evidence = json.loads(file.read_text()) | {'rows': []}\n"
+        "Path('docs/validation/dock-errors.json').write_text(json.dumps(evidence))\n"
+    )
+    source = replace(
+        SOURCES["dock with errors"],
+        commands=(f"python -S {tmp_path / 'empty.py'}",),
+        quick=(),
+        fewer_rows=True,
+    )
+    result = reproduced("dock with errors", source, True, tmp_path / "flown")
+    assert result.failed.startswith("nothing was measured")
+
+
 def test_a_row_is_flown_in_a_copy_and_a_changed_figure_is_reported(tmp_path: Path) -> None:
     """The command here changes two shares of the evidence: by as much as fewer flights may, and by far more."""
     name = "dock-errors.json"
