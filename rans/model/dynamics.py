@@ -403,15 +403,17 @@ def moved(
             p = p + q
             v = v + u
         return p, v
-    speed: Any = type(p)(*(0.0,) * len(p.columns()))
-    mean_velocity = speed
+    # A straight line: sum w_i a(s_i h) and sum w_i (1 - s_i) a(s_i h), turned into W at once.
+    of_velocity: Any = type(p)(*(0.0,) * len(p.columns()))
+    of_position = of_velocity
     for (node, weight), push in zip(rule, pushes, strict=True):
-        speed = speed + push.scale(weight)
-        mean_velocity = mean_velocity + push.scale(weight * (1 - node))
-    gained = in_world(speed, h)
-    gone = in_world(mean_velocity, h * h)
+        of_velocity = of_velocity + push.scale(weight)
+        of_position = of_position + push.scale(weight * (1 - node))
+    velocity_change = in_world(of_velocity, h)
+    displacement = in_world(of_position, h * h)
+    # A pull of the power k - 1 of the elapsed share has the integrals h / k and h^2 / (k (k + 1)).
     for power, pull in enumerate(pulls, 1):
-        gained = gained + pull.scale(h * (1.0 / power))
-        gone = gone + pull.scale(h * h * (1.0 / (power * (power + 1))))
+        velocity_change = velocity_change + pull.scale(h * (1.0 / power))
+        displacement = displacement + pull.scale(h * h * (1.0 / (power * (power + 1))))
     p, v = drift.carry(p, v, h)
-    return p + gone, v + gained
+    return p + displacement, v + velocity_change

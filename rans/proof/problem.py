@@ -181,6 +181,7 @@ def polynomial_value(text: str, values: Mapping[str, Any]) -> Any:
 
 
 def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> Any:
+    """Value of a part of a formula's syntax tree, at a depth of it."""
     if depth > 50:
         raise ConfigError(f"{brief(text)} is nested too deep.")
 
@@ -192,8 +193,8 @@ def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> 
             return float(number)
         case ast.Name(id=name) if name in values:
             return values[name]
-        case ast.UnaryOp(op=ast.USub(), operand=one):
-            return -inner(one)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -inner(operand)
         case ast.BinOp(left=left, op=ast.Add(), right=right):
             return inner(left) + inner(right)
         case ast.BinOp(left=left, op=ast.Sub(), right=right):

@@ -61,10 +61,12 @@ def pieces(
         lag: delay of all valves.
         period: control period, s.
     """
+    # Changes of the commanded wrench. A single one that is completed in the period has a closed form.
     before, jumps = _commanded(craft, body, commands, period, lag.fall is not None)
     if len(jumps) == 1 and lag.latest + lag.slowest <= period + 1e-9:
         yield from _once(before, jumps[0], lag, period)
         return
+    # The thrust is linear between the instants at which a change begins to take effect, or has taken effect.
     ramps = [] if lag.rise is None else [lag.rise] if lag.fall is None else [lag.rise, lag.fall]
     edges = [jump.time + lag.latency + ramp for jump in jumps for ramp in (0.0, *ramps)]
     edges = ascending([_within(edge, period) for edge in edges])
@@ -127,6 +129,7 @@ def _from(piece: Piece, fraction: Field) -> Piece:
 
 
 def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
+    """Wrench at a fraction of the way from one to another."""
     return map_leaves(lambda a, b: a + (b - a) * fraction, first, last)
 
 
@@ -136,11 +139,18 @@ def _either(condition: Field, first: Piece, second: Piece) -> Piece:
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)
 
+    duration, begin, end, longest = first
+    duration_2, begin_2, end_2, longest_2 = second
+    # Without an end a piece is constant.
     last = None
-    if first[2] is not None or second[2] is not None:
-        last = map_leaves(choose, first[2] or first[1], second[2] or second[1])
-    begin = map_leaves(choose, first[1], second[1])
-    return choose(first[0], second[0]), begin, last, max(first[3], second[3])
+    if end is not None or end_2 is not None:
+        last = map_leaves(choose, end or begin, end_2 or begin_2)
+    return (
+        choose(duration, duration_2),
+        map_leaves(choose, begin, begin_2),
+        last,
+        max(longest, longest_2),
+    )
 
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:
@@ -148,6 +158,7 @@ def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece
     after = map_leaves(operator.add, before, jump.up)
     if jump.down is not None:
         after = map_leaves(operator.add, after, jump.down)
+    # The latency, then a ramp, or two of different lengths, and the rest of the period.
     if lag.latest > 0.0:
         yield lag.latency, before, None, lag.latest
     gone = lag.latency
@@ -175,6 +186,7 @@ def _commanded(
     """
     when = []
     thrusts = []
+    # Every thrust that was commanded, from the oldest on; a pulse is two changes.
     for age, command in reversed(list(enumerate(commands))):
         time: Field = -age * period
         for fraction, part in craft.actuators.pulses(command[craft.thruster_commands]):
@@ -214,4 +226,5 @@ def _completed_part(gone: Field, ramp: Field | None) -> Field:
 
 
 def _within(time: Field, period: float) -> Field:
+    """The time, s, or the nearest one in the period."""
     return period - at_least(period - at_least(time, 0.0), 0.0)

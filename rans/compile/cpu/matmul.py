@@ -128,24 +128,24 @@ def row_correlations(
 
     def row_group(first_row: Value, group_rows: int) -> None:
         def column_group(first_column: Value, column_count: int) -> None:
-            def summand(k: Value, sums: list[Value]) -> list[Value]:
+            def vectors_at(
+                k: Value, x: Value, stride: Value, begin: Value, count: int
+            ) -> list[Value]:
+                """Vector k of ``count`` rows of x from one on."""
                 offset = code.mul(k, LONG(LANES))
-                left, right = (
-                    [
-                        code.read(x, code.add(code.mul(code.add(begin, LONG(i)), stride), offset))
-                        for i in range(row_count)
-                    ]
-                    for x, stride, begin, row_count in (
-                        (a, a_stride, first_row, group_rows),
-                        (b, b_stride, first_column, column_count),
-                    )
-                )
+                starts = [code.mul(code.add(begin, LONG(i)), stride) for i in range(count)]
+                return [code.read(x, code.add(start, offset)) for start in starts]
+
+            def summand(k: Value, sums: list[Value]) -> list[Value]:
+                left = vectors_at(k, a, a_stride, first_row, group_rows)
+                right = vectors_at(k, b, b_stride, first_column, column_count)
                 pairs = [(x, y) for x in left for y in right]
                 return [code.times_plus(x, y, old) for old, (x, y) in zip(sums, pairs, strict=True)]
 
             sums = code.repeat(
                 vectors, [code.everywhere(0.0)] * (group_rows * column_count), summand
             )
+            # The sum of each pair, into its row and column of the output.
             for i, value in enumerate(sums):
                 row = code.mul(code.add(first_row, LONG(i // column_count)), LONG(columns))
                 add_vector_sum(

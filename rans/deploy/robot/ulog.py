@@ -236,6 +236,7 @@ def _estimates(topics: Topics) -> tuple[np.ndarray, Readings, np.ndarray]:
     motion, attitude, rates = (topics.get(name) for name in _ESTIMATES)
     assert motion is not None
     assert attitude is not None
+    # Attitudes and angular velocities at the times of positions.
     times = _sampled(motion)
     turned = _sampled(attitude)
     q = _stacked(attitude, [f"q[{k}]" for k in range(4)])
@@ -247,6 +248,7 @@ def _estimates(topics: Topics) -> tuple[np.ndarray, Readings, np.ndarray]:
     spin = np.full((3, len(times)), np.nan)
     if rates is not None:
         spin = _at(times, _sampled(rates), _stacked(rates, [f"xyz[{k}]" for k in range(3)]))
+    # Positions and velocities, NaN where the estimator says that they are not valid.
     position = _stacked(motion, ["x", "y", "z"])
     velocity = _stacked(motion, ["vx", "vy", "vz"])
     for valid, rows, columns in (

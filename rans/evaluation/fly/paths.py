@@ -180,6 +180,7 @@ def read_path(file: FilePath) -> Path:
         raise ConfigError(f"cannot read {file}: it is not text in UTF-8.") from error
     except csv.Error as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
+    # Points of lines that are not empty, after a header; a point that repeats the one before is left out.
     numbered = [(line, row) for line, row in enumerate(rows, start=1) if any(map(str.strip, row))]
     if numbered and not any(_is_number(cell) for cell in numbered[0][1]):
         del numbered[0]
@@ -191,6 +192,7 @@ def read_path(file: FilePath) -> Path:
             f"{file} must hold at least two different points, one x,y or x,y,z (m) a line, got "
             f"{len(points)}."
         )
+    # A closed path, whose last point is its first.
     closed = len(points) > 3 and points[0] == points[-1]
     length = sum(math.dist(a, b) for a, b in pairwise(points))
     if not _SHORTEST <= length <= _LONGEST:
