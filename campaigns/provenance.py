@@ -231,6 +231,7 @@ SOURCES: dict[str, Source] = {
         flights=(64, 2),
         uncompared=("at most",),
         evidence=("dock-contact.json",),
+        quick_seconds=69.0,
     ),
     "safe states": Source(
         tables=("safe states",),

@@ -26,7 +26,7 @@ from rans.model.fields import finite, leaves, map_leaves
 from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS, Timing
-from rans.randomization.conditions import Conditions
+from rans.randomization.conditions import Conditions, bounds
 from rans.scenario import draws
 from rans.tasks.go_to_pose import GoToPose
 
@@ -163,7 +163,7 @@ class Craft:
 
 
 def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
-    """Conditions whose readings are as late at a rate that is so many times that of commands."""
+    """Conditions whose readings are as late, and impulses as noisy, at so many times the rate of commands."""
     if conditions is None or conditions.or_none is None:
         return None
 
@@ -172,7 +172,16 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
         low, high = delay if isinstance(delay, tuple) else (delay, delay)
         several = (float(round(low * ratio)), float(round(high * ratio)))
         scaled = several if isinstance(delay, tuple) else several[0]
-        return replace(variant, sensors=replace(variant.sensors, delay=scaled))
+        # The mean of n independent factors on a force scatters by 1 / sqrt(n) of what each does.
+        noise: Any = variant.thrusters.noise
+        noisy = tuple(min(1.0, x * math.sqrt(ratio)) for x in bounds(noise))
+        return replace(
+            variant,
+            sensors=replace(variant.sensors, delay=scaled),
+            thrusters=replace(
+                variant.thrusters, noise=noisy if isinstance(noise, tuple) else noisy[0]
+            ),
+        )
 
     return replace(late(conditions), others=tuple(late(variant) for variant in conditions.others))
 
