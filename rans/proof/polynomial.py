@@ -114,39 +114,49 @@ class _Compiled:
 
 
 class PolynomialPlant:
-    """Plant whose rates are polynomials of state and commands."""
+    """Plant whose rates are polynomials of state and commands, which moves by Taylor steps of second order.
+
+    With x' = f(x, u) and constant commands u, a step of length h is x + h f + h^2 / 2 f' + h^3 / 6 f'', with f''
+    anywhere in the step.
+
+    Args:
+        problem: its rates, control period and numbers of states and commands.
+        device: device of the sets that move.
+    """
 
     def __init__(self, problem: Problem, device: torch.device) -> None:
+        # The variables, states before commands, and f as polynomials of them.
         self._states = problem.states
         width = problem.states + problem.commands
         unit = [tuple(int(i == k) for i in range(width)) for k in range(width)]
         variables = [Polynomial({key: 1.0}) for key in unit]
-        nothing = Polynomial({(0,) * width: 0.0})
+        zero = Polynomial({(0,) * width: 0.0})
         rates = [
-            nothing + one
-            for one in problem.rates(variables[: self._states], variables[self._states :])
+            zero + rate
+            for rate in problem.rates(variables[: self._states], variables[self._states :])
         ]
 
         def along(polynomials: list[Polynomial]) -> list[Polynomial]:
+            """Their derivatives by time."""
             return [
-                sum(
-                    (polynomial.derivative(k) * rate for k, rate in enumerate(rates)), start=nothing
-                )
+                sum((polynomial.derivative(k) * rate for k, rate in enumerate(rates)), start=zero)
                 for polynomial in polynomials
             ]
 
+        # f' and f'', the step without its last term, and the step's first and second derivatives by the variables.
         second = along(rates)
+        third = along(second)
         h = problem.period / _SUBSTEPS
         step = [
             x + h * f + 0.5 * h * h * g for x, f, g in zip(variables, rates, second, strict=False)
         ]
-        slopes = [one.derivative(k) for one in step for k in range(width)]
-        bends = [slope.derivative(k) for slope in slopes for k in range(width)]
+        slopes = [component.derivative(k) for component in step for k in range(width)]
+        curvatures = [slope.derivative(k) for slope in slopes for k in range(width)]
         self._h = h
         self._width = width
-        self._step, self._rate, self._second, self._third, self._slopes, self._bends = (
-            _Compiled(one, width, device)
-            for one in (step, rates, second, along(second), slopes, bends)
+        self._step, self._rate, self._second, self._third, self._slopes, self._curvatures = (
+            _Compiled(polynomials, width, device)
+            for polynomials in (step, rates, second, third, slopes, curvatures)
         )
 
     def move(self, states: Zonotope, planes: Planes) -> list[Piece]:
@@ -192,8 +202,9 @@ class PolynomialPlant:
         sag = self._h**2 / 8.0 * self._second.absolute(grown)
         # Linear part at the centre, and the second-order rest over the set.
         jacobian = self._slopes(both.centre).reshape(-1, n, self._width)
-        bends = self._bends.absolute(size).reshape(-1, n, self._width, self._width)
-        curved = 0.5 * (radius[:, None, None, :] @ bends @ radius[:, None, :, None])[:, :, 0, 0]
+        curvature = self._curvatures.absolute(size).reshape(-1, n, self._width, self._width)
+        curved = 0.5 * (radius[:, None, None, :] @ curvature @ radius[:, None, :, None])
+        curved = curved[:, :, 0, 0]
         rounding = 4.0 * self._step.operations * _UNIT * self._step.absolute(size)
         rounding = (
             rounding

@@ -245,10 +245,13 @@ def least_fuel(
     """
     if not (math.isfinite(horizon) and horizon > 0):
         raise ConfigError(f"a bound of impulse needs a finite horizon > 0 s, got {horizon}.")
-    (angle_to_go, before, after, change) = _rotation(craft, aims, start, goal, goal_set)
+    # Rotation. With the angular impulse S in all, the angular momentum is never above before + s nor after + S - s,
+    # where s has been given already: in the mean it is at most (before + after + S) / 2, and must turn the craft.
+    (turn, before, after, change) = _rotation(craft, aims, start, goal, goal_set)
     reach = Reach.of(craft)
-    swing = max(2.0 * angle_to_go / horizon - before - after, change) - _ROUNDING * before
-    turning = swing / reach.arm if swing > 0 else 0.0
+    angular_impulse = max(2.0 * turn / horizon - before - after, change) - _ROUNDING * before
+    turning = angular_impulse / reach.arm if angular_impulse > 0 else 0.0
+    # Translation: the best bound of weak duality.
     moving = _Dual(craft, aims, start, goal, horizon, goal_set).ascend()
     bound = max(turning, moving, 0.0) * (1.0 - _ROUNDING)
     return bound if bound <= horizon * reach.most else math.inf

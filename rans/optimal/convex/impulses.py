@@ -55,30 +55,36 @@ class Impulses:
         self._hulls: dict[int, _Hull] = {}
 
     def firings(self, states: np.ndarray, periods: int) -> Firings:
-        """Least impulses from states (N, 2 d) for an arrival after so many control periods, at least one."""
+        """Least impulses from states (N, 2 d) for an arrival after so many control periods, at least one.
+
+        The miss of a coast must be made up for by a sum of the hull's points, each times an impulse. The facet that
+        the miss points at has the points of the least sum.
+        """
+        # By how much coasts miss the point of the meeting.
         meeting = self._meeting
         size = len(meeting.point)
         checks = np.array([periods * meeting.timing.checks])
-        free = (
+        coasted = (
             meeting.free(np.zeros(2 * size), checks)[0] + states @ meeting.transition(checks[0]).T
         )
-        missed = meeting.point - free[:, :size]
+        missed = meeting.point - coasted[:, :size]
         if periods not in self._hulls:
             self._hulls[periods] = _Hull.of(meeting, periods)
         hull = self._hulls[periods]
-        # The place is a ball: stop short of its centre, in the direction in which that saves most.
-        direction = hull.normals[hull.met(missed)]
+        # Any position within the tolerance will do: stop short of the point, in the direction that saves most.
+        direction = hull.normals[hull.facet(missed)]
         inside = self._aim * meeting.position_tolerance
         aimed = missed - inside * direction / np.linalg.norm(direction, axis=1, keepdims=True)
         coasts = np.linalg.norm(missed, axis=1) <= meeting.position_tolerance
         aimed[coasts] = 0.0
-        corners = hull.corners[hull.met(aimed)]
+        # Impulses, N s, at the corners of the facet, whose points times these sum to the miss.
+        corners = hull.corners[hull.facet(aimed)]
         points = hull.points[corners]
-        amounts = np.linalg.solve(np.swapaxes(points, 1, 2), aimed[:, :, None])[:, :, 0]
-        amounts = np.maximum(amounts, 0.0)
+        impulses = np.linalg.solve(np.swapaxes(points, 1, 2), aimed[:, :, None])[:, :, 0]
+        impulses = np.maximum(impulses, 0.0)
+        # Points are numbered by period, then by thruster.
         period, thruster = np.divmod(corners, meeting.forces.shape[1])
-        amount = amounts / meeting.price[thruster]
-        return Firings(amounts.sum(axis=1), period, thruster, amount)
+        return Firings(impulses.sum(axis=1), period, thruster, impulses / meeting.price[thruster])
 
     def flown(self, states: np.ndarray, firings: Firings, checks: np.ndarray) -> np.ndarray:
         """States (N, L, 2 d) at checks (L,) from now on, of states (N, 2 d) that fire so."""
@@ -112,6 +118,6 @@ class _Hull:
         # A facet is where normal . x + offset = 0, and the origin is inside: offset < 0.
         return cls(points, hull.simplices, hull.equations[:, :size] / -hull.equations[:, size:])
 
-    def met(self, missed: np.ndarray) -> np.ndarray:
-        """(N,) facets that misses (N, d) point at."""
+    def facet(self, missed: np.ndarray) -> np.ndarray:
+        """(N,) facets that the rays from the origin along misses (N, d) pass through."""
         return np.argmax(missed @ self.normals.T, axis=1)
