@@ -110,9 +110,9 @@ class Dock(OrbitalMission):
         )
 
     @property
-    def coast_zone(self) -> CoastZone:
-        """A ball of 5 m, until the craft is within 20 m of the target: our choice."""
-        return CoastZone(5.0, 20.0)
+    def coast_zone(self) -> CoastZone | None:
+        """A ball of 5 m, until the craft is within 20 m of the target: our choice; on an ellipse none."""
+        return None if self.orbit.eccentricity else CoastZone(5.0, 20.0)
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The speed limit."""

@@ -209,6 +209,8 @@ def transfer_bounds(
     meeting = Meeting.of(craft, task, every[0].goal)
     answers = []
     for scenario in every:
+        if not task.drift.steady:
+            meeting = Meeting.of(craft, task, scenario.goal)
         answers.append(rendezvous(meeting, _state(scenario), deadline))
         if progress is not None:
             progress(1)

@@ -22,9 +22,9 @@ import numpy as np
 from scipy import sparse
 
 from rans.errors import ConfigError, SolverFailed, require
-from rans.model.drift import Drift, steady
+from rans.model.drift import Drift
 from rans.model.dynamics import RULES
-from rans.model.fields import Vec2, Vec3, leaves
+from rans.model.fields import Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
 from rans.optimal.convex.cone_program import ConeProgram
@@ -76,8 +76,10 @@ class Meeting:
             )
         directions = np.array([thruster.direction for thruster in craft.thrusters]).T
         sizes = np.array([thruster.force for thruster in craft.thrusters])
-        return cls(
-            steady(task.drift, "convex bounds are"),
+        drift = map_leaves(lambda x: float(np.squeeze(x)), task.drift_at(goal))
+        kind = cls if drift.steady else UnsteadyMeeting
+        return kind(
+            drift,
             task.timing,
             directions[: craft.dimension] * sizes,
             craft.mass,
@@ -146,9 +148,93 @@ class Meeting:
         ages = np.maximum(check - self.timing.checks * np.arange(periods), 0)
         return np.moveaxis(effect[ages], 0, 1).reshape(effect.shape[1], -1)
 
+    def response(self, period: int, last: int) -> np.ndarray:
+        """(L, 2 d, m): what the command of a period has done by each check from its beginning to the last one."""
+        _, _, effect = self._tables
+        return effect[: last + 1 - period * self.timing.checks]
+
+    def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
+        """(last + 1,) what commands may save in the bounds of `proof`, N s, not above zero."""
+        _, _, effect = self._tables
+        # What commands of each age may save, added up over all that began before each check.
+        saved = np.minimum(self.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
+        saved[0] = 0.0
+        per_period = self.timing.checks
+        padded = np.zeros(-(-(last + 1) // per_period) * per_period)
+        padded[: last + 1] = saved
+        return padded.reshape(-1, per_period).cumsum(axis=0).ravel()[: last + 1]
+
     def periods(self, check: int) -> int:
         """Control periods that have begun before a check."""
         return -(-check // self.timing.checks)
+
+
+@dataclass(frozen=True)
+class UnsteadyMeeting(Meeting):
+    """Rendezvous in a linear drift that depends on when a motion begins: the drift is that from the start on.
+
+    What a command does is expressed by the state at the start that does the same.
+    """
+
+    @cached_property
+    def _pulled_back(self) -> tuple[np.ndarray, np.ndarray]:
+        """Motion (L, 2 d, 2 d) to each check, and effects (periods, checks + 1, 2 d, m) as states at the start.
+
+        The second index is the number of checks for which the command has been held.
+        """
+        size = len(self.point)
+        timing = self.timing
+        unit = np.eye(2 * size)
+        times = self.interval * np.arange(timing.checks * timing.episode_steps + 1)
+        motion = np.stack([self._carried(x, times) for x in unit], axis=2)
+        begun = timing.control_period * np.arange(timing.episode_steps)[:, None]
+        held = self.interval * np.arange(timing.checks + 1)
+        effect = np.zeros((timing.episode_steps, timing.checks + 1, 2 * size, size))
+        for node, weight in RULES[8]:
+            instants = (begun + node * held).ravel()
+            later = replace(self, drift=self.drift.later(instants))
+            pushed = np.stack([later._carried(x, -instants) for x in unit[size:]], axis=2)
+            effect += weight * held[:, None, None] * pushed.reshape(effect.shape)
+        return motion, effect @ (self.forces / self.mass)
+
+    def free(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
+        """See `Meeting.free`."""
+        motion, _ = self._pulled_back
+        return motion[checks] @ start
+
+    def transition(self, checks: int | np.ndarray) -> np.ndarray:
+        """See `Meeting.transition`; from the start."""
+        motion, _ = self._pulled_back
+        return motion[checks]
+
+    def effect(self, check: int, periods: int) -> np.ndarray:
+        """See `Meeting.effect`."""
+        motion, effect = self._pulled_back
+        per_period = self.timing.checks
+        held = np.clip(check - per_period * np.arange(periods), 0, per_period)
+        done = motion[check] @ effect[np.arange(periods), held]
+        return np.moveaxis(done, 0, 1).reshape(done.shape[1], -1)
+
+    def response(self, period: int, last: int) -> np.ndarray:
+        """See `Meeting.response`."""
+        motion, effect = self._pulled_back
+        first = period * self.timing.checks
+        held = np.minimum(np.arange(last + 1 - first), self.timing.checks)
+        return motion[first : last + 1] @ effect[period, held]
+
+    def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
+        """See `Meeting.saved`."""
+        motion, effect = self._pulled_back
+        per_period = self.timing.checks
+        checks = np.arange(last + 1)
+        begun = multiplier @ motion[: last + 1]
+        saved = np.zeros(last + 1)
+        for period in range(self.periods(last)):
+            first = period * per_period + 1
+            held = np.minimum(checks[first:] - first + 1, per_period)
+            gains = np.einsum("ki,kij->kj", begun[first:], effect[period, held])
+            saved[first:] += np.minimum(self.price + gains, 0.0).sum(axis=1)
+        return saved
 
 
 @dataclass(frozen=True)
@@ -231,12 +317,11 @@ def least_impulse(
 def trajectory(meeting: Meeting, start: np.ndarray, transfer: MeetingTransfer) -> np.ndarray:
     """States (check + 1, 2 d) of a transfer at every check from the start to the meeting."""
     states = meeting.free(start, np.arange(transfer.check + 1))
-    _, _, effect = meeting._tables
     # What every command does from the check at which it begins.
     for period, command in enumerate(transfer.commands):
         first = period * meeting.timing.checks
         if command.any():
-            states[first:] += effect[: transfer.check + 1 - first] @ command
+            states[first:] += meeting.response(period, transfer.check) @ command
     return states
 
 
@@ -311,19 +396,11 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
         multiplier: (2 d,)
     """
     size = len(meeting.point)
-    _, _, effect = meeting._tables
     away = meeting.free(start, np.arange(last + 1))
     away[:, :size] -= meeting.point
     constant = meeting.position_tolerance * np.linalg.norm(multiplier[:size])
     constant += meeting.velocity_tolerance * np.linalg.norm(multiplier[size:])
-    # What commands of each age may save, added up over all that began before each check.
-    saved = np.minimum(meeting.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
-    saved[0] = 0.0
-    per_period = meeting.timing.checks
-    padded = np.zeros(-(-(last + 1) // per_period) * per_period)
-    padded[: last + 1] = saved
-    total = padded.reshape(-1, per_period).cumsum(axis=0).ravel()[: last + 1]
-    return away @ multiplier - constant + total
+    return away @ multiplier - constant + meeting.saved(multiplier, last)
 
 
 def rendezvous(

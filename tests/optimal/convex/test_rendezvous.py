@@ -14,6 +14,7 @@ from rans.evaluation.compare.transfers import Script
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
 from rans.model.fields import leaves
+from rans.model.timing import Timing
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.convex.rendezvous import (
     Meeting,
@@ -27,7 +28,7 @@ from rans.optimal.convex.rendezvous import (
 )
 from rans.reference.flight import fly_in_drake
 from rans.scenario import each, scenarios
-from rans.tasks import Dock, Hold, Rendezvous
+from rans.tasks import Dock, Hold, Rendezvous, TargetOrbit
 from rans.tasks.orbital import last_check
 from tests.support.rendezvous import DEPUTY, meeting_of, program
 
@@ -174,3 +175,35 @@ def test_no_guidance_beats_the_bound() -> None:
         won = flight.done & ~flight.violated()
         assert won.any()
         assert (impulses(flight)[won] >= lower[won] * (1 - 1e-6)).all()
+
+
+@pytest.mark.slow
+def test_on_an_ellipse_bounds_hold_flights_up_and_flights_dock() -> None:
+    """Commands of the program are flown by the engine, which shares no table with it."""
+    ellipse = TargetOrbit(0.5, 13_556.0, (150.0, 150.0))
+    task = Dock(deadline=(300.0, 300.0), orbit=ellipse)
+    starts = scenarios(task, DEPUTY, 3, 1)
+    one = next(iter(each(starts)))
+    state = np.array([float(np.squeeze(x)) for x in (*leaves(one.start.p), *leaves(one.start.v))])
+    timing = Timing(control_period=10.0, episode_steps=30, checks=10)
+    meeting = replace(Meeting.of(DEPUTY, task, one.goal), timing=timing)
+    found = least_impulse(meeting, state, 295)
+    assert found is not None
+    commands = np.zeros((1, 30, 6))
+    commands[0, : len(found.commands)] = found.commands
+    flight = fly(DEPUTY, task, Script(commands), starts, timing)
+    path = trajectory(meeting, state, found)
+    flown = np.stack([*flight.states.p.columns(), *flight.states.v.columns()], axis=-1)[:, 0]
+    np.testing.assert_allclose(flown[:29], path[::10][:29], atol=1e-7)
+    best = prices_of_missing(meeting, state, 295)
+    assert best is not None
+    # At every check the bound is that of the multiplier by the sum over all commands.
+    bounds = proof(meeting, state, 300, best)
+    assert bounds[295] == pytest.approx(found.impulse, rel=1e-4)
+    for check in (95, 203):
+        effect = meeting.effect(check, meeting.periods(check))
+        prices = np.tile(meeting.price, meeting.periods(check))
+        away = meeting.free(state, np.array([check]))[0] @ best
+        radii = 0.5 * np.linalg.norm(best[:3]) + 0.2 * np.linalg.norm(best[3:])
+        expected = away - radii + np.minimum(prices + best @ effect, 0.0).sum()
+        assert bounds[check] == pytest.approx(expected, rel=1e-9)

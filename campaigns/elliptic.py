@@ -1,0 +1,251 @@
+"""Docking with a target on elliptic orbits, beside two-body gravity: ``python -m campaigns.elliptic``.
+
+Every orbit has its perigee at an altitude of 400 km, and flights begin anywhere on it. The lower bound and the
+cheapest known flight are those of a conic program. With ``--docs docs`` the command writes
+docs/validation/elliptic.json and its tables in docs/missions/elliptic.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from campaigns.command import ended
+from campaigns.markdown import Table
+from campaigns.missions import Row, row_of
+from rans.evaluation.compare.transfers import optimum, transfer_bounds
+from rans.evaluation.measure.metrics import impulses
+from rans.files import environment, read_json, write_json
+from rans.flight import Flight, fly
+from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, mean_anomaly
+from rans.model.fields import Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.mission_guidance import MissionGuidance
+from rans.scenario import EVALUATION_SEED, scenarios
+from rans.tasks import Dock, TargetOrbit
+from rans.terminal import Terminal
+from validation.two_body import TwoBodyMover, relative_motion
+
+_ECCENTRICITIES = (0.1, 0.3, 0.5, 0.7)
+"""The last is about that of a transfer to geostationary orbit."""
+_PERIGEE = 6378.137 + 400.0
+"""km from the Earth's centre."""
+_DEADLINE = 1000.0
+"""s"""
+_COAST = 150.0
+"""Distance from the target at which coasts begin, m, as the farthest starts of dock."""
+_HEADINGS = (
+    "eccentricity",
+    "who",
+    "starts",
+    "docked, %",
+    "limit broken, %",
+    "over the bound",
+    "spent",
+    "median time, s",
+)
+_ERROR_HEADINGS = (
+    "eccentricity",
+    "Clohessy-Wiltshire, m",
+    "largest, m",
+    "ellipse, m",
+    "largest, m",
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A contestant on an orbit."""
+
+    row: Row
+    median: float
+    """Median time until the docking, s, of those that docked."""
+
+
+@dataclass(frozen=True)
+class Elliptic:
+    """Fly every orbit, write the evidence, and print the tables."""
+
+    episodes: int = 64
+    """Held-out starts of guidance."""
+    bounded: int = 4
+    """The first of them, whose bounds are computed and which fly in two-body gravity."""
+    coasts: int = 256
+    """Coasts of each orbit, at any true anomaly, in random directions."""
+    seed: int = EVALUATION_SEED
+    """Of all of them."""
+    only: float | None = None
+    """Measure one eccentricity. Other rows are kept as they are in the evidence."""
+    docs: Path | None = None
+    """Folder of the documents whose tables and evidence are written; by default nothing is."""
+
+    def run(self) -> int:
+        """Print and write."""
+        measured: list[Any] = []
+        if self.only is not None and self.docs is not None:
+            measured = [
+                x
+                for x in read_json(self.docs / "validation" / "elliptic.json")["rows"]
+                if x["row"]["condition"] != f"{self.only:g}"
+            ]
+        asked = _ECCENTRICITIES if self.only is None else (self.only,)
+        measured += [asdict(x) for e in asked for x in self._flown(e)]
+        # Sorted by the orbit alone, which keeps the order of its rows.
+        measured.sort(key=lambda x: float(x["row"]["condition"]))
+        errors = [self._errors(e) for e in _ECCENTRICITIES]
+        terminal = Terminal()
+        terminal.show(f"dock, seed {self.seed}", _HEADINGS, [_cells(x) for x in measured])
+        rows = [_error_cells(x) for x in errors]
+        terminal.show("coasts against two-body gravity", _ERROR_HEADINGS, rows)
+        if self.docs is not None:
+            evidence = {
+                "seed": self.seed,
+                "episodes": self.episodes,
+                "bounded": self.bounded,
+                "coasts": self.coasts,
+                "environment": environment(),
+                "rows": measured,
+                "errors": errors,
+            }
+            write_json(self.docs / "validation" / "elliptic.json", evidence)
+            in_document(self.docs).write(self.docs)
+            errors_in_document(self.docs).write(self.docs)
+        return 0
+
+    def _flown(self, eccentricity: float) -> Iterator[Measured]:
+        craft = load_spacecraft("afrl-deputy")
+        timing = replace(Dock.timing, episode_steps=round(_DEADLINE / Dock.timing.control_period))
+        task = Dock(deadline=(_DEADLINE, _DEADLINE), orbit=_orbit(eccentricity)).for_evaluation()
+        assert isinstance(task, Dock)
+        starts = scenarios(task, craft, self.seed, self.episodes)
+        few = scenarios(task, craft, self.seed, self.bounded)
+        answers = transfer_bounds(craft, task, few, _DEADLINE)
+        lower = np.full(self.episodes, np.nan)
+        lower[: self.bounded] = [answer.lower for answer in answers]
+        name = f"{eccentricity:g}"
+        yield self._cheapest(name, craft, task, answers)
+        # Guidance that takes the orbit for a circle of the same period.
+        circular = replace(task, orbit=TargetOrbit())
+        for who, mission, engine, mover, flown in (
+            ("mission guidance", task, "fast", None, starts),
+            (
+                "mission guidance, in two-body gravity",
+                task,
+                "two-body",
+                _two_body(craft, task),
+                few,
+            ),
+            ("mission guidance for a circle", circular, "fast", None, starts),
+        ):
+            guidance = MissionGuidance(craft, mission)
+            flight = fly(craft, task, guidance, flown, timing, engine, mover)
+            yield Measured(row_of(name, who, flight, impulses(flight), lower), _median(flight))
+
+    def _cheapest(self, name: str, craft: Spacecraft, task: Dock, answers: list[Any]) -> Measured:
+        """Flights of the conic program, which engine and Drake replay."""
+        few = scenarios(task, craft, self.seed, self.bounded)
+        replayed = optimum(craft, task, few, answers)
+        won = replayed.docked
+        ratios = (replayed.impulse / [answer.lower for answer in answers])[won]
+        checks = [answer.transfer.check for answer in answers if answer.transfer is not None]
+        row = Row(
+            name,
+            "cheapest known (conic program)",
+            len(won),
+            float(won.mean()),
+            float(replayed.violated.mean()),
+            float(ratios.mean()),
+            float(ratios.max()),
+            float(replayed.impulse[won].mean()),
+        )
+        return Measured(row, float(np.median(checks)))
+
+    def _errors(self, eccentricity: float) -> dict[str, Any]:
+        """Median and largest error of both equations after coasts of `_DEADLINE`, m."""
+        n = _orbit(eccentricity).mean_motion(0.0)
+        random = np.random.default_rng(self.seed)
+        p, v = (self._directions(random) for _ in range(2))
+        p = p * _COAST
+        v = v * (_COAST * n * random.uniform(0.0, 1.6, (self.coasts, 1)))
+        anomalies = random.uniform(-math.pi, math.pi, self.coasts)
+        exact, _ = relative_motion(
+            n, p, v, [_DEADLINE], eccentricity=eccentricity, true_anomaly=anomalies
+        )
+        drifts: dict[str, Drift] = {
+            "circle": ClohessyWiltshire(n),
+            "ellipse": EllipticOrbit(n, eccentricity, mean_anomaly(anomalies, eccentricity)),
+        }
+        errors: dict[str, Any] = {"eccentricity": eccentricity}
+        for name, drift in drifts.items():
+            linear, _ = drift.carry(Vec3(*p.T), Vec3(*v.T), _DEADLINE)
+            gap = np.linalg.norm(np.stack(linear.columns(), axis=1) - exact[0], axis=1)
+            errors[name] = [float(np.median(gap)), float(gap.max())]
+        return errors
+
+    def _directions(self, random: np.random.Generator) -> np.ndarray:
+        """Uniform unit vectors, (coasts, 3)."""
+        vectors = random.normal(size=(self.coasts, 3))
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _orbit(eccentricity: float) -> TargetOrbit:
+    return TargetOrbit(eccentricity, round(_PERIGEE / (1.0 - eccentricity), 3))
+
+
+def _two_body(craft: Spacecraft, task: Dock) -> TwoBodyMover:
+    return TwoBodyMover(craft, task.timing, task.mean_motion, eccentricity=task.orbit.eccentricity)
+
+
+def _median(flight: Flight) -> float:
+    """Median time until the end of the period of the docking, s; NaN where nobody docked."""
+    assert flight.done is not None
+    assert flight.lengths is not None
+    times = flight.lengths[flight.done & ~flight.violated()] * flight.timing.control_period
+    return float(np.median(times)) if len(times) else float("nan")
+
+
+def _cells(measured: Any) -> list[str]:
+    """Without the worst ratio."""
+    cells = Row(**measured["row"]).cells("N s")
+    median = measured["median"]
+    return [*cells[:6], cells[7], f"{median:,.0f}" if np.isfinite(median) else "-"]
+
+
+def _error_cells(errors: Any) -> list[str]:
+    numbers = [f"{float(f'{x:.2g}'):g}" for x in (*errors["circle"], *errors["ellipse"])]
+    return [f"{errors['eccentricity']:g}", *numbers]
+
+
+def in_document(docs: Path) -> Table:
+    """The table of flights, of the evidence in docs/validation."""
+    evidence = read_json(docs / "validation" / "elliptic.json")
+    return Table(
+        "missions/elliptic.md",
+        "python -m campaigns.elliptic --docs docs",
+        _HEADINGS,
+        [_cells(x) for x in evidence["rows"]],
+        f"The deadline is {_DEADLINE:,.0f} s. The values are in [elliptic.json](../validation/elliptic.json).",
+    )
+
+
+def errors_in_document(docs: Path) -> Table:
+    """The table of coasts, of the evidence in docs/validation."""
+    evidence = read_json(docs / "validation" / "elliptic.json")
+    return Table(
+        "missions/elliptic.md",
+        "python -m campaigns.elliptic --docs docs, coasts",
+        _ERROR_HEADINGS,
+        [_error_cells(x) for x in evidence["errors"]],
+        f"{evidence['coasts']:,} coasts of {_DEADLINE:,.0f} s from {_COAST:g} m, median and largest error.",
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("elliptic orbits", lambda: tyro.cli(Elliptic).run()))
