@@ -1,7 +1,8 @@
 """What Clohessy-Wiltshire leaves out of two-body gravity, by mission: ``python -m campaigns.orbits``.
 
-Free coasts from random states near the target, flown by RANS's equations and by `validation.two_body`; and the
-starts of dock as the benchmark's code draws them, counted above the speed limit.
+Free coasts from random states near the target, flown by RANS's equations and by `validation.two_body`: in two-body
+gravity, with the oblate Earth (J2), and with drag as well. Also the starts of dock as the benchmark's code draws
+them, counted above the speed limit.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from rans.tasks.hold import Hold
 from rans.tasks.inspect import Inspect
 from rans.tasks.rendezvous import Rendezvous
 from rans.terminal import Terminal
-from validation.two_body import relative_motion
+from validation.two_body import Perturbations, perturbed_motion, relative_motion
 
 _COASTS: tuple[tuple[str, Any, float, tuple[float, ...]], ...] = (
     ("dock, 150 m", Dock(), 150.0, (600.0, 2000.0)),
@@ -31,6 +32,12 @@ _COASTS: tuple[tuple[str, Any, float, tuple[float, ...]], ...] = (
     ("inspect, 800 m", Inspect(), 800.0, (6118.0, 12236.0)),
 )
 """Missions with a distance from the target, m, and the times of coasts from there, s."""
+_INCLINATION = np.radians(51.6)
+"""Inclination of every orbit, rad: that of the International Space Station."""
+_TARGET_DRAG = 0.02
+"""Drag coefficient times area over mass of the target, m^2/kg: 2.2 times 1 m^2 for 110 kg."""
+_CRAFT_DRAG = 0.04
+"""The same of the craft: twice as much."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +61,24 @@ class Orbits:
             p = p * distance
             v = v * (distance * n * random.uniform(0.0, 1.6, (self.coasts, 1)))
             exact, _ = relative_motion(n, p, v, times)
-            for time, truth in zip(times, exact, strict=True):
+            latitude = random.uniform(0.0, 2.0 * np.pi, self.coasts)
+            oblate = Perturbations(_INCLINATION, latitude)
+            dragged = replace(oblate, target_drag=_TARGET_DRAG, craft_drag=_CRAFT_DRAG)
+            truths = [exact, *(perturbed_motion(n, p, v, times, x) for x in (oblate, dragged))]
+            for number, time in enumerate(times):
                 linear, _ = task.drift.carry(Vec3(*p.T), Vec3(*v.T), time)
-                gap = np.linalg.norm(np.stack(linear.columns(), axis=1) - truth, axis=1)
-                rows.append([name, f"{time:,.0f} s", _metres(np.median(gap)), _metres(gap.max())])
-        headings = ("coast from", "for", "median error", "largest error")
-        Terminal().show(
-            f"Clohessy-Wiltshire against two-body gravity, seed {self.seed}", headings, rows
+                cells = [name, f"{time:,.0f} s"]
+                for truth in truths:
+                    away = np.stack(linear.columns(), axis=1) - truth[number]
+                    gap = np.linalg.norm(away, axis=1)
+                    cells += [_metres(np.median(gap)), _metres(gap.max())]
+                rows.append(cells)
+        headings = (
+            "coast from",
+            "for",
+            *(f"{x}{name}" for name in ("", ", J2", ", J2, drag") for x in ("median", "largest")),
         )
+        Terminal().show(f"Errors of Clohessy-Wiltshire, seed {self.seed}", headings, rows)
         task = replace(Dock(), starts_as_coded=True)
         drawn: Any = scenarios(task, load_spacecraft("afrl-deputy"), self.seed, self.starts)
         above = task.constraints(drawn.start, drawn.goal)["speed"] < 0.0

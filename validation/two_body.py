@@ -8,7 +8,7 @@ accelerations.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,27 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.parameters import StepInputs
 
+J2 = 1.08262668e-3
+"""Oblateness of the Earth's gravity (EGM96)."""
+_EARTH_RADIUS = 6.378137e6
+"""Equatorial radius of the Earth, m (WGS 84)."""
+_EARTH_RATE = 7.292115e-5
+"""Rate of the Earth's rotation, rad/s (WGS 84)."""
+_AIR = (
+    (200.0, 2.789e-10, 37.105),
+    (250.0, 7.248e-11, 45.546),
+    (300.0, 2.418e-11, 53.628),
+    (350.0, 9.518e-12, 53.298),
+    (400.0, 3.725e-12, 58.515),
+    (450.0, 1.585e-12, 60.828),
+    (500.0, 6.967e-13, 63.822),
+    (600.0, 1.454e-13, 71.835),
+    (700.0, 3.614e-14, 88.667),
+    (800.0, 1.170e-14, 124.64),
+    (900.0, 5.245e-15, 181.05),
+    (1000.0, 3.019e-15, 268.00),
+)
+"""Altitude, km, density there, kg/m^3, and height in which it falls to 1/e above, km."""
 _RELATIVE = 1e-12
 """Tolerance of SciPy's integrator relative to a component."""
 _ABSOLUTE = 1e-10
@@ -87,12 +108,8 @@ def relative_motion(
         r, rate = flat.reshape(-1, count, 3)[:2]
         place, angle, _ = target(t, flat)
         square = np.sum(place**2, axis=1, keepdims=True)
-        # The difference of both pulls in Battin's form, which subtracts no large numbers ("An Introduction to the
-        # Mathematics and Methods of Astrodynamics", 1999, section 8.4).
-        q = np.sum(r * (r + 2.0 * place), axis=1, keepdims=True) / square
-        f = q * (3.0 + 3.0 * q + q * q) / (1.0 + (1.0 + q) ** 1.5)
         distance = np.linalg.norm(place + r, axis=1, keepdims=True)
-        pull = mu / distance**3 * (f * place - r)
+        pull = _difference(r, place, mu, square, distance)
         if push is not None:
             pull = pull + turned(push, angle)
         parts = [rate, pull]
@@ -125,6 +142,138 @@ def relative_motion(
         positions.append(turned(r, -angle))
         velocities.append(turned(rate - rotation(r, turning), -angle))
     return np.array(positions), np.array(velocities)
+
+
+@dataclass(frozen=True)
+class Perturbations:
+    """What acts on target and craft besides the gravity of a sphere, on an orbit around the Earth.
+
+    The oblate Earth is the term J2 of its gravity. The density of the air falls exponentially with the
+    altitude, from the values of D. A. Vallado, "Fundamentals of Astrodynamics and Applications", 4th edition,
+    table 8-4; the air turns with the Earth.
+    """
+
+    inclination: float
+    """Inclination of the target's orbit, rad."""
+    latitude: np.ndarray
+    """Argument of latitude of the target at time 0, rad, (N,)."""
+    oblate: bool = True
+    """Whether there is J2."""
+    target_drag: float = 0.0
+    """Drag coefficient times area over mass of the target, m^2/kg."""
+    craft_drag: float = 0.0
+    """The same of the craft."""
+
+    def acceleration(self, r: np.ndarray, v: np.ndarray, drag: float) -> np.ndarray:
+        """Acceleration (N, 3), m/s^2, at positions and velocities (N, 3), z along the Earth's axis."""
+        square = np.sum(r**2, axis=1, keepdims=True)
+        result = np.zeros_like(r)
+        if self.oblate:
+            height = 5.0 * r[:, 2:] ** 2 / square
+            factors = np.concatenate([height - 1.0, height - 1.0, height - 3.0], axis=1)
+            result += 1.5 * J2 * EARTH * _EARTH_RADIUS**2 / square**2.5 * factors * r
+        if drag > 0.0:
+            wind = v - np.cross([0.0, 0.0, _EARTH_RATE], r)
+            speed = np.linalg.norm(wind, axis=1, keepdims=True)
+            altitude = np.sqrt(square) - _EARTH_RADIUS
+            result -= 0.5 * drag * density(altitude) * speed * wind
+        return result
+
+
+def density(altitude: np.ndarray) -> np.ndarray:
+    """Density of the air, kg/m^3, at an altitude, m; zero above 1,500 km."""
+    bases, values, heights = np.array(_AIR).T
+    row = np.clip(np.searchsorted(bases, altitude / 1e3, side="right") - 1, 0, len(bases) - 1)
+    air = values[row] * np.exp((bases[row] - altitude / 1e3) / heights[row])
+    return np.where(altitude > 1.5e6, 0.0, air)
+
+
+def perturbed_motion(
+    mean_motion: float,
+    p: np.ndarray,
+    v: np.ndarray,
+    times: Sequence[float] | np.ndarray,
+    perturbations: Perturbations,
+) -> np.ndarray:
+    """Positions (times, N, 3), m, of N craft in the Hill frame of a target whose orbit is a circle at time 0.
+
+    Target and the difference between craft and target are integrated in axes that do not turn. The frame is
+    that of the target's perturbed orbit: x radially outwards, z along its angular momentum. The speed of the
+    target at time 0 is that of a circle without perturbations.
+
+    Args:
+        mean_motion: mean motion n of the target, rad/s.
+        p: positions at time 0 in the Hill frame, m, (N, 3).
+        v: velocities relative to it, m/s, (N, 3).
+        times: increasing instants above 0, s.
+        perturbations: what acts besides.
+    """
+    count = len(p)
+    size = (EARTH / mean_motion**2) ** (1.0 / 3.0)
+    # Axes of the Hill frame at time 0 as columns (N, 3, 3).
+    turn = Rotation.from_euler(
+        "ZXZ",
+        np.stack(
+            [np.zeros(count), np.full(count, perturbations.inclination), perturbations.latitude], 1
+        ),
+    )
+    axes = turn.as_matrix()
+    place, along = size * axes[:, :, 0], mean_motion * size * axes[:, :, 1]
+    relative = np.einsum("nij,nj->ni", axes, p)
+    # The frame turns as the target does, and tilts with its orbital plane.
+    twist = _frame_rate(place, along, perturbations)
+    rate = np.einsum("nij,nj->ni", axes, v) + np.cross(twist, relative)
+
+    def slope(_: float, flat: np.ndarray) -> np.ndarray:
+        r, rate, place, along = flat.reshape(4, count, 3)
+        square = np.sum(place**2, axis=1, keepdims=True)
+        distance = np.linalg.norm(place + r, axis=1, keepdims=True)
+        own = perturbations.acceleration(place, along, perturbations.target_drag)
+        craft = perturbations.acceleration(place + r, along + rate, perturbations.craft_drag)
+        pull = _difference(r, place, EARTH, square, distance) + craft - own
+        return np.concatenate([rate, pull, along, own - EARTH / square**1.5 * place]).ravel()
+
+    solution = solve_ivp(
+        slope,
+        (0.0, times[-1]),
+        np.concatenate([relative, rate, place, along]).ravel(),
+        "DOP853",
+        t_eval=times,
+        rtol=_RELATIVE,
+        atol=_ABSOLUTE,
+    )
+    results = []
+    for flat in solution.y.T:
+        r, _, place, along = flat.reshape(4, count, 3)
+        outwards = place / np.linalg.norm(place, axis=1, keepdims=True)
+        across = np.cross(place, along)
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        basis = np.stack([outwards, np.cross(across, outwards), across], axis=1)
+        results.append(np.einsum("nij,nj->ni", basis, r))
+    return np.array(results)
+
+
+def _frame_rate(place: np.ndarray, along: np.ndarray, perturbations: Perturbations) -> np.ndarray:
+    """Angular velocity (N, 3), rad/s, of the Hill frame of a target in axes that do not turn."""
+    momentum = np.cross(place, along)
+    square = np.sum(place**2, axis=1, keepdims=True)
+    own = perturbations.acceleration(place, along, perturbations.target_drag)
+    normal = momentum / np.linalg.norm(momentum, axis=1, keepdims=True)
+    # An acceleration across the plane tilts it about the radius.
+    lift = np.sum(own * normal, axis=1, keepdims=True)
+    return momentum / square + lift / np.linalg.norm(momentum, axis=1, keepdims=True) * place
+
+
+def _difference(
+    r: np.ndarray, place: np.ndarray, mu: float, square: np.ndarray, distance: np.ndarray
+) -> np.ndarray:
+    """Gravity at place + r minus that at place, m/s^2, in Battin's form, which subtracts no large numbers.
+
+    Source: R. H. Battin, "An Introduction to the Mathematics and Methods of Astrodynamics", 1999, section 8.4.
+    """
+    q = np.sum(r * (r + 2.0 * place), axis=1, keepdims=True) / square
+    f = q * (3.0 + 3.0 * q + q * q) / (1.0 + (1.0 + q) ** 1.5)
+    return mu / distance**3 * (f * place - r)
 
 
 class TwoBodyMover:

@@ -7,17 +7,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from rans.errors import ConfigError
 from rans.flight import fly
-from rans.model.drift import ClohessyWiltshire
+from rans.model.drift import EARTH, ClohessyWiltshire, EllipticOrbit, mean_anomaly
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.scenario import scenarios
 from rans.tasks import Dock
-from validation.two_body import EARTH, TwoBodyMover, relative_motion
+from validation.two_body import (
+    J2,
+    Perturbations,
+    TwoBodyMover,
+    density,
+    perturbed_motion,
+    relative_motion,
+)
 
 N = 0.001027
 """rad/s, AFRL's orbit."""
@@ -108,3 +116,70 @@ def test_dock_is_won_in_two_body_gravity() -> None:
 def test_craft_that_turn_are_refused() -> None:
     with pytest.raises(ConfigError, match="torque"):
         TwoBodyMover(load_spacecraft("astrobee-iss"), Timing(), N)
+
+
+def test_targets_on_ellipses_differ_from_linear_motion_by_the_square_of_the_distance() -> None:
+    rng = np.random.default_rng(4)
+    p = rng.normal(size=(5, 3))
+    v = rng.normal(size=(5, 3)) * N
+    true = np.array([-2.0, -0.5, 0.3, 1.0, 3.0])
+    drift = EllipticOrbit(N, 0.4, mean_anomaly(true, 0.4))
+    gaps = []
+    for scale in (10.0, 20.0):
+        exact, _ = relative_motion(
+            N, p * scale, v * scale, [3000.0], eccentricity=0.4, true_anomaly=true
+        )
+        linear, _ = drift.carry(Vec3(*(p * scale).T), Vec3(*(v * scale).T), 3000.0)
+        gaps.append(np.linalg.norm(exact[0] - np.stack(linear.columns(), axis=1), axis=1))
+    # At most 7 cm of some hundred metres; cubic terms are 100 m over 7,000 km of them.
+    assert gaps[1].max() < 0.5
+    np.testing.assert_allclose(gaps[1] / gaps[0], 4, rtol=1e-3)
+
+
+def test_the_oblate_earth_turns_orbital_planes_at_the_rate_of_textbooks() -> None:
+    """The mean rate of the node is -1.5 n J2 (R / a)^2 cos i, to the first order in J2."""
+    tilt = 0.9
+    latitude = np.zeros(1)
+    perturbed = Perturbations(tilt, latitude)
+    r = RADIUS * np.array([[1.0, 0.0, 0.0]])
+    rate = RADIUS * N * np.array([[0.0, math.cos(tilt), math.sin(tilt)]])
+
+    def slope(_: float, y: np.ndarray) -> np.ndarray:
+        r, v = y.reshape(2, 1, 3)
+        pull = -EARTH / RADIUS**3 * r * (RADIUS / np.linalg.norm(r)) ** 3
+        return np.concatenate([v, pull + perturbed.acceleration(r, v, 0.0)]).ravel()
+
+    flown = solve_ivp(slope, (0, 2 * ORBIT), np.concatenate([r, rate]).ravel(), rtol=1e-10)
+    r, v = flown.y[:, -1].reshape(2, 3)
+    normal = np.cross(r, v)
+    node = math.atan2(normal[0], -normal[1])
+    expected = -1.5 * J2 * (6_378_137.0 / RADIUS) ** 2 * math.cos(tilt) * 4 * math.pi
+    # Beside it are terms of the second order, and the orbit's mean size differs from that at the start.
+    assert node == pytest.approx(expected, rel=1e-2)
+
+
+def test_without_perturbations_both_integrations_are_the_same() -> None:
+    rng = np.random.default_rng(5)
+    p, v = rng.normal(size=(4, 3)) * 60, rng.normal(size=(4, 3)) * 60 * N
+    latitude = rng.uniform(0, 6, 4)
+    alone = perturbed_motion(N, p, v, [2000.0], Perturbations(0.9, latitude, oblate=False))
+    plain, _ = relative_motion(N, p, v, [2000.0])
+    np.testing.assert_allclose(alone, plain, atol=1e-7)
+    # A craft at the target that feels what the target feels stays there; with more drag it falls behind and below.
+    zero = np.zeros((4, 3))
+    both = Perturbations(0.9, latitude, True, 0.02, 0.02)
+    np.testing.assert_allclose(perturbed_motion(N, zero, zero, [2000.0], both), [zero], atol=1e-9)
+
+
+def test_drag_slows_a_craft_as_worked_out_by_hand() -> None:
+    """Over the equator at 400 km: a = density c (v - R omega)^2 / 2, and y = -a t^2 / 2 at short times."""
+    radius = 6_778_137.0
+    n = math.sqrt(EARTH / radius**3)
+    dragged = Perturbations(0.0, np.zeros(1), oblate=False, craft_drag=0.05)
+    zero = np.zeros((1, 3))
+    time = 30.0
+    moved = perturbed_motion(n, zero, zero, [time], dragged)[0, 0]
+    speed = n * radius - 7.292115e-5 * radius
+    # n t is 0.03, and its square is neglected.
+    assert moved[1] == pytest.approx(-0.25 * 3.725e-12 * 0.05 * speed**2 * time**2, rel=2e-3)
+    assert density(np.array([2e6]))[0] == 0.0

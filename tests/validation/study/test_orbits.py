@@ -20,7 +20,8 @@ def test_craft_without_orbital_missions_have_no_checks() -> None:
 def test_a_mission_is_won_in_two_body_gravity() -> None:
     """Of the craft that docks; `rans validate` flies the others too."""
     found = list(orbit_checks(load_spacecraft("afrl-deputy"), 1))
-    assert len(found) == 3
+    # On a circle and on an ellipse.
+    assert len(found) == 6
     assert [check.name for check in found if not check.passed] == []
 
 
@@ -33,5 +34,4 @@ def test_another_orbit_in_the_equations_is_reported(monkeypatch: pytest.MonkeyPa
         return right(replace(self, mean_motion=1.3 * self.mean_motion), *arguments)
 
     monkeypatch.setattr(ClohessyWiltshire, "carry", carry)
-    found = list(orbit_checks(load_spacecraft("afrl-deputy"), 1))
-    assert any(not check.passed for check in found), found
+    assert any(not check.passed for check in orbit_checks(load_spacecraft("afrl-deputy"), 1))
