@@ -223,6 +223,15 @@ SOURCES: dict[str, Source] = {
         evidence=("dock-errors.json",),
         quick_seconds=99.0,
     ),
+    "dock on ellipses": Source(
+        tables=("dock on ellipses", "coasts on ellipses"),
+        page="missions/elliptic.md",
+        commands=("python -m campaigns.elliptic --docs docs",),
+        quick=("python -m campaigns.elliptic --docs docs --episodes 16 --bounded 1",),
+        flights=(64, 16),
+        uncompared=("over the bound", "median time, s"),
+        evidence=("elliptic.json",),
+    ),
     "docking with contact": Source(
         tables=("docking with contact",),
         page="missions/dock-port.md",

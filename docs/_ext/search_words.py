@@ -136,6 +136,13 @@ WORDS: dict[str, tuple[str, ...]] = {
         "relative orbit",
     ),
     "missions/dock-port": ("docking", "approach cone", "docking port", "berthing"),
+    "missions/elliptic": (
+        "elliptic orbit",
+        "eccentricity",
+        "tschauner-hempel",
+        "yamanaka-ankersen",
+        "true anomaly",
+    ),
     "missions/guard": (
         "safety filter",
         "control barrier function",

@@ -349,8 +349,8 @@ def eccentric_anomaly(mean_anomaly: Field, eccentricity: float) -> Field:
 def mean_anomaly(true_anomaly: Field, eccentricity: float) -> Field:
     """Mean anomaly, rad, of a true anomaly from -pi to pi, rad."""
     eta = math.sqrt(1.0 - eccentricity * eccentricity)
-    s, c = _sine(true_anomaly), _cosine(true_anomaly)
-    anomaly = atan2(eta * s, eccentricity + c)
+    rise, run = eta * _sine(true_anomaly), eccentricity + _cosine(true_anomaly)
+    anomaly = math.atan2(rise, run) if isinstance(rise, float) else atan2(rise, run)
     return anomaly - eccentricity * _sine(anomaly)
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rans.errors import SolverFailed
-from rans.model.fields import leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
@@ -74,6 +74,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     """
 
     name = "convex"
+    follows_orbits: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -89,8 +90,8 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         )
         self._afterwards = Afterwards(self._craft, self._mission, self._timing)
         self._search = search
-        # Speeds of arrival are no equations of the closed form.
-        self._closed_form = not search and not self._mission.brakes
+        # Speeds of arrival are no equations of the closed form, and nor is a drift that changes.
+        self._closed_form = not (search or self._mission.brakes) and self._mission.drift.steady
         self._later = _LATER
         self._every = 1
         self._meeting: Meeting | None = None
@@ -123,12 +124,15 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         )
         # Plans that are still flown: of craft that have not arrived and are not off their plan.
         if self._meeting is None:
-            self._meeting = self._cautious(goal)
+            self._meeting = self._cautious(_episode(goal, 0))
             self._impulses = Impulses(self._meeting)
+        meetings = [self._meeting] * len(self._plans)
+        if not self._mission.drift.steady:
+            meetings = [self._cautious(_episode(goal, k)) for k in range(len(self._plans))]
         commands = np.zeros((len(relative_states), self._craft.command_count))
         for k, plan in enumerate(self._plans):
             if plan is not None and (
-                stays[k] or self._is_off(self._meeting, plan, relative_states[k])
+                stays[k] or self._is_off(meetings[k], plan, relative_states[k])
             ):
                 self._plans[k] = None
         # New plans, in closed form where that serves.
@@ -137,9 +141,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         if self._closed_form:
             open_ = self._fired(self._meeting, relative_states, arrival, open_, commands)
         for k in open_:
-            self._plans[k] = self._planned(
-                self._meeting, relative_states[k], deadline[k], arrival[k]
-            )
+            self._plans[k] = self._planned(meetings[k], relative_states[k], deadline[k], arrival[k])
         # The commands of this period of every plan.
         for k, plan in enumerate(self._plans):
             if plan is not None:
@@ -179,13 +181,8 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         return np.concatenate(left) if left else rows
 
     def _cautious(self, goal: Any) -> Meeting:
-        """The mission's meeting, with its tolerances and limits a little tighter."""
-        cautious = replace(
-            goal,
-            p=type(goal.p)(*(np.ravel(x)[:1] for x in leaves(goal.p))),
-            v=type(goal.v)(*(np.ravel(x)[:1] for x in leaves(goal.v))),
-        )
-        meeting = Meeting.of(self._craft, self._mission, cautious)
+        """The meeting with the goal of an episode, with its tolerances and limits a little tighter."""
+        meeting = Meeting.of(self._craft, self._mission, goal)
         remaining = 1.0 - self._reserve
         return replace(
             meeting,
@@ -255,6 +252,16 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         if plan is None or len(plan.states) <= checks + 1 or len(plan.commands) < 2:
             return None
         return _Plan(plan.commands[1:], plan.states[checks:])
+
+
+def _episode(goal: Any, number: int) -> Any:
+    """The goal of an episode, in fields of one element; goals that all have are floats."""
+
+    def chosen(x: Any) -> np.ndarray:
+        flat = np.ravel(x)
+        return flat[number : number + 1] if len(flat) > 1 else flat
+
+    return map_leaves(chosen, goal)
 
 
 def _tightened(limit: Shape, reserve: float) -> Shape:

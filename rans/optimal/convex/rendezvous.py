@@ -203,9 +203,11 @@ class UnsteadyMeeting(Meeting):
         return motion[checks] @ start
 
     def transition(self, checks: int | np.ndarray) -> np.ndarray:
-        """See `Meeting.transition`; from the start."""
-        motion, _ = self._pulled_back
-        return motion[checks]
+        """See `Meeting.transition`; from the start, without the tables."""
+        times = self.interval * np.ravel(checks)
+        unit = np.eye(2 * len(self.point))
+        motion = np.stack([self._carried(x, times) for x in unit], axis=2)
+        return motion if np.ndim(checks) else motion[0]
 
     def effect(self, check: int, periods: int) -> np.ndarray:
         """See `Meeting.effect`."""

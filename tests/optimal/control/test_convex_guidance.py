@@ -16,7 +16,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.tasks import Dock, Rendezvous
+from rans.tasks import Dock, Rendezvous, TargetOrbit
 
 DEPUTY = load_spacecraft("afrl-deputy")
 CHASER = load_spacecraft("arpod-chaser")
@@ -58,6 +58,25 @@ def test_it_plans_again_when_it_is_off_its_way(search: bool) -> None:
     starts = scenarios(task, DEPUTY, 8, 2)
     guidance = Pushed(DEPUTY, task, search=search)
     assert row_of("", fly(DEPUTY, task, guidance, starts, task.timing)).docked.all()
+
+
+@pytest.mark.slow
+def test_on_an_ellipse_a_plan_is_flown_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two craft at other anomalies: the engine shares no table with the plans, of which two are enough."""
+    task = Dock(deadline=(500.0, 500.0), orbit=TargetOrbit(0.5, 13_556.0))
+    starts = scenarios(task, DEPUTY, 5, 2)
+    timing = replace(task.timing, episode_steps=50)
+    guidance = ConvexGuidance(DEPUTY, task, timing, search=False)
+    plans = []
+    make = guidance._planned
+
+    def planned(*arguments: Any) -> Any:
+        plans.append(make(*arguments))
+        return plans[-1]
+
+    monkeypatch.setattr(guidance, "_planned", planned)
+    assert row_of("", fly(DEPUTY, task, guidance, starts, timing)).docked.all()
+    assert len(plans) == 2
 
 
 @pytest.mark.slow
