@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from itertools import cycle
 from typing import Any
@@ -10,17 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.evaluation.measure.metrics import final_errors, impulses, settling_times
+from rans.evaluation.measure.metrics import final_errors, impulses, settling_times, solved
 from rans.flight import fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.regulator import Deadband, Weights
+from rans.optimal.control.mpc import MPC
+from rans.optimal.control.regulator import Deadband, Weights, distance_scale
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import TASKS, GoToPose, TrackTwist
+from rans.tasks import TASKS, Dock, GoToPose, Hold, TrackTwist
 from tests.support.crafts import nasty_spatial
 from tests.support.settling import NAMES, SLOWEST
 
@@ -156,3 +158,34 @@ def test_the_sweep_goes_from_stiff_to_lazy() -> None:
     for name, deviation in (("LQR x 0.5", 0.3), ("LQR x 1", 0.6), ("LQR x 4", 2.4)):
         alone = LQR(craft, TASK, Timing(), Weights(position=deviation))
         assert push[name] == pytest.approx(abs(alone.wrench(batch(state), batch(goal))[0, 0]))
+
+
+def test_near_starts_keep_the_weights() -> None:
+    assert distance_scale(GoToPose(), load_spacecraft("floating-platform")) == 1.0
+    assert distance_scale(GoToPose(), load_spacecraft("free-flyer")) == 1.0
+
+
+@pytest.mark.slow
+def test_the_lqr_spends_little_more_than_a_dash_from_afar() -> None:
+    """A dash along each axis speeds up half of the way and brakes the other: 2 m sqrt(a d)."""
+    task = Hold()
+    craft = load_spacecraft("vbar-chaser")
+    starts = scenarios(task, craft, 3, 8)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
+        flight = fly(craft, task, LQR(craft, task, task.timing), starts, task.timing)
+    force = craft.thrusters[0].force
+    spent = flight.commands.sum(axis=(0, 2)) * force * task.timing.control_period
+    way = np.abs((starts.start.p - starts.goal.p).columns())
+    dash = 2.0 * craft.mass * np.sqrt(force / craft.mass * way).sum(axis=0)
+    assert (spent < 1.5 * dash).all()
+
+
+@pytest.mark.slow
+def test_the_mpc_docks_below_the_speed_limit() -> None:
+    task = Dock()
+    craft = load_spacecraft("afrl-deputy")
+    starts = scenarios(task, craft, 5, 2)
+    flight = fly(craft, task, MPC(craft, task, task.timing), starts, task.timing)
+    assert solved(flight).all()
+    assert not flight.violated().any()

@@ -105,7 +105,7 @@ def test_a_failing_function_is_named_with_its_line() -> None:
 
     with pytest.raises(
         ConfigError,
-        match=r"fails failed: ValueError: no thrust today \(test_policies\.py, line \d+, in fails\)",
+        match=r"fails failed: ValueError: no thrust today \(test_judging\.py, line \d+, in fails\)",
     ):
         rans.load_agent(fails, "go-to-pose").evaluate(episodes=1)
 
