@@ -1,0 +1,5 @@
+"""Engines whose generated kernel runs on the CPU."""
+
+from __future__ import annotations
+
+from tests.support.host_kernels import on_host  # noqa: F401  (a fixture)
