@@ -201,7 +201,11 @@ SOURCES: dict[str, Source] = {
     "avoid": _mission("avoid", "", " --episodes 64", 14.0),
     "dock port": _mission("dock-port", "", " --episodes 64", 60.0),
     "dock": _mission(
-        "dock", " --episodes 10000", " --episodes 64 --bounded 1 --deadlines 1000", fewer_rows=True
+        "dock",
+        " --episodes 10000",
+        " --episodes 64 --bounded 1 --deadlines 1000",
+        fewer_rows=True,
+        quick_seconds=26.0,
     ),
     "hold": _mission(
         "hold", " --bounded 4", " --episodes 4 --bounded 1 --deadlines 600", fewer_rows=True
@@ -212,7 +216,9 @@ SOURCES: dict[str, Source] = {
         " --episodes 8 --bounded 1 --deadlines 4000",
         fewer_rows=True,
     ),
-    "land": _mission("land", " --drake 8", " --episodes 16 --bounded 2 --drake 1"),
+    "land": _mission(
+        "land", " --drake 8", " --episodes 16 --bounded 2 --drake 1", quick_seconds=104.0
+    ),
     "dock with errors": Source(
         tables=("dock with errors",),
         page="missions/dock.md",

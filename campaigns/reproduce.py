@@ -37,6 +37,7 @@ from rans.terminal import Terminal
 ROOT = Path(__file__).parents[1]
 
 _NUMBER = re.compile(r"(?<![\w.])-?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
+_OF = re.compile(r"\b(\d+) of (\d+)\b")
 _SIGMAS = 3.0
 _LARGEST_AGENT = 2**28
 _VERSIONS = ("torch", "numpy", "drake", "casadi", "scipy", "python", "system", "processor", "gpu")
@@ -296,6 +297,13 @@ def agree(
     The proportion of both samples is Agresti and Coull's, so that none of n has a deviation too. A number that was
     rounded for the page may differ by one in its last digit.
     """
+    # "20 of 32" is a share that says its flights.
+    parts = [_OF.search(text) for text in (published, found)]
+    if parts[0] and parts[1]:
+        (x, n), (y, m) = (tuple(map(float, part.groups())) for part in parts if part)
+        rest = [_OF.sub("", text) for text in (published, found)]
+        near = min(n, m) > 0 and abs(x / n - y / m) <= _deviation(x + y, n, m)
+        return near and agree(rest[0], rest[1], share, flights, tolerance)
     old, new = ([one[0] for one in _NUMBER.finditer(text)] for text in (published, found))
     if len(old) != len(new) or _NUMBER.sub("", published) != _NUMBER.sub("", found):
         return False
@@ -304,14 +312,18 @@ def agree(
         last = max(_last_digit(one), _last_digit(two))
         n, m = flights
         if share and min(n, m) > 0 and min(x, y) >= 0.0 and max(x, y) <= 100.0:
-            hits = (x * n + y * m) / 100.0
-            p = (hits + 2.0) / (n + m + 4.0)
-            allowed = 100.0 * _SIGMAS * math.sqrt(p * (1.0 - p) * (1.0 / n + 1.0 / m))
+            allowed = 100.0 * _deviation((x * n + y * m) / 100.0, n, m)
         else:
             allowed = tolerance * max(abs(x), abs(y))
         if abs(x - y) > allowed + 1.01 * last:
             return False
     return True
+
+
+def _deviation(hits: float, n: float, m: float) -> float:
+    """Three standard deviations of the difference of two shares, of n and m flights with so many hits together."""
+    p = (hits + 2.0) / (n + m + 4.0)
+    return _SIGMAS * math.sqrt(p * (1.0 - p) * (1.0 / n + 1.0 / m))
 
 
 def _last_digit(text: str) -> float:

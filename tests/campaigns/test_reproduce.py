@@ -59,6 +59,10 @@ def test_shares_agree_within_three_deviations(published: str, found: str, agrees
         ("0.0", "0.1", True),
         ("0.0", "0.2", False),
         ("5.0 N s", "5.0 kg", False),
+        # (22 + 2) of (34 + 4) has a deviation of 35 % between 32 and 2 flights, of 14 % between 32 and 20.
+        ("one dead, 20 of 32", "one dead, 2 of 2", True),
+        ("one dead, 20 of 32", "one dead, 2 of 20", False),
+        ("one dead, 20 of 32", "two dead, 2 of 2", False),
         ("-", "1.0", False),
     ],
 )
