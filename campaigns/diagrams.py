@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,20 +15,28 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
-import rans
+from rans.api.agent import load_agent
+from rans.api.limits import optimal_trajectory, state
+from rans.api.training import train
 from rans.drawing import columns
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import arrival_times, impulses
-from rans.flight import Flight
+from rans.fast.learn.run_folder import RunFolder
+from rans.flight import Flight, fly
 from rans.model.fields import Vec3
-from rans.scenario import EVALUATION_SEED
-from rans.show.figures.figures import styled
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
+from rans.randomization.conditions_file import load_conditions
+from rans.scenario import EVALUATION_SEED, Endpoints, draws, scenarios
+from rans.show.figures.figures import learning_curve, styled
 from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
+from rans.tasks import GoToPose
 
-_START = rans.state((3.0, 1.0), attitude=0.7)
+_START = state((3.0, 1.0), attitude=0.7)
 """Start of the figures that show one flight of several contestants."""
-_ORIGIN = rans.state((0.0, 0.0))
+_ORIGIN = state((0.0, 0.0))
 _PALE = "#DCE6F0"
 """Fill of a craft and of boxes, which dark pages change (`rans.show.figures.svg`)."""
 
@@ -40,12 +50,12 @@ class _Box(NamedTuple):
 
 
 def _flown(who: str, episodes: int, **options: Any) -> Flight:
-    return rans.load_agent(who).fly(episodes, seed=EVALUATION_SEED, **options)
+    return load_agent(who).fly(episodes, seed=EVALUATION_SEED, **options)
 
 
 def _path(axes: Axes, flight: Flight, episode: int, colour: str, name: str = "") -> None:
     """The path of an episode in the plane, with a dot at its start."""
-    path = columns(flight.states.p)[:, episode]
+    path = columns(flight.states.p)[:, episode, :2]
     axes.plot(*path.T, color=colour, linewidth=1.1, label=name or None)
     axes.plot(*path[:1].T, "o", color=INK, markersize=2.5)
 
@@ -228,20 +238,16 @@ def frames() -> Figure:
 @styled
 def valves() -> Figure:
     """A command, and the thrust that follows it, as the engine computes it every 5 ms."""
-    craft = rans.load_spacecraft("floating-platform")
+    craft = load_spacecraft("floating-platform")
     period = 0.005
-    delay, latency, rise = 0.02, 0.04, 0.06
-    steps = 80
-    own = rans.Conditions(
-        thrusters=rans.ThrusterConditions(command_delay=delay, latency=latency, rise=rise)
-    )
-    timing = rans.Timing(control_period=period, episode_steps=steps)
-    starts = rans.scenario.scenarios(rans.GoToPose(), craft, EVALUATION_SEED, 1)
-    drawn = rans.scenario.draws(EVALUATION_SEED, 1)
-    flight = rans.fly(
-        craft, rans.GoToPose(), _Pulse(0.05, 0.25), starts, timing, conditions=own, draws=drawn
-    )
-    speed = np.hypot(*columns(flight.states.v)[:, 0].T)
+    delay, latency, rise = 0.07, 0.06, 0.06
+    steps = 100
+    own = Conditions(thrusters=ThrusterConditions(command_delay=delay, latency=latency, rise=rise))
+    timing = Timing(control_period=period, episode_steps=steps)
+    starts = scenarios(GoToPose(), craft, EVALUATION_SEED, 1)
+    drawn = draws(EVALUATION_SEED, 1)
+    flight = fly(craft, GoToPose(), _Pulse(0.05, 0.3), starts, timing, conditions=own, draws=drawn)
+    speed = np.linalg.norm(columns(flight.states.v)[:, 0], axis=1)
     # Two thrusters that push together: the acceleration is that of their force.
     thrust = np.diff(speed) / period
     thrust /= thrust.max()
@@ -264,7 +270,7 @@ def valves() -> Figure:
         axes.axvspan(begin, end, ymax=0.9, color=colour, alpha=0.25, linewidth=0)
         axes.text(0.5 * (begin + end), 1.12, name, color=INK, ha="center", fontsize=7.5)
     axes.set(xlabel="time, ms", ylabel="", ylim=(-0.05, 1.25))
-    axes.legend(loc="center right")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2)
     return figure
 
 
@@ -277,7 +283,7 @@ class _Pulse:
         self._begin = begin
         self._end = end
         self._time = 0.0
-        craft = rans.load_spacecraft("floating-platform")
+        craft = load_spacecraft("floating-platform")
         pushes = [thruster.direction[0] > 0.5 for thruster in craft.thrusters]
         self._command = np.array(pushes, dtype=float)
 
@@ -323,7 +329,7 @@ def conditions() -> Figure:
     figure = Figure(figsize=(10.0, 3.6), layout="constrained")
     grid = figure.subplots(1, len(named), sharex=True, sharey=True)
     for axes, name in zip(grid, named, strict=True):
-        run = contestant("pretrained:go-to-pose-2d").under(rans.load_conditions(name))
+        run = contestant("pretrained:go-to-pose-2d").under(load_conditions(name))
         flight = fly_episodes(run.controller, run.judged, EVALUATION_SEED, 16, workers=1).flight
         good = np.isfinite(arrival_times(flight))
         for k in range(16):
@@ -336,7 +342,7 @@ def conditions() -> Figure:
 @styled
 def faults() -> Figure:
     """An agent without and one with thruster faults in its training, whose first thruster is stuck open."""
-    stuck = rans.Conditions(faults=rans.FaultConditions(kinds=("stuck-open",), thrusters=(0,)))
+    stuck = Conditions(faults=FaultConditions(kinds=("stuck-open",), thrusters=(0,)))
     figure = Figure(figsize=(8.6, 4.0), layout="constrained")
     grid = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, who in zip(grid, ("go-to-pose-2d", "go-to-pose-2d-faults"), strict=True):
@@ -372,7 +378,7 @@ def comparison() -> Figure:
 def tasks() -> Figure:
     """Three tasks in the plane, four flights of an agent each."""
     subjects = (
-        ("go-to-position-2d", "go-to-position"),
+        ("go-to-position-2d-robust", "go-to-position"),
         ("go-to-pose-2d", "go-to-pose: the heading too"),
         ("track-velocity-2d", "track-velocity"),
     )
@@ -382,12 +388,12 @@ def tasks() -> Figure:
         flight = _flown(who, 4)
         for k in range(4):
             _path(axes, flight, k, series_style(k)[0])
-            path = columns(flight.states.p)[::10, k]
+            path = columns(flight.states.p)[::10, k, :2]
             ahead = np.stack(
                 [np.cos(flight.states.attitude.angle), np.sin(flight.states.attitude.angle)]
             )
             axes.quiver(*path.T, *ahead[:, ::10, k], color=GREY, width=0.005, scale=18)
-        if who != "track-velocity-2d":
+        if who.startswith("go-to"):
             axes.plot(0.0, 0.0, "+", color=GREEN, markersize=10, markeredgewidth=2)
         axes.set(xlabel="x, m", ylabel="y, m")
         axes.set_aspect("equal", "datalim")
@@ -395,10 +401,18 @@ def tasks() -> Figure:
     return figure
 
 
+def training() -> Figure:
+    """The learning curve of go-to-pose, as `rans train` writes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        train("go-to-pose", run=run)
+        return learning_curve(RunFolder(run).metrics())
+
+
 @styled
 def optimum() -> Figure:
     """The quickest way around a keep-out zone, and the commands on it."""
-    found = rans.optimal_trajectory(
+    found = optimal_trajectory(
         "go-to-pose",
         "floating-platform",
         start=_START,
@@ -411,24 +425,30 @@ def optimum() -> Figure:
 
 @styled
 def passive_safety() -> Figure:
-    """Guidance to a hold point, and the coasts of an orbit that follow where all thrusters shut."""
-    figure = Figure(figsize=(9.4, 3.9), layout="constrained")
+    """Guidance to a hold point, and the coasts of an orbit that follow where all thrusters shut.
+
+    Of eight starts that is drawn from which coasts of mission guidance enter the zone most often.
+    """
+    figure = Figure(figsize=(9.4, 4.4), layout="constrained")
     grid = figure.subplots(1, 2, sharex=True, sharey=True)
+    chosen = None
     for axes, who in zip(grid, ("mission:hold-3d", "passive:hold-3d"), strict=True):
-        flight = _flown(who, 1)
+        flight = _flown(who, 8)
         task: Any = flight.task
-        path = columns(flight.states.p)[:, 0]
-        times = np.linspace(0.0, 2.0 * np.pi / task.mean_motion, 200)
-        for k in range(4, 150, 12):
-            p, v = (Vec3(*columns(x)[k, 0]) for x in (flight.states.p, flight.states.v))
-            coast = columns(task.drift.carry(p, v, times)[0])
-            near = np.linalg.norm(coast, axis=1).min() < task.keep_out
-            axes.plot(
-                coast[:, 1], coast[:, 0], color=RED if near else GREY, linewidth=0.8, alpha=0.8
-            )
-        axes.plot(path[:, 1], path[:, 0], color=BLUE, linewidth=2)
-        axes.add_patch(Circle((0.0, 0.0), task.keep_out, facecolor=RED, alpha=0.2))
-        axes.set(xlabel="along the track, m", xlim=(-500, 400), ylim=(-250, 250), aspect="equal")
+        p, v = (columns(x) for x in (flight.states.p, flight.states.v))
+        begun = range(3, 180, 8)
+        times = np.linspace(0.0, 2.0 * np.pi / task.mean_motion, 200)[:, None]
+        # (instants of an orbit, starts, 3) of each coast.
+        coasts = [columns(task.drift.carry(Vec3(*p[k].T), Vec3(*v[k].T), times)[0]) for k in begun]
+        enters = [np.linalg.norm(coast, axis=-1).min(axis=0) < task.keep_out for coast in coasts]
+        if chosen is None:
+            chosen = int(np.sum(enters, axis=0).argmax())
+        for coast, unsafe in zip(coasts, enters, strict=True):
+            colour = RED if unsafe[chosen] else GREY
+            axes.plot(coast[:, chosen, 1], coast[:, chosen, 0], color=colour, linewidth=0.7)
+        axes.plot(p[:, chosen, 1], p[:, chosen, 0], color=BLUE, linewidth=2.2)
+        axes.add_patch(Circle((0.0, 0.0), task.keep_out, facecolor=RED, alpha=0.25))
+        axes.set(xlabel="along the track, m", xlim=(-450, 350), ylim=(-350, 350), aspect="equal")
         axes.set_title(flight.controller, loc="left")
     grid[0].set_ylabel("radially outwards, m")
     return figure
@@ -440,10 +460,10 @@ def guard() -> Figure:
     figure = Figure(figsize=(8.6, 3.6), layout="constrained")
     grid = figure.subplots(1, 2, sharex=True, sharey=True)
     zone = (1.5, 0.4, 0.5)
-    start = rans.state((3.0, 1.0), attitude=0.7)
+    start = state((3.0, 1.0), attitude=0.7)
     for axes, guarded in zip(grid, (False, True), strict=True):
         run = contestant("lqr:avoid-2d").guarded(guarded)
-        endpoints = rans.scenario.Endpoints(start, _ORIGIN, [zone])
+        endpoints = Endpoints(start, _ORIGIN, [zone])
         flight = fly_episodes(
             run.controller, run.judged, EVALUATION_SEED, 1, workers=1, endpoints=endpoints
         ).flight
@@ -456,7 +476,7 @@ def guard() -> Figure:
 @styled
 def any_craft_in_space() -> Figure:
     """Six flights of an agent for any craft with a spacecraft that its training has not had."""
-    flight = rans.load_agent("any-craft-3d", spacecraft="cubesat-6u").fly(6, seed=EVALUATION_SEED)
+    flight = load_agent("any-craft-3d", spacecraft="cubesat-6u").fly(6, seed=EVALUATION_SEED)
     positions = columns(flight.states.p)
     figure = Figure(figsize=(8.6, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -486,6 +506,7 @@ DIAGRAMS: dict[str, Callable[[], Figure]] = {
         pipeline,
         robot,
         tasks,
+        training,
         valves,
     )
 }

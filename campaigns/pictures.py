@@ -1,7 +1,8 @@
-"""Pictures of missions for their pages: ``python -m campaigns.pictures [MISSION ...]``.
+"""Pictures of the pages: ``python -m campaigns.pictures [NAME ...]``.
 
-Each is of flights from held-out starts by guidance or by the agent that comes with RANS, and is written to
-docs/pictures/missions/MISSION.svg.
+Those of missions are of flights from held-out starts by guidance or by the agent that comes with RANS, and are
+written to docs/pictures/missions/MISSION.svg. Those of `campaigns.diagrams` go into
+docs/pictures/diagrams.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Annotated, NamedTuple
 
 import tyro
 
+from campaigns.diagrams import DIAGRAMS
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -49,25 +51,31 @@ def flown(subject: _Subject) -> Flight:
 
 @dataclass(frozen=True)
 class Pictures:
-    """Write pictures of missions."""
+    """Write pictures of pages."""
 
-    missions: Annotated[tuple[str, ...], tyro.conf.Positional] = tuple(SUBJECTS)
-    """Missions; by default all."""
-    folder: Path = Path("docs/pictures/missions")
+    names: Annotated[tuple[str, ...], tyro.conf.Positional] = (*SUBJECTS, *DIAGRAMS)
+    """Missions and diagrams; by default all."""
+    folder: Path = Path("docs/pictures")
     """Folder of the pictures."""
 
     def run(self) -> None:
         """Fly and draw.
 
         Raises:
-            ConfigError: there is no such mission.
+            ConfigError: there is no such picture.
         """
-        for mission in self.missions:
-            if mission not in SUBJECTS:
-                raise ConfigError(f"there is no {mission!r}; missions are {', '.join(SUBJECTS)}.")
-            self.folder.mkdir(parents=True, exist_ok=True)
-            figure = paths_figure(flown(SUBJECTS[mission]))
-            write_text(self.folder / f"{mission}.svg", svg(figure))
+        for name in self.names:
+            if name in DIAGRAMS:
+                file = self.folder / "diagrams" / f"{name}.svg"
+                figure = DIAGRAMS[name]()
+            elif name in SUBJECTS:
+                file = self.folder / "missions" / f"{name}.svg"
+                figure = paths_figure(flown(SUBJECTS[name]))
+            else:
+                known = ", ".join((*SUBJECTS, *DIAGRAMS))
+                raise ConfigError(f"there is no picture {name!r}; known are {known}.")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_text(file, svg(figure))
 
 
 if __name__ == "__main__":

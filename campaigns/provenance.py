@@ -352,6 +352,7 @@ PICTURES: dict[str, str] = {
     "frames.jpg": "rans view go-to-pose-3d --seed 5 --save docs/pictures/frames.jpg",
     "layouts.svg": "python -m campaigns.any_craft picture",
     "craft/*.svg": "python -m campaigns.craft",
+    "diagrams/*.svg": "python -m campaigns.pictures",
     "missions/*.svg": "python -m campaigns.pictures",
     "proof-conditions.svg": "python -m campaigns.proof_conditions docs/validation/proof-conditions.json "
     "docs/pictures/proof-conditions.svg",

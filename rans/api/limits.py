@@ -153,7 +153,12 @@ def optimal_trajectory(
     (optimum,) = optima(craft, judged, objective_value, scenario, tried, workers=1, limits=limits)
     number = _OWN if isinstance(start, State) else start
     return OptimalTrajectory(
-        number, optimum.trajectory, optimum.replay_error, optimum.errors, optimum.flight
+        number,
+        optimum.trajectory,
+        optimum.replay_error,
+        optimum.errors,
+        optimum.flight,
+        keep_out=balls,
     )
 
 

@@ -81,6 +81,7 @@ class ControlHistory(ABC):
         return Path(file)
 
 
+@dataclass(frozen=True, repr=False)
 class OptimalTrajectory(Optimum, ControlHistory):
     """An optimal trajectory with thrust between 0 and 1, flown in Drake; `rans.optimal_trajectory` returns it.
 
@@ -88,6 +89,22 @@ class OptimalTrajectory(Optimum, ControlHistory):
     >>> found.t.shape, found.x.shape, found.u.shape, found.multipliers.shape
     ((21,), (21, 6), (20, 8), (20, 6))
     """
+
+    keep_out: tuple[tuple[float, ...], ...] = ()
+    """Balls that the trajectory keeps out of: the coordinates of the centre in W, then the radius, m."""
+
+    def plot(self) -> Figure:
+        """See `ControlHistory.plot`; with the balls of ``keep_out``."""
+        from rans.show.figures.panels import keep_out
+
+        figure = super().plot()
+        if self.keep_out:
+            # The path is drawn from the goal.
+            axes = figure.axes[0]
+            goal = [float(np.ravel(x)[-1]) for x in self.replay("drake").goals.p.columns()]
+            keep_out(axes, self.keep_out, goal)
+            axes.legend(loc="best", frameon=False, fontsize="small")
+        return figure
 
     @property
     def t(self) -> np.ndarray:

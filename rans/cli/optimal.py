@@ -196,7 +196,10 @@ class Optimal:
         }
         # Before all that takes long and may be interrupted.
         write(folder, about, answers, craft, starts)
-        write_text(folder / "optimal.svg", svg(optimal_figure(answers)))
+        write_text(
+            folder / "optimal.svg",
+            svg(optimal_figure(answers, () if limits is None else limits.keep_out)),
+        )
         if finer:
             meshes = [Mesh.of(answers)]
 

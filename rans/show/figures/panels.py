@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rans.drawing import columns, outlines, rotations
 from rans.flight import Flight
-from rans.model.fields import map_leaves
+from rans.model.fields import Vec2, Vec3, map_leaves
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball
 
@@ -273,6 +273,26 @@ def _scenery(axes: Any, flight: Flight, episode: int) -> None:
                 labelled.add(name)
 
 
+def keep_out(axes: Any, balls: Sequence[Sequence[float]], origin: Sequence[float]) -> None:
+    """Outlines of keep-out balls that stand still: coordinates of the centre, then the radius, of each, m.
+
+    Args:
+        axes: axes, with z for balls in space.
+        balls: balls in W.
+        origin: what is at the origin of the axes, in W, m.
+    """
+    for number, (*centre, radius) in enumerate(balls):
+        vector = Vec2(*centre) if len(centre) == 2 else Vec3(*centre)
+        for outline in outlines(Ball(vector, vector.scale(0.0), radius), radius):
+            axes.plot(
+                *(outline[:, : len(centre)] - origin).T,
+                color=RED,
+                linewidth=0.9,
+                label="" if number else "keep-out zone",
+            )
+            number = 1
+
+
 def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     """The errors of one episode as multiples of their tolerances."""
     errors = flight.errors()
@@ -286,6 +306,8 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
             label=f"{quantity} (tolerance {factor * bound:g} {unit})",
         )
     axes.axhline(1.0, color=RED, linestyle="--", linewidth=1.0)
+    # An optimum ends at its goal to the last digit.
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-4))
     axes.yaxis.set_major_formatter(PLAIN)
     axes.legend(loc="upper right")
     label(axes, "(b) errors", "", "error / tolerance")
