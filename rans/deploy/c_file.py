@@ -694,8 +694,8 @@ def _packable(program: Program) -> frozenset[str]:
     others = {
         name
         for step in program.steps
-        for place, name in enumerate(step.inputs)
-        if (step.operation, place) not in read
+        for index, name in enumerate(step.inputs)
+        if (step.operation, index) not in read
     }
     return frozenset(
         name

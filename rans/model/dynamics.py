@@ -180,11 +180,11 @@ def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -
 def _mounted(craft: Spacecraft, openings: Sequence[Field], body: Body) -> list[Field]:
     """Wrench about the designed centre of mass of thrusters with true positions and directions."""
     wrenches = []
-    for thruster, mounting, share in zip(craft.thrusters, body.mountings, openings, strict=True):
-        pushes = share * thruster.force
+    for thruster, mounting, opening in zip(craft.thrusters, body.mountings, openings, strict=True):
+        magnitude = opening * thruster.force
         designed = zip(thruster.position, craft.centre_of_mass, mounting.offset, strict=False)
         arm = [position - centre + offset for position, centre, offset in designed]
-        force = [pushes * x for x in mounting.direction]
+        force = [magnitude * x for x in mounting.direction]
         if craft.dimension == 2:
             wrenches.append([*force, arm[0] * force[1] - arm[1] * force[0]])
         else:

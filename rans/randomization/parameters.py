@@ -340,15 +340,18 @@ def _mountings(
         if craft.dimension == 2:
             angle = random.turn(misalignment)
             sides = [(-designed[1], designed[0])]
-            shares = [sin(angle)]
+            components = [sin(angle)]
         else:
-            way = random.uniform(-math.pi, math.pi)
+            azimuth = random.uniform(-math.pi, math.pi)
             angle = random.within(misalignment)
             sides = _across(designed)
-            shares = [sin(angle) * cos(way), sin(angle) * sin(way)]
+            components = [sin(angle) * cos(azimuth), sin(angle) * sin(azimuth)]
         along = cos(angle)
         direction = [
-            sum((share * side[axis] for share, side in zip(shares, sides, strict=True)), along * x)
+            sum(
+                (component * side[axis] for component, side in zip(components, sides, strict=True)),
+                along * x,
+            )
             for axis, x in enumerate(designed)
         ]
         mountings.append(Mounting(random.vector(position).columns(), tuple(direction)))

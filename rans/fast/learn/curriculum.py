@@ -54,7 +54,7 @@ class Ramp:
                 f"the geometric ramp of {self.setting} must start above 0, got {self.start!r}."
             )
 
-    def share(self, steps: int) -> float:
+    def completed(self, steps: int) -> float:
         """Completed share of the ramp after ``steps`` environment steps, 0 to 1.
 
         The sigmoid is (tanh(s (x - 1/2)) + tanh(s / 2)) / (2 tanh(s / 2)) of the linear share x, which
@@ -67,7 +67,7 @@ class Ramp:
 
     def values(self, end: Range, steps: int) -> Iterator[float]:
         """Yield the one or two numbers of the setting after ``steps`` environment steps."""
-        fraction = self.share(steps)
+        fraction = self.completed(steps)
         for low, high in zip(_numbers(self.start), _numbers(end), strict=True):
             yield (
                 low * (high / low) ** fraction

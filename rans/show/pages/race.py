@@ -181,9 +181,9 @@ def _scenery(track: Track, stride: int) -> dict[str, Any]:
             still = all(row == rows[0] for row in rows)
             shapes.append({"kind": type(shape).__name__, "rows": rows[:1] if still else rows})
     markers = []
-    for place, is_done in flight.task.markers(goals):
+    for position, is_done in flight.task.markers(goals):
         done = np.broadcast_to(np.asarray(is_done, dtype=bool), count)
-        corner = [np.broadcast_to(np.asarray(x, dtype=float), count)[0] for x in place.columns()]
+        corner = [np.broadcast_to(np.asarray(x, dtype=float), count)[0] for x in position.columns()]
         markers.append([*_rounded(corner), int(np.argmax(done)) if done.any() else -1])
     return {"shapes": shapes, "markers": markers}
 

@@ -56,7 +56,7 @@ def test_sigmoid() -> None:
     """From 0 to 1, half of it half way, as steep as the original system's: by hand with s = 4.5,
     (tanh(s (1/4 - 1/2)) + tanh(s / 2)) / (2 tanh(s / 2)) = (-0.80930 + 0.97803) / 1.95606 = 0.08626."""
     ramp = Ramp("fail_spin", 1.0, duration=400, begin=100, shape="sigmoid")
-    shares = [ramp.share(steps) for steps in (0, 100, 200, 300, 400, 500, 600)]
+    shares = [ramp.completed(steps) for steps in (0, 100, 200, 300, 400, 500, 600)]
     assert shares == pytest.approx([0.0, 0.0, 0.08626, 0.5, 1 - 0.08626, 1.0, 1.0], abs=2e-5)
 
 
