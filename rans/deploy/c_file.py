@@ -76,7 +76,7 @@ class _Packed(NamedTuple):
     """Number of rows in a block."""
     values: np.ndarray
     """(blocks, P) distinct numbers, in the order in which they come first."""
-    index: np.ndarray
+    indices: np.ndarray
     """(rows, columns) of every block, or of all rows where blocks differ."""
 
     @classmethod
@@ -124,13 +124,13 @@ class _Packed(NamedTuple):
     @property
     def stored(self) -> np.ndarray:
         """Bytes of the index; eight entries in a byte, the lowest first, where there are two numbers."""
-        flat = self.index.ravel()
+        flat = self.indices.ravel()
         return np.packbits(flat, bitorder="little") if self.is_bits else flat
 
     def entry(self, name: str, row: str, column: str, width: int) -> str:
         """Entry of a row and a column, in C."""
         blocks, longest = self.values.shape
-        own = row if blocks == 1 or len(self.index) > self.rows else f"{row} % {self.rows}"
+        own = row if blocks == 1 or len(self.indices) > self.rows else f"{row} % {self.rows}"
         at = f"{own} * {width} + {column}" if width > 1 else own
         which = f"{name}_index[{at}]"
         if self.is_bits:
