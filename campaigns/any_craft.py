@@ -91,10 +91,10 @@ _OWN = {2: ("floating-platform", Timing(0.2, 1, 125)), 3: ("free-flyer", Timing(
 RECIPES = {
     2: DemandSettings(stages=(Stage(1500.0),)),
     3: DemandSettings(
-        3, (Stage(330.0, 1.0, 1.0), Stage(290.0, 2.5, 2.5)), layouts=1920, crafts=4096, channels=3
+        3, (Stage(198.0, 1.0, 1.0), Stage(174.0, 2.5, 2.5)), layouts=1920, crafts=4096, channels=3
     ),
 }
-"""Trainings of the agents, by dimension: on one processor core, and on one H200."""
+"""Trainings of the agents, by dimension: on one processor core, and on one H100."""
 CONTESTANTS = "specialist", "any-craft", "LQR"
 """Who flies a craft; the specialist only the craft that it was trained on."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
@@ -311,7 +311,7 @@ class LinearLaw:
     """
 
     def __init__(self) -> None:
-        self._demanded: Tensor | None = None
+        self.demanded: Tensor | None = None
         self._gains: list[Tensor] = []
 
     def __call__(
@@ -334,7 +334,7 @@ class LinearLaw:
             # In units of the deviation s and of the authority a T: x' = x + p (v + u / 2), v' = v + u, with
             # p = a T^2 / s; the speed that costs as much is sqrt(a s), which is 1 / sqrt(p) of a T.
             sizes = [most * period.square() / deviation for _, _, most, deviation in axes]
-            self._gains = [torch.tensor([_gains(float(p)) for p in size]).T for size in sizes]
+            self._gains = [torch.tensor([gains(float(p)) for p in size]).T for size in sizes]
         demand = []
         for (way, speed, most, deviation), (near, fast) in zip(axes, self._gains, strict=True):
             push = most * period
@@ -342,14 +342,14 @@ class LinearLaw:
                 near * x / deviation - fast * v / push for x, v in zip(way, speed, strict=True)
             ]
         fed_back = torch.stack(demand, dim=1).clamp(-2.5, 2.5)
-        if self._demanded is not None:
-            fed_back = fed_back + (self._demanded - before).clamp(-1.0, 1.0)
-        self._demanded = fed_back
+        if self.demanded is not None:
+            fed_back = fed_back + (self.demanded - before).clamp(-1.0, 1.0)
+        self.demanded = fed_back
         return fed_back
 
 
 @cache
-def _gains(p: float) -> tuple[float, float]:
+def gains(p: float) -> tuple[float, float]:
     """Gains of position and speed of a double integrator that a unit moves by p / 2; see `linear_law`."""
     motion = np.array([[1.0, p], [0.0, 1.0]])
     input_ = np.array([[0.5 * p], [1.0]])
@@ -433,7 +433,6 @@ def main() -> None:
     parser.add_argument("--dimension", type=int, choices=(2, 3), default=2)
     parser.add_argument("--episodes", type=int, default=256)
     parser.add_argument("--layouts", type=int, default=1024)
-    parser.add_argument("--part-of-time", type=float, default=1.0, help="of every stage's time")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cpu", help="of torch, on which train runs")
     parser.add_argument("--output", type=Path, help="folder of the trained agent")
@@ -445,9 +444,7 @@ def main() -> None:
     given = parser.parse_args()
     names = given.only or SPECIALISTS[given.dimension]
     if given.part == "train":
-        recipe = RECIPES[given.dimension]
-        stages = tuple(x._replace(seconds=given.part_of_time * x.seconds) for x in recipe.stages)
-        settings = replace(recipe, stages=stages, seed=given.seed, device=given.device)
+        settings = replace(RECIPES[given.dimension], seed=given.seed, device=given.device)
         write_agent(given.output or FOLDER / AGENTS[given.dimension], settings)
         return
     if given.part == "picture":

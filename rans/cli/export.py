@@ -84,8 +84,10 @@ class Export:
             margins = self.episodes // 4 if self.episodes >= 256 else 0
         if margins:
             check_count("--margins", margins)
-        output = self.output or Path("runs/exports") / folder.name
-        with doing(f"flying {folder.name} for its contract and its card, and writing {output}"):
+        # The folder of an agent for any craft is named after its craft too.
+        label = name.output_folder.name if name.craft else folder.name
+        output = self.output or Path("runs/exports") / label
+        with doing(f"flying {label} for its contract and its card, and writing {output}"):
             card = write_export(folder, output, self.format, self.episodes, margins=margins)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")

@@ -285,7 +285,7 @@ def compiled_check(folder: Path) -> str:
                     raise ConfigError(
                         f"{compiler} refuses agent.c: {(done.stderr.splitlines() or [''])[0]}."
                     )
-            size = part.stat().st_size
+            size = _loaded_size(part)
             run = subprocess.run([str(built)], capture_output=True, text=True, check=False)
             if run.returncode:
                 flags = " ".join(optimization)
@@ -293,7 +293,18 @@ def compiled_check(folder: Path) -> str:
             results.append(run.stdout.strip())
     stack = stack_of(folder)
     needs = f" It needs {stack:,} bytes of stack." if stack else ""
-    return f"agent.c is {size / 1000:.0f} kB of object code and tables here; {results[-1]}{needs}"
+    return f"agent.c is {size / 1000:.0f} kB of code and tables here; {results[-1]}{needs}"
+
+
+def _loaded_size(part: Path) -> int:
+    """Bytes of code and tables in an object file, by binutils' size; else of the file, which has names too."""
+    tool = shutil.which("size")
+    if tool is None:
+        return part.stat().st_size
+    done = subprocess.run([tool, str(part)], capture_output=True, text=True, check=False)
+    # A line of titles (text, data, bss, dec, hex, filename) and one of numbers.
+    numbers = done.stdout.split()[6:10]
+    return int(numbers[3]) if done.returncode == 0 and len(numbers) == 4 else part.stat().st_size
 
 
 def stack_of(folder: Path) -> int | None:

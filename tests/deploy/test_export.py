@@ -19,6 +19,7 @@ from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.engine import Engine
+from rans.fast.learn.run_folder import RunFolder
 from rans.flight import fly
 from rans.scenario import scenarios
 from tests.support.training import CONFIG, tiny_trainer
@@ -254,3 +255,26 @@ def test_a_policy_of_another_trainer_is_refused_with_what_to_do(tmp_path: Path) 
     with pytest.raises(ConfigError, match="onnx:FILE:TASK"):
         Export("sb3:policy.zip:go-to-pose-2d", tmp_path / "out").run()
     assert not (tmp_path / "out").exists()
+
+
+def test_the_folder_of_an_agent_for_any_craft_names_its_craft(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    written = []
+
+    def write(run: Path, output: Path, *_: object, **__: object) -> dict[str, int]:
+        written.append((RunFolder(run).spacecraft().name, output))
+        output.mkdir(parents=True)
+        (output / "contract.json").write_text('{"conditions": {"margins": null}}')
+        return {"episodes": 4}
+
+    monkeypatch.setattr("rans.deploy.export.write_export", write)
+    arguments = ["export", "--format", "numpy", "--episodes", "4"]
+    assert main([*arguments, "any-craft-3d@spheres"]) == 0
+    assert main([*arguments, "any-craft-3d@astrobee-iss"]) == 0
+    assert written == [
+        ("spheres", Path("runs/exports/any-craft-3d-spheres")),
+        ("astrobee-iss", Path("runs/exports/any-craft-3d-astrobee-iss")),
+    ]
+    assert "any-craft-3d-spheres has the agent" in capsys.readouterr().out

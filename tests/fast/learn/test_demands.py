@@ -1,0 +1,89 @@
+"""The training of the agents for any craft: its layouts, its stages, and the laws that fly beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from campaigns.any_craft import RECIPES, LinearLaw, gains
+from rans.fast.learn import demands
+from rans.fast.learn.demands import DemandSettings, Stage, draw_batch, draw_pool, fly, train
+
+FEW = DemandSettings(crafts=16, steps=40)
+
+
+def test_a_layout_of_the_pool_does_not_depend_on_the_others() -> None:
+    """Nor on the processes that draw them."""
+    long, short = draw_pool(20, 6), draw_pool(5, 6)
+    for many, few in zip(long, short, strict=True):
+        assert torch.equal(many[: len(few)], few)
+
+
+def test_prices_of_a_stage_are_paid_for_thrust() -> None:
+    """Twice the price costs twice as much, at rest more, and thrust without a price nothing."""
+    pool = draw_pool(8, 4)
+
+    def cost(*prices: float) -> torch.Tensor:
+        generator = torch.Generator().manual_seed(2)
+        batch = draw_batch(pool, FEW, generator, continuous=True)
+        with torch.no_grad():
+            law = lambda *known: demands.stopping_law(*known[:-1])  # noqa: E731
+            return fly(law, batch, FEW, generator, stage=Stage(0.0, *prices)).cost
+
+    free, once, twice, rest = cost(0.0, 0.0), cost(0.5, 0.0), cost(1.0, 0.0), cost(0.5, 3.0)
+    assert (once > free).all()
+    assert torch.allclose(twice - free, 2.0 * (once - free), rtol=1e-3)  # sums in float32
+    assert (rest >= once).all()
+    assert (rest > once).any()
+
+
+def test_stages_follow_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both agents' recipes are one training: a stage goes on with the network of the one before."""
+    begun: list[tuple[int, Stage]] = []
+
+    def stage(network: Any, _: Any, __: Any, of: Stage, *___: Any) -> None:
+        begun.append((id(network), of))
+
+    monkeypatch.setattr(demands, "_train_stage", stage)
+    monkeypatch.setattr(demands, "_IMITATIONS", 0)
+    recipe = RECIPES[3]
+    assert len(recipe.stages) > 1
+    network = train(replace(recipe, dimension=2, crafts=2), pool=draw_pool(2, 4))
+    assert begun == [(id(network), one) for one in recipe.stages]
+
+
+@pytest.mark.parametrize("moved", [1e-4, 0.02, 1.0])
+def test_the_linear_law_is_optimal_for_a_double_integrator(moved: float) -> None:
+    """By dynamic programming, backwards over many periods."""
+    motion, push = np.array([[1.0, moved], [0.0, 1.0]]), np.array([0.5 * moved, 1.0])
+    value = np.zeros((2, 2))
+    gain = np.zeros(2)
+    for _ in range(4000):
+        gain = push @ value @ motion / (1.0 + push @ value @ push)
+        value = np.diag([1.0, moved]) + motion.T @ value @ (motion - np.outer(push, gain))
+    assert gains(moved) == pytest.approx(gain, rel=1e-4)  # the recursion has not quite ended
+
+
+@pytest.mark.slow
+def test_the_linear_law_demands_later_what_thrusters_did_not_give() -> None:
+    """Otherwise small errors stay, at which no subset of thrusters is better than none."""
+    pool = draw_pool(6, 8)
+    settings = replace(FEW, crafts=32, steps=160)
+    results = []
+    for forgets in (False, True):
+        generator = torch.Generator().manual_seed(2)
+        batch = draw_batch(pool, settings, generator, continuous=True, perturbed=False)
+        law = LinearLaw()
+
+        def fed_back(*known: Any, law: LinearLaw = law, forgets: bool = forgets) -> torch.Tensor:
+            if forgets:
+                law.demanded = None
+            return law(*known)
+
+        with torch.no_grad():
+            results.append(fly(fed_back, batch, settings, generator, 320).settled.float().mean())
+    assert results[0] > results[1] + 0.2
