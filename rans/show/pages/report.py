@@ -121,7 +121,12 @@ def _first_screen(
         sentence = next((f.text for s in sections for f in s.findings if f.passed is not False), "")
         failed = next((f.text for s in sections for f in s.findings if f.passed is False), "")
         hero = failed or sentence or f"{first.title}: {'; '.join(map(' '.join, first.summary))}."
-        tiles += [Tile(what, value) for what, value in first.summary]
+        # The bound of an assurance has a tile of its own.
+        tiles += [
+            Tile(what, value)
+            for what, value in first.summary
+            if not (sure and what.startswith("probability of failure"))
+        ]
     # What a decision still lacks has its command.
     missing = []
     if measured and not compared:

@@ -535,3 +535,10 @@ def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None
         ConfigError, match=r"the picture .*episode\.svg was not put into the report: it "
     ):
         report_from_run(run)
+
+
+def test_an_assurance_alone_says_its_bound_in_one_tile(tmp_path: Path) -> None:
+    (tmp_path / "assurance.json").write_text(json.dumps(ASSURANCE))
+    tiles = report_from_run(tmp_path).tiles
+    bound = f"{ASSURANCE['bounds']['any']['at most']:.3g}"
+    assert [tile.value for tile in tiles].count(bound) == 1
