@@ -82,6 +82,8 @@ class Inspection:
 
     episodes: int = 64
     """Held-out starts."""
+    only: str = ""
+    """Fly one contestant alone, such as visiting; by default all."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     docs: Path | None = None
@@ -121,6 +123,8 @@ class Inspection:
         guard = safety_filter(Setup(craft, task))
         contestants.append(("inspect-3d, filtered", agent.controller, guard))
         for who, controller, guarded in contestants:
+            if self.only not in ("", who):
+                continue
             flight = fly(craft, task, controller, starts, task.timing, guard=guarded)
             yield _row(who, flight, starts)
 

@@ -208,12 +208,16 @@ SOURCES: dict[str, Source] = {
         quick_seconds=26.0,
     ),
     "hold": _mission(
-        "hold", " --bounded 4", " --episodes 4 --bounded 1 --deadlines 1900", fewer_rows=True
+        "hold",
+        " --bounded 4",
+        " --episodes 4 --bounded 1 --deadlines 600",
+        fewer_rows=True,
+        quick_seconds=63.0,
     ),
     "rendezvous": _mission(
         "rendezvous",
         " --episodes 256",
-        " --episodes 8 --bounded 1 --deadlines 5000",
+        " --episodes 8 --bounded 1 --deadlines 4000",
         fewer_rows=True,
         quick_seconds=84.0,
     ),
@@ -275,8 +279,11 @@ SOURCES: dict[str, Source] = {
         tables=("inspect", "standings of inspect"),
         page="missions/inspect.md",
         commands=("python -m campaigns.inspection --docs docs",),
-        quick=("python -m campaigns.inspection --docs docs --episodes 1",),
-        flights=(64, 1),
+        quick=(
+            'python -m campaigns.inspection --docs docs --episodes 2 --only "circumnavigation, 3,600 s"',
+        ),
+        fewer_rows=True,
+        flights=(64, 2),
         tolerance=(0.02, 0.6),
         evidence=("mission-inspect.json",),
     ),

@@ -256,7 +256,7 @@ def compared(
                 yield None, 1
                 continue
             # Fewer flights may leave nobody of whom there is a mean.
-            if new == "-" and quick and source.fewer_rows:
+            if new in ("-", "none") and quick and source.fewer_rows:
                 continue
             share = "%" in heading or any(part in heading for part in source.shares)
             counts = _flights(headings, before, now, source)
