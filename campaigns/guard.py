@@ -46,9 +46,12 @@ MISSIONS = {
     "avoid-2d": ("avoid", "floating-platform"),
     "avoid-3d": ("avoid", "free-flyer"),
     "dock-port-2d": ("dock-port", "floating-platform"),
+    "dock-port-2d-atmos": ("dock-port", "atmos"),
     "dock-port-3d": ("dock-port", "free-flyer"),
     "dock": ("dock", "afrl-deputy"),
     "hold": ("hold", "vbar-chaser"),
+    "rendezvous": ("rendezvous", "arpod-chaser"),
+    "inspect": ("inspect", "afrl-deputy"),
 }
 """Task and spacecraft of each."""
 SEED = 2031

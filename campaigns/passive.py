@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -27,6 +27,7 @@ from rans.optimal.control.circumnavigation import Circumnavigation
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.optimal.control.passive_approach import PassiveApproach
 from rans.optimal.control.passive_entry import PassiveEntry
+from rans.processes import Workers
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import TASKS
 from rans.terminal import Terminal
@@ -50,27 +51,49 @@ def _safe_circumnavigation(*flown: Any) -> Controller:
     return Circumnavigation(*flown, safe_coasts=True)
 
 
+_LISTED = 32
+"""Largest number of lost or unsafe starts that the evidence names."""
+_PLANNED, _AT_ONCE = 64, 512
+"""Numbers of starts that a process flies together, of guidance that plans start by start and of the others."""
 CONTESTANTS: dict[str, tuple[str, Callable[..., Controller], int]] = {
-    "hold, mission": ("hold", MissionGuidance, 128),
-    "hold, passive": ("hold", PassiveApproach, 32),
-    "dock, mission": ("dock", MissionGuidance, 128),
-    "dock, passive-entry": ("dock", PassiveEntry, 128),
-    "rendezvous, mission": ("rendezvous", MissionGuidance, 64),
-    "rendezvous, passive-entry": ("rendezvous", PassiveEntry, 64),
-    "inspect, circumnavigation": ("inspect", Circumnavigation, 16),
-    "inspect, circumnavigation, safe coasts": ("inspect", _safe_circumnavigation, 16),
+    "hold, mission": ("hold", MissionGuidance, _AT_ONCE),
+    "hold, passive": ("hold", PassiveApproach, _PLANNED),
+    "dock, mission": ("dock", MissionGuidance, _AT_ONCE),
+    "dock, passive-entry": ("dock", PassiveEntry, _PLANNED),
+    "rendezvous, mission": ("rendezvous", MissionGuidance, _AT_ONCE),
+    "rendezvous, passive-entry": ("rendezvous", PassiveEntry, _PLANNED),
+    "inspect, circumnavigation": ("inspect", Circumnavigation, _PLANNED),
+    "inspect, circumnavigation, safe coasts": ("inspect", _safe_circumnavigation, _PLANNED),
 }
-"""Missions, what makes their guidance of craft, task and timing, and numbers of starts, by the names of rows."""
+"""Missions, what makes their guidance of craft, task and timing, and starts of a job, by the names of rows."""
+
+
+class Flown(NamedTuple):
+    """What N flights were: arrays (N,), of margins for each constraint."""
+
+    won: np.ndarray
+    arrival: np.ndarray
+    """Time of success, s; infinite: never."""
+    impulse: np.ndarray
+    """N s"""
+    distance: np.ndarray
+    """Least distance of coasts from the target, m."""
+    unsafe: np.ndarray
+    unsafe_start: np.ndarray
+    margins: dict[str, np.ndarray]
+    """Least margin of each constraint, SI units."""
 
 
 @dataclass(frozen=True)
 class Passive:
     """Fly all guidance from evaluation starts, and print both tables."""
 
-    only: str = ""
-    """Measure one row alone, such as "hold, mission", and keep the others as they are in the evidence."""
-    starts: int = 128
-    """Largest number of starts of a row; each has a smaller number of its own."""
+    only: tuple[str, ...] = ()
+    """Measure these rows alone, such as "hold, mission", and keep the others as they are in the evidence."""
+    episodes: int = 1024
+    """Number of starts of every row."""
+    workers: int | None = None
+    """Number of processes; None: one per processor."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     docs: Path | None = None
@@ -81,9 +104,19 @@ class Passive:
         file = None if self.docs is None else self.docs / "validation" / _FILE
         before = read_json(file)["rows"] if self.only and file and file.exists() else []
         known = {row["who"]: row for row in before}
-        for name, (mission, made, count) in CONTESTANTS.items():
-            if self.only in ("", name):
-                known[name] = {"who": name, **self._row(mission, made, min(count, self.starts))}
+        # The jobs of all rows together, so that no processor waits.
+        jobs = [
+            (name, self.seed, first, min(size, self.episodes - first))
+            for name, (_, _, size) in CONTESTANTS.items()
+            if not self.only or name in self.only
+            for first in range(0, self.episodes, size)
+        ]
+        parts = Workers(int, (), self.workers, "flew starts").ordered(flights, jobs)
+        of_rows: dict[str, list[Flown]] = {}
+        for (name, *_), part in zip(jobs, parts, strict=True):
+            of_rows.setdefault(name, []).append(part)
+        for name, flown in of_rows.items():
+            known[name] = {"who": name, **_row(CONTESTANTS[name][0], joined(flown))}
         rows = [known[name] for name in CONTESTANTS if name in known]
         evidence = {"seed": self.seed, "environment": environment(), "rows": rows}
         Terminal().show("Passive safety", _HEADINGS, [_cells(row) for row in rows])
@@ -97,37 +130,64 @@ class Passive:
                 standings.in_document(self.docs, mission).write(self.docs)
         return 0
 
-    def _row(self, mission: str, made: Callable[..., Controller], count: int) -> dict[str, Any]:
-        """What the flights of one mission are."""
-        task = TASKS[mission]().for_evaluation()
-        assert task.spacecraft is not None
-        craft = load_spacecraft(task.spacecraft)
-        starts = scenarios(task, craft, self.seed, count)
-        flight = fly(craft, task, made(craft, task, task.timing), starts, task.timing)
-        safety = passive_safety(flight)
-        spent = impulses(flight)
-        of_flights = {"arrival, s": settling_times(flight), "impulse, N s": spent}
-        quantiles = {
-            name: [_quantile(values, x / 100.0) for x in PERCENTILES]
-            for name, values in of_flights.items()
-        }
-        for name, margins in flight.margins.items():
-            unit = "m/s" if name == "speed" else "m"
-            least = margins.min(axis=0)
-            quantiles[f"margin of {name}, {unit}"] = [
-                _quantile(least, 1.0 - x / 100.0) for x in PERCENTILES
-            ]
-        return {
-            "starts": count,
-            "won": float((solved(flight) & ~flight.violated()).mean()),
-            "unsafe": float(safety.unsafe.mean()),
-            "unsafe_start": float(safety.unsafe_start.mean()),
-            "zone": safety.zone.radius,
-            "approach": safety.zone.approach,
-            "least": float(safety.distance.min()),
-            "impulse": float(spent.mean()),
-            "percentiles": quantiles,
-        }
+
+def _row(mission: str, flown: Flown) -> dict[str, Any]:
+    """What the flights of one row are."""
+    of_flights = {"arrival, s": flown.arrival, "impulse, N s": flown.impulse}
+    quantiles = {
+        name: [_quantile(values, x / 100.0) for x in PERCENTILES]
+        for name, values in of_flights.items()
+    }
+    for name, least in flown.margins.items():
+        unit = "m/s" if name == "speed" else "m"
+        quantiles[f"margin of {name}, {unit}"] = [
+            _quantile(least, 1.0 - x / 100.0) for x in PERCENTILES
+        ]
+    zone = TASKS[mission]().for_evaluation().coast_zone
+    assert zone is not None
+    return {
+        "starts": len(flown.won),
+        "won": float(flown.won.mean()),
+        "unsafe": float(flown.unsafe.mean()),
+        "unsafe_start": float(flown.unsafe_start.mean()),
+        "zone": zone.radius,
+        "approach": zone.approach,
+        "least": float(flown.distance.min()),
+        "impulse": float(flown.impulse.mean()),
+        "percentiles": quantiles,
+        # Numbers of the first starts, to fly them alone.
+        "lost": [int(k) for k in np.flatnonzero(~flown.won)[:_LISTED]],
+        "entered": [int(k) for k in np.flatnonzero(flown.unsafe)[:_LISTED]],
+    }
+
+
+def flights(_: int, name: str, seed: int, first: int, count: int) -> Flown:
+    """What so many starts of a row of the table are, from the first one on; a job of a worker."""
+    mission, made, _ = CONTESTANTS[name]
+    task = TASKS[mission]().for_evaluation()
+    assert task.spacecraft is not None
+    craft = load_spacecraft(task.spacecraft)
+    starts = scenarios(task, craft, seed, count, first)
+    flight = fly(craft, task, made(craft, task, task.timing), starts, task.timing)
+    safety = passive_safety(flight)
+    return Flown(
+        solved(flight) & ~flight.violated(),
+        settling_times(flight),
+        impulses(flight),
+        safety.distance,
+        safety.unsafe,
+        safety.unsafe_start,
+        {name: margins.min(axis=0) for name, margins in flight.margins.items()},
+    )
+
+
+def joined(parts: list[Flown]) -> Flown:
+    """Flights of several jobs, one after the other."""
+    *arrays, margins = zip(*parts, strict=True)
+    return Flown(
+        *(np.concatenate(part) for part in arrays),
+        {name: np.concatenate([one[name] for one in margins]) for name in margins[0]},
+    )
 
 
 def _quantile(values: np.ndarray, part: float) -> float:
@@ -139,7 +199,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
     zone = f"{row['zone']:g}" + (f", until {row['approach']:g}" if row["approach"] else "")
     return [
         row["who"],
-        f"{row['starts']}",
+        f"{row['starts']:,}",
         f"{100.0 * row['won']:.1f}",
         f"{100.0 * row['unsafe']:.1f}",
         f"{100.0 * row['unsafe_start']:.1f}",
@@ -181,4 +241,7 @@ def percentiles_in_document(docs: Path) -> Table:
 
 
 if __name__ == "__main__":
-    raise SystemExit(ended("passive", lambda: tyro.cli(Passive).run()))
+    # Jobs of other processes are in the module of its own name.
+    from campaigns import passive
+
+    raise SystemExit(ended("passive", lambda: tyro.cli(passive.Passive).run()))

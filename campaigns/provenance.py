@@ -291,7 +291,7 @@ SOURCES: dict[str, Source] = {
         tables=("passive safety", "percentiles"),
         page="missions/passive_safety.md",
         commands=("python -m campaigns.passive --docs docs",),
-        quick=('python -m campaigns.passive --docs docs --starts 64 --only "dock, mission"',),
+        quick=('python -m campaigns.passive --docs docs --episodes 64 --only "dock, mission"',),
         fewer_rows=True,
         uncompared=("starts", "least", "90 %", "99 %", "99.7 %"),
         evidence=("passive-safety.json",),
@@ -346,7 +346,7 @@ SOURCES: dict[str, Source] = {
     "V-BAR": Source(
         tables=("V-BAR",),
         page="missions/vbar.md",
-        commands=("python -m campaigns.vbar --episodes 2 --docs docs",),
+        commands=("python -m campaigns.vbar --docs docs",),
         seconds=0.0,
         evidence=("vbar.json",),
         needs="vbar, an environment with Python 3.12 and V-BAR (docs/missions/vbar.md)",

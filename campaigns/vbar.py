@@ -5,7 +5,7 @@ dependency of RANS. In an environment of its own::
 
     python3.12 -m venv vbar
     vbar/bin/pip install vbar==0.3.1 cattrs tyro
-    vbar/bin/python -m campaigns.vbar --episodes 4 --docs docs
+    vbar/bin/python -m campaigns.vbar --docs docs
 
 V-BAR flies: its environments, starts, sensors and constraints, and its composite score. Guidance receives what
 V-BAR's interface gives to every agent: the public description of the scenario, and readings.
@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +34,7 @@ from rans.model.fields import Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.optimal.control.navigation_filter import NavigationFilter
+from rans.processes import Workers
 from rans.tasks.dock import Dock
 from rans.tasks.hold import Hold
 from rans.tasks.orbital import OrbitalMission
@@ -46,6 +48,8 @@ _PART_OF_TIME = 0.75
 """Part of an episode in which these coasts must end."""
 _QUICKENING = 0.004
 """Acceleration of a reference along an axis, m/s^2: a fifth of the thrusters'."""
+_JOB = 4
+"""Number of episodes that a process flies together."""
 _PARTS = 64
 """Parts of a control period by whose middles a constant acceleration is integrated: exact to 1e-6 of it."""
 Array = np.ndarray
@@ -74,8 +78,10 @@ _HEADINGS = (
 class Scored:
     """Fly V-BAR's episodes, print what V-BAR says of them, and keep it."""
 
-    episodes: int = 4
+    episodes: int = 50
     """Number of episodes of each scenario, the first ones of V-BAR's validation split. Its suites have 50."""
+    workers: int | None = None
+    """Number of processes; None: one per processor."""
     only: tuple[str, ...] = ()
     """Scenarios to fly, such as docking:nav1; the others keep their figures. By default all."""
     docs: Path | None = None
@@ -84,12 +90,10 @@ class Scored:
     def run(self) -> None:
         """Fly scenario by scenario, print a line for each, and write after each."""
         suites: Any = importlib.import_module("vbar.scenarios.suites")
-        base: Any = importlib.import_module("vbar.scenarios.base")
         entries = {
             entry.scenario: suite.id for suite in suites.SUITES.values() for entry in suite.entries
         }
         entries["docking-afrl"] = "in no suite"
-        base.segment_minimum = _decided(base.segment_minimum)
         file = None if self.docs is None else self.docs / "validation" / _FILE
         rows: dict[str, Any] = read_json(file)["scenarios"] if file and file.exists() else {}
         for name, suite in entries.items():
@@ -106,47 +110,85 @@ class Scored:
 
     def _row(self, name: str) -> dict[str, Any]:
         """What V-BAR says of guidance and of its own controller in one scenario."""
-        agents: Any = importlib.import_module("vbar.agents")
-        row: dict[str, Any] = {"episodes": self.episodes, "rans": self._scores(name, Guidance())}
-        try:
-            row["pd"] = self._scores(name, agents.PDAgent())
-        except ValueError:
-            # V-BAR's controller flies to hold points and boxes only.
-            row["pd"] = None
-        return row
-
-    def _scores(self, name: str, agent: Any) -> dict[str, Any]:
-        """Scores of an agent over the episodes of a scenario."""
-        metrics: Any = importlib.import_module("vbar.metrics")
-        composite: Any = importlib.import_module("vbar.metrics.composite")
-        scenarios: Any = importlib.import_module("vbar.scenarios")
-        seeds: Any = importlib.import_module("vbar.scenarios.seeds")
-        environment = scenarios.make(name)
-        won, broken, soft, scores, spent, times = [], [], {}, [], [], []
-        for seed, own in seeds.SeedSplit(name, "validation", self.episodes).pairs():
-            episode = metrics.record_episode(environment, agent, seed, own)
-            inner = environment.unwrapped
-            least = inner.min_margins
-            won.append(bool(inner._success()))
-            broken.append(sorted(one for one in episode.hard if least[one] < 0.0))
-            for one in sorted(set(least) - episode.hard):
-                soft[one] = soft.get(one, 0) + int(least[one] < 0.0)
-            mission = metrics.mission.mission_metrics(episode)
-            # V-BAR judges coverage and departure in the environment, and not in this metric.
-            mission["success"] = won[-1]
-            scores.append(composite.composite_metrics(episode, mission=mission)["composite_score"])
-            spent.append(inner.dv_l2)
-            times.append(inner.t)
+        firsts = range(0, self.episodes, _JOB)
+        jobs = [
+            (name, who, self.episodes, first, _JOB) for who in ("rans", "pd") for first in firsts
+        ]
+        parts = [*Workers(_with_vbar, (), self.workers, "flew scenarios").ordered(scored, jobs)]
+        own, other = parts[: len(firsts)], parts[len(firsts) :]
         return {
-            "succeeded": sum(won),
-            "broken": sum(bool(one) for one in broken),
-            "limits": sorted({one for names in broken for one in names}),
-            "soft": {one: count for one, count in soft.items() if count},
-            "composite": float(np.mean(scores)),
-            "spent": float(np.mean(spent)),
-            "worst": float(np.max(spent)),
-            "time": float(np.mean(times)),
+            "episodes": self.episodes,
+            "rans": _together([episode for part in own for episode in part or ()]),
+            # V-BAR's controller flies to hold points and boxes only.
+            "pd": None
+            if None in other
+            else _together([episode for part in other for episode in part or ()]),
         }
+
+
+def _with_vbar() -> None:
+    """Prepare a process for V-BAR's episodes."""
+    base: Any = importlib.import_module("vbar.scenarios.base")
+    base.segment_minimum = _decided(base.segment_minimum)
+
+
+def scored(
+    _: None, name: str, who: str, count: int, first: int, number: int
+) -> list[dict[str, Any]] | None:
+    """What V-BAR says of some episodes of a scenario, from the first one of ``count`` on; a job of a worker.
+
+    Returns:
+        One of each episode; None: V-BAR's controller does not fly this scenario.
+    """
+    metrics: Any = importlib.import_module("vbar.metrics")
+    composite: Any = importlib.import_module("vbar.metrics.composite")
+    scenarios: Any = importlib.import_module("vbar.scenarios")
+    seeds: Any = importlib.import_module("vbar.scenarios.seeds")
+    agents: Any = importlib.import_module("vbar.agents")
+    agent = Guidance() if who == "rans" else agents.PDAgent()
+    environment = scenarios.make(name)
+    episodes = []
+    pairs = [*seeds.SeedSplit(name, "validation", count).pairs()]
+    for seed, own in pairs[first : first + number]:
+        try:
+            episode = metrics.record_episode(environment, agent, seed, own)
+        except ValueError:
+            if who == "pd":
+                return None
+            raise
+        inner = environment.unwrapped
+        least = inner.min_margins
+        mission = metrics.mission.mission_metrics(episode)
+        # V-BAR judges coverage and departure in the environment, and not in this metric.
+        mission["success"] = bool(inner._success())
+        scores = composite.composite_metrics(episode, mission=mission)
+        episodes.append(
+            {
+                "succeeded": mission["success"],
+                "broken": sorted(one for one in episode.hard if least[one] < 0.0),
+                "soft": sorted(one for one in set(least) - episode.hard if least[one] < 0.0),
+                "composite": float(scores["composite_score"]),
+                "spent": float(inner.dv_l2),
+                "time": float(inner.t),
+            }
+        )
+    return episodes
+
+
+def _together(episodes: list[dict[str, Any]]) -> dict[str, Any]:
+    """Scores of an agent over the episodes of a scenario."""
+    soft = Counter(one for episode in episodes for one in episode["soft"])
+    spent = [episode["spent"] for episode in episodes]
+    return {
+        "succeeded": sum(episode["succeeded"] for episode in episodes),
+        "broken": sum(bool(episode["broken"]) for episode in episodes),
+        "limits": sorted({one for episode in episodes for one in episode["broken"]}),
+        "soft": dict(sorted(soft.items())),
+        "composite": float(np.mean([episode["composite"] for episode in episodes])),
+        "spent": float(np.mean(spent)),
+        "worst": float(np.max(spent)),
+        "time": float(np.mean([episode["time"] for episode in episodes])),
+    }
 
 
 def _decided(whole: Callable[..., Any]) -> Callable[..., Any]:
@@ -719,4 +761,7 @@ def _state(row: Array) -> SpatialState:
 
 
 if __name__ == "__main__":
-    tyro.cli(Scored).run()
+    # Jobs of other processes are in the module of its own name.
+    from campaigns import vbar
+
+    tyro.cli(vbar.Scored).run()

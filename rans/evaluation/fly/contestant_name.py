@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +18,7 @@ from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import missing_agents, present_agent, pretrained_folder, pretrained_names
 from rans.registry import allow_current_folder, typed
+from rans.tasks import TASKS
 
 FORMS = (
     f"a run folder, pretrained:NAME, or either after {PREFIX}:, "
@@ -30,6 +32,15 @@ EVALUATIONS = Path("runs") / "evaluations"
 
 _LONGEST_NAME = 4096
 """Largest number of characters in a path on Linux."""
+
+_CONTROLLER_OF = {
+    "dock": "mission",
+    "hold": "mission",
+    "rendezvous": "mission",
+    "inspect": "circumnavigation",
+    "land": "landing",
+}
+"""Controllers that messages recommend for tasks which LQR does not win."""
 
 Kind = Literal["run folder", "pretrained", "controller", "policy", "flights"]
 """A folder of a training or an export, an agent that comes with RANS, a controller without training, a policy of
@@ -105,6 +116,10 @@ class ContestantName:
         agent, _, craft = whole.partition("@")
         if not _exists(agent) and present_agent(agent) in agents:
             return cls(text, "pretrained", present_agent(agent), craft=craft, part=part)
+        if not _exists(whole) and (task := _task_alone(whole)):
+            raise ConfigError(
+                f"{whole} is a task, and a contestant is who flies it: type {_who_flies(task, agents)}."
+            )
         if not _exists(whole) and (near := meant(whole, (*CONTROLLERS, *agents))):
             raise ConfigError(
                 f"{whole} has no task; add one, as in {whole}:go-to-pose-2d."
@@ -224,6 +239,18 @@ def _is_bare_controller(text: str) -> bool:
         return False
     allow_current_folder()
     return find_spec(module.partition(".")[0]) is not None
+
+
+def _task_alone(text: str) -> str:
+    """Name of the task that a text is, with or without "-2d" or "-3d" at its end; empty: it is none."""
+    task = text.removesuffix("-2d").removesuffix("-3d")
+    return task if task in TASKS else ""
+
+
+def _who_flies(task: str, agents: Iterable[str]) -> str:
+    """Names of contestants for a task, for messages: its agents, or a controller, with this task."""
+    own = [agent for agent in agents if re.fullmatch(f"{re.escape(task)}-[23]d", agent)]
+    return " or ".join([*own, f"{_CONTROLLER_OF.get(task, 'lqr')}:{task}"])
 
 
 def _exists(name: str) -> bool:

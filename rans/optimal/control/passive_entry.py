@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +23,7 @@ from rans.model.passive_safety import (
     carried,
     joined,
     least_distances,
+    pushed,
     single_coasts,
 )
 from rans.model.spacecraft import Spacecraft
@@ -46,6 +49,8 @@ _CONE = 0.9
 """Part of a cone's half angle within which the first coast ends."""
 _SPEED = 0.95
 """Part of a speed limit that plans keep."""
+_ATTEMPTS = 12
+"""Number of plans of a start that are flown ahead to find one that stays inside a cone."""
 _CLEAR = 0.1
 """Least distance of coasts after impulses from the zone, m, in plans whose flight is predicted."""
 _TRIM = 1e-4
@@ -84,7 +89,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     target. Plans, that is points and times, are drawn at random, with the same random numbers for every start. In
     the order of their prices their coasts are computed (`rans.model.passive_safety`), first of impulses and then of
     burns as they are flown. The cheapest plan whose coasts keep out of the zone is flown; without one, that whose
-    coasts keep the largest distance.
+    coasts keep the largest distance. Of a mission with a cone the whole flight is predicted, and the cheapest of
+    these plans is flown that stays inside the cone.
 
     It knows the state exactly, and expects no errors of sensors and thrusters.
 
@@ -122,6 +128,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         origin = Vec3(0.0, 0.0, 0.0)
         goal = SpatialState(origin, Quat(1.0, 0.0, 0.0, 0.0), origin, origin)
         self._limits = self.task.guidance_limits(goal)
+        self._has_cone = any(isinstance(limit, Cone) for limit in self._limits.others)
         # What the weakest axis can give in a period, m/s.
         forces = np.array([t.force * np.array(t.direction) for t in self.craft.thrusters])
         strongest = np.maximum(forces, 0.0).sum(axis=0)
@@ -159,7 +166,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         if not len(self._points):
             size = len(states)
             self._entered, self._arrivals = np.zeros(size, bool), np.zeros(size)
-            plans = [self._plan(p, float(t)) for p, t in zip(states, goal.notes[0], strict=True)]
+            plans = self._planned(states, state, goal)
             self._points = np.array([point for point, _ in plans])
             self._ends = np.array([end for _, end in plans])
         # Within the approach mission guidance makes a plan of its own.
@@ -187,16 +194,79 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         change = change * np.minimum(1.0, self._largest_change / np.maximum(largest, 1e-12))
         return np.where((largest > _TRIM) & (ends - now > self._period)[:, None], change, 0.0)
 
-    def _plan(self, start: np.ndarray, deadline: float) -> tuple[np.ndarray, float]:
-        """End of the first coast from a state (6,), m, and its instant, s."""
+    def _planned(self, states: np.ndarray, state: Any, goal: Any) -> list[tuple[np.ndarray, float]]:
+        """Plans of all starts, of states (N, 6): see `_plan`.
+
+        Where the mission has a cone, all plans are flown ahead to the target. A start whose flight leaves the cone
+        tries its next plan, and flies the first one if none of its plans stays inside.
+        """
+        deadlines = [float(t) for t in goal.notes[0]]
+        plans = [self._plan(p, t) for p, t in zip(states, deadlines, strict=True)]
+        if not self._has_cone:
+            return plans
+        excluded: list[list[np.ndarray]] = [[] for _ in plans]
+        trying = np.arange(len(plans))
+        attempts = dict(enumerate(plans))
+        for _ in range(_ATTEMPTS):
+            some, aim = map_leaves(lambda x, rows=trying: np.asarray(x)[rows], (state, goal))
+            ahead = copy(self)
+            ahead._begin([attempts[k] for k in trying])
+            inside = ahead._stays_inside(states[trying], some, aim)
+            for k in trying[inside]:
+                plans[k] = attempts[k]
+            trying = trying[~inside]
+            if not len(trying):
+                break
+            for k in trying:
+                excluded[k].append(attempts[k][0])
+                attempts[k] = self._plan(states[k], deadlines[k], excluded[k])
+        return plans
+
+    def _begin(self, plans: list[tuple[np.ndarray, float]]) -> None:
+        """Forget everything, in objects of its own, and fly these plans."""
+        self._guidance = MissionGuidance(self.craft, self.task, self._timing)
+        self._rounding = copy(self._rounding)
+        self.reset(len(plans))
+        self._points = np.array([point for point, _ in plans])
+        self._ends = np.array([end for _, end in plans])
+
+    def _stays_inside(self, states: np.ndarray, state: Any, goal: Any) -> np.ndarray:
+        """Whether flights from states (N, 6) are inside all cones at every check until they arrive, (N,)."""
+        n, checks = self.task.mean_motion, self._timing.checks
+        forces = np.array([t.force * np.array(t.direction) for t in self.craft.thrusters])
+        inside = np.ones(len(states), bool)
+        arrived = np.zeros(len(states), bool)
+        for _ in range(math.ceil(np.max(goal.notes[0]) / self._period)):
+            now = replace(state, p=Vec3(*states[:, :3].T), v=Vec3(*states[:, 3:].T))
+            command = self.act(now, goal, np.zeros((len(states), 0)))
+            push = command @ forces / self.craft.mass
+            for check in range(1, checks + 1):
+                after = pushed(n, states, push, check * self._period / checks)
+                p, v = Vec3(*after[:, :3].T), Vec3(*after[:, 3:].T)
+                for limit in self._limits.others:
+                    inside &= arrived | (np.asarray(limit.gap(p, v)) >= 0.0)
+                arrived |= np.asarray(self.task.reached(replace(now, p=p, v=v), goal))
+            states = after
+            goal = self.task.later(goal, self._period)
+            if bool((arrived | ~inside).all()):
+                break
+        return inside
+
+    def _plan(
+        self, start: np.ndarray, deadline: float, excluded: Sequence[np.ndarray] = ()
+    ) -> tuple[np.ndarray, float]:
+        """End of the first coast from a state (6,), m, and its instant, s; another one than those excluded."""
         is_unsafe_start = self._coast_distance(start) < self._radius
         best: tuple[np.ndarray, float] | None = None
         farthest = -1.0
         for count, latest in _TRIES:
             plans = self._sampled(start, deadline, count, latest)
             order = np.argsort(plans.price, kind="stable")
+            allowed = plans.price < _OUT_OF_LIMIT
+            for point in excluded:
+                allowed &= (plans.points != point).any(axis=1)
             plan = self._cheapest_safe(
-                order[plans.price[order] < _OUT_OF_LIMIT],
+                order[allowed[order]],
                 _CHECKED,
                 self._radius + _CLEAR,
                 partial(self._distance_of_impulses, plans, is_unsafe_start),

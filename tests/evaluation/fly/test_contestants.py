@@ -160,6 +160,8 @@ def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) ->
         ("lqr:-2d", "no task named ''"),
         ("lqr:dock-2d", "asks for 2d, but afrl-deputy moves in 3"),
         ("nowhere", "there is no run folder 'nowhere'"),
+        ("dock", "dock is a task, .* type mission:dock"),
+        ("avoid", "type avoid-2d or avoid-3d or lqr:avoid"),
         (
             "go-to-pose-2",
             r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,3 +80,28 @@ def test_coasts_miss_the_target_until_it_docks_on_purpose() -> None:
 def test_it_flies_to_targets_only() -> None:
     with pytest.raises(ConfigError, match="Hold is not one"):
         PassiveEntry("vbar-chaser", "hold")
+
+
+def test_each_start_flies_its_cheapest_plan_that_stays_inside_the_cone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Plans whose coast ends after more than 500 s leave the cone here; the last start has no other."""
+    pilot = PassiveEntry("arpod-chaser", "rendezvous")
+    ends = {-1.0: [600.0, 700.0, 400.0], -2.0: [300.0], -3.0: [900.0] * 20}
+    asked = []
+
+    def plan(start: Any, deadline: float, excluded: Any = ()) -> tuple[np.ndarray, float]:
+        return np.full(3, float(len(excluded))), ends[start[0]][len(excluded)]
+
+    def stays_inside(self: PassiveEntry, states: Any, state: Any, goal: Any) -> np.ndarray:
+        asked.append(state.p.x.tolist())
+        return self._ends <= 500.0
+
+    monkeypatch.setattr(pilot, "_plan", plan)
+    monkeypatch.setattr(PassiveEntry, "_stays_inside", stays_inside)
+    x = np.repeat([[-1.0], [-2.0], [-3.0]], 6, axis=1)
+    goal = replace(state_of(x), notes=(np.full(3, 5000.0),))
+    plans = pilot._planned(x, state_of(x), goal)
+    assert [end for _, end in plans] == [400.0, 300.0, 900.0]
+    assert asked[:3] == [[-1.0, -2.0, -3.0], [-1.0, -3.0], [-1.0, -3.0]]
+    assert set(map(tuple, asked[3:])) == {(-3.0,)}
