@@ -286,6 +286,7 @@ SOURCES: dict[str, Source] = {
         flights=(64, 2),
         tolerance=(0.02, 0.6),
         evidence=("mission-inspect.json",),
+        quick_seconds=31.0,
     ),
     "passive safety": Source(
         tables=("passive safety", "percentiles"),
@@ -295,6 +296,7 @@ SOURCES: dict[str, Source] = {
         fewer_rows=True,
         uncompared=("starts", "least", "90 %", "99 %", "99.7 %"),
         evidence=("passive-safety.json",),
+        quick_seconds=7.0,
     ),
     "published optima": Source(
         tables=("published optima",),
