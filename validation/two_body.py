@@ -359,9 +359,10 @@ def _true_anomaly(mean_anomaly: Any, eccentricity: float) -> np.ndarray:
     """True anomaly, rad, by SciPy's root of Kepler's equation."""
 
     def solved(mean: float) -> float:
-        return brentq(
+        root: Any = brentq(
             lambda x: x - eccentricity * np.sin(x) - mean, mean - 1.0, mean + 1.0, xtol=1e-14
         )
+        return root
 
     anomaly = np.array([solved(float(x)) for x in np.ravel(mean_anomaly)])
     half = np.sqrt((1.0 + eccentricity) / (1.0 - eccentricity)) * np.tan(0.5 * anomaly)
