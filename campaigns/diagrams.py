@@ -8,7 +8,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -41,6 +41,10 @@ _PALE = "#DCE6F0"
 """Fill of a craft and of boxes, which dark pages change (`rans.show.figures.svg`)."""
 
 
+_Place = Sequence[float] | np.ndarray
+"""Two coordinates."""
+
+
 class _Box(NamedTuple):
     """A box of a diagram, with the place of its centre."""
 
@@ -66,7 +70,7 @@ def _plane(axes: Axes, title: str = "") -> None:
     axes.set_title(title, loc="left")
 
 
-def _arrow(axes: Axes, begin: Sequence[float], end: Sequence[float], colour: str) -> None:
+def _arrow(axes: Axes, begin: _Place, end: _Place, colour: str) -> None:
     axes.annotate(
         "",
         xy=(end[0], end[1]),
@@ -79,6 +83,12 @@ def _arrow(axes: Axes, begin: Sequence[float], end: Sequence[float], colour: str
             "shrinkB": 0,
         },
     )
+
+
+def _text(
+    axes: Axes, at: _Place, text: str, colour: str, side: Literal["left", "center", "right"]
+) -> None:
+    axes.text(float(at[0]), float(at[1]), text, color=colour, ha=side, va="center")
 
 
 def _boxes(
@@ -197,29 +207,21 @@ def frames() -> Figure:
     axes.add_patch(Circle((centre[0], centre[1]), 0.7, facecolor=_PALE, edgecolor=INK))
     for tip, name in (((0.9, 0.0), "x"), ((0.0, 0.9), "y")):
         _arrow(axes, (0.0, 0.0), tip, INK)
-        axes.text(*(1.12 * np.array(tip)), f"${name}_W$", color=INK, ha="center", va="center")
+        _text(axes, 1.12 * np.array(tip), f"${name}_W$", INK, "center")
         end = centre + turned @ tip
         _arrow(axes, centre, end, BLUE)
-        axes.text(
-            *(centre + 1.14 * (end - centre)), f"${name}_B$", color=BLUE, ha="center", va="center"
-        )
+        _text(axes, centre + 1.14 * (end - centre), f"${name}_B$", BLUE, "center")
     _arrow(axes, (0.0, 0.0), centre, GREY)
     axes.text(1.1, 0.83, "position ${}^Wp^B$", color=INK, rotation=28, ha="center", va="center")
     # A thruster: where it pushes, and the force on the craft, opposite to its plume.
     place = centre + turned @ np.array([-0.35, -0.6])
     force = turned @ np.array([0.75, 0.0])
     _arrow(axes, place, place + force, RED)
-    axes.text(
-        *(place + 0.5 * force + [0.12, -0.17]),
-        "force of a thruster",
-        color=RED,
-        ha="left",
-        va="center",
-    )
+    _text(axes, place + 0.5 * force + [0.12, -0.17], "force of a thruster", RED, "left")
     axes.plot(*place, "o", color=RED, markersize=5)
     plume = np.array([place, place - 0.5 * force])
     axes.plot(*plume.T, color=ORANGE, linewidth=7, alpha=0.5, solid_capstyle="butt")
-    axes.text(*(place - 0.6 * force), "plume", color=ORANGE, ha="right", va="center")
+    _text(axes, place - 0.6 * force, "plume", ORANGE, "right")
     axes.plot(*centre, "o", color=INK, markersize=4)
     axes.text(
         centre[0] - 0.08,
@@ -316,7 +318,7 @@ def controllers() -> Figure:
             axes.broken_barh(spans, (thruster - 0.4, 0.8), facecolors=colour)
         axes.set(ylim=(7.6, -0.6), xlim=(0.0, 12.0), yticks=(0, 7), ylabel="valves")
         axes.tick_params(labelbottom=k == 3)
-    axes.set_xlabel("time, s")
+        axes.set_xlabel("time, s" if k == 3 else "")
     _plane(left)
     left.legend(loc="best")
     return figure

@@ -251,7 +251,8 @@ def test_zones_of_a_user_stand_still_and_the_last_fills_up() -> None:
     own = Endpoints(zones=[(1.5, 0.2, 0.4), (2.0, -1.0, 0.3)]).applied(sampled)
     assert own.start is sampled.start
     later = task.later(own.goal, 5.0)
-    found = [(*z.centre.columns(), z.radius) for z in task.scenery(later)]
+    zones: Any = task.scenery(later)
+    found = [(*z.centre.columns(), z.radius) for z in zones]
     expected = [(1.5, 0.2, 0.4), (2.0, -1.0, 0.3), (2.0, -1.0, 0.3)]
     np.testing.assert_array_equal(found, [[[x, x] for x in row] for row in expected])
     with pytest.raises(ConfigError, match="3 keep-out zones, got 4"):
