@@ -18,6 +18,7 @@ from campaigns import (
     dock_contact,
     dock_errors,
     elliptic,
+    error_sources,
     faults,
     identification,
     inspection,
@@ -121,6 +122,10 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "dock with errors": dock_errors.in_document,
     "dock on ellipses": elliptic.in_document,
     "coasts on ellipses": elliptic.errors_in_document,
+    **{
+        f"errors: {name}": partial(error_sources.in_document, table=name)
+        for name in error_sources.TABLE_NAMES
+    },
     "docking with contact": dock_contact.in_document,
     "safe states": safe_set.in_document,
     "identification": identification.in_document,

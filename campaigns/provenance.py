@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
+from campaigns import error_sources
 from campaigns.figures import TABLES
 from rans.files import write_text
 from rans.model.spacecraft_file import spacecraft_names
@@ -243,6 +244,15 @@ SOURCES: dict[str, Source] = {
         uncompared=("over the bound", "median time, s"),
         evidence=("elliptic.json",),
     ),
+    "error sources": Source(
+        tables=tuple(f"errors: {name}" for name in error_sources.TABLE_NAMES),
+        page="missions/errors.md",
+        commands=("python -m campaigns.error_sources --docs docs",),
+        quick=("python -m campaigns.error_sources --docs docs --episodes 48 --flights 256",),
+        flights=(512, 48),
+        tolerance=(0.05, 0.5),
+        evidence=("error-sources.json",),
+    ),
     "docking with contact": Source(
         tables=("docking with contact",),
         page="missions/dock-port.md",
@@ -363,6 +373,7 @@ PICTURES: dict[str, str] = {
     "layouts.svg": "python -m campaigns.any_craft picture",
     "craft/*.svg": "python -m campaigns.craft",
     "diagrams/*.svg": "python -m campaigns.pictures",
+    "missions/error-sources.svg": "python -m campaigns.error_sources --docs docs",
     "missions/*.svg": "python -m campaigns.pictures",
     "proof-conditions.svg": "python -m campaigns.proof_conditions docs/validation/proof-conditions.json "
     "docs/pictures/proof-conditions.svg",
