@@ -151,8 +151,8 @@ class ErrorSources:
         Terminal().show("linear covariance", _LINEAR, _linear_cells(linear))
         if self.docs is not None and file is not None:
             write_json(file, evidence)
-            for name in TABLE_NAMES:
-                in_document(self.docs, name).write(self.docs)
+            for table in tables(self.docs).values():
+                table.write(self.docs)
             if missions:
                 write_text(self.docs / _PICTURE, picture(missions))
         return 0
@@ -423,8 +423,8 @@ def tables(docs: Path) -> dict[str, Table]:
     return result
 
 
-TABLE_NAMES = ("dock", "sensitivity of dock", "linear")
-"""Names of `tables` that are on the page."""
+TABLE_NAMES = (*SIZES, *(f"sensitivity of {mission}" for mission in SIZES), "linear")
+"""Names of `tables`."""
 
 
 def in_document(docs: Path, table: str) -> Table:
