@@ -38,8 +38,8 @@ MISSIONS = {
 _FRAME = """
 ```{{raw}} html
 <iframe class="play part" src="{up}play/{file}" title="{who} flies" loading="lazy"></iframe>
-<p><a href="{up}play/{file}">{who} flies</a> in this frame: click a thruster to make it fail. As a page of its own it has
-all controls.</p>
+<p><a href="{up}play/{file}">{who} flies</a> in this frame: click a thruster to make it fail. As a page of its own
+it has all controls.</p>
 ```
 """
 
