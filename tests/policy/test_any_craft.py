@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +21,8 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.policy.any_craft import for_craft
+from rans.policy.any_craft import authority, for_craft
+from rans.policy.authority import Authority
 from rans.policy.network import Network
 from rans.policy.program import Step
 from rans.policy.scalars import fields
@@ -204,6 +206,25 @@ def test_drake_flies_a_craft_never_seen() -> None:
     flight = fly_episodes(run.controller, run.judged, 2023, 4, "drake", workers=1).flight
     rows = {row.name: row for row in measure(flight).rows}
     assert rows["solved"].value == 100.0
+
+
+@pytest.mark.slow
+def test_drake_flies_a_craft_in_space() -> None:
+    pytest.importorskip("pydrake")
+    run = contestant("any-craft-3d@spheres")
+    flight = fly_episodes(run.controller, run.judged, 2023, 2, "drake", workers=1).flight
+    rows = {row.name: row for row in measure(flight).rows}
+    assert rows["solved"].value == 100.0
+
+
+def test_a_craft_in_space_outside_of_the_training_is_warned_of_with_the_number() -> None:
+    """A hundred times the mass of spheres, whose acceleration is then a hundredth."""
+    craft = load_spacecraft("spheres")
+    own = Authority.of_numbers(authority(craft, 0.2)).least_linear
+    heavy = replace(craft, mass=100.0 * craft.mass)
+    number = re.escape(f"{0.01 * own:.3g} m/s^2")
+    with pytest.warns(UserWarning, match=rf"linear authority of {number}.* from 0\.008 to 0\.7"):
+        for_craft(network(3), heavy, 0.2)
 
 
 def test_a_craft_outside_of_the_training_is_told_so_with_the_number() -> None:
