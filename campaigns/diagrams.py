@@ -427,32 +427,34 @@ def optimum() -> Figure:
 
 @styled
 def passive_safety() -> Figure:
-    """Guidance to a hold point, and the coasts of an orbit that follow where all thrusters shut.
+    """Distance from the target of guidance to a hold point, and of the coasts where all thrusters shut.
 
-    Of eight starts that is drawn from which coasts of mission guidance enter the zone most often.
+    Of four starts that is drawn from which coasts of mission guidance enter the zone most often.
     """
-    figure = Figure(figsize=(9.4, 4.4), layout="constrained")
+    figure = Figure(figsize=(9.4, 3.8), layout="constrained")
     grid = figure.subplots(1, 2, sharex=True, sharey=True)
     chosen = None
     for axes, who in zip(grid, ("mission:hold-3d", "passive:hold-3d"), strict=True):
-        flight = _flown(who, 8)
+        flight = _flown(who, 4)
         task: Any = flight.task
         p, v = (columns(x) for x in (flight.states.p, flight.states.v))
         begun = range(3, 180, 8)
         times = np.linspace(0.0, 2.0 * np.pi / task.mean_motion, 200)[:, None]
-        # (instants of an orbit, starts, 3) of each coast.
-        coasts = [columns(task.drift.carry(Vec3(*p[k].T), Vec3(*v[k].T), times)[0]) for k in begun]
-        enters = [np.linalg.norm(coast, axis=-1).min(axis=0) < task.keep_out for coast in coasts]
+        # (instants of an orbit, starts) of each coast.
+        coasts = [task.drift.carry(Vec3(*p[k].T), Vec3(*v[k].T), times)[0].norm() for k in begun]
+        enters = [coast.min(axis=0) < task.keep_out for coast in coasts]
         if chosen is None:
             chosen = int(np.sum(enters, axis=0).argmax())
-        for coast, unsafe in zip(coasts, enters, strict=True):
+        for k, coast, unsafe in zip(begun, coasts, enters, strict=True):
             colour = RED if unsafe[chosen] else GREY
-            axes.plot(coast[:, chosen, 1], coast[:, chosen, 0], color=colour, linewidth=0.7)
-        axes.plot(p[:, chosen, 1], p[:, chosen, 0], color=BLUE, linewidth=2.2)
-        axes.add_patch(Circle((0.0, 0.0), task.keep_out, facecolor=RED, alpha=0.25))
-        axes.set(xlabel="along the track, m", xlim=(-450, 350), ylim=(-350, 350), aspect="equal")
+            minutes = (flight.times[k] + times[:, 0]) / 60.0
+            axes.plot(minutes, coast[:, chosen], color=colour, linewidth=0.7)
+        distance = np.linalg.norm(p[:, chosen], axis=-1)
+        axes.plot(flight.times / 60.0, distance, color=BLUE, linewidth=2.2)
+        axes.axhspan(0.0, task.keep_out, color=RED, alpha=0.2, linewidth=0)
+        axes.set(xlabel="time, min", xlim=(0.0, 100.0), ylim=(0.0, 400.0))
         axes.set_title(flight.controller, loc="left")
-    grid[0].set_ylabel("radially outwards, m")
+    grid[0].set_ylabel("distance from the target, m")
     return figure
 
 
