@@ -475,10 +475,10 @@ def quick_seconds(source: Source) -> float:
 
 def _duration() -> str:
     """Sentence with the time of all quick rows."""
-    every = [quick_seconds(source) for source in SOURCES.values() if not source.needs]
-    total = sum(every)
-    missing = every.count(0.0)
-    rest = f" {missing} rows were not measured." if missing else ""
+    every = {name: quick_seconds(one) for name, one in SOURCES.items() if not one.needs}
+    total = sum(every.values())
+    missing = [name for name, seconds in every.items() if not seconds]
+    rest = f" Without {', '.join(missing)}, not measured." if missing else ""
     return (
         f"\nWith `--quick` all rows without * take {total:,.0f} s of one processor together, "
         f"{total / 120.0:.0f} minutes on two (AMD EPYC).{rest}"
