@@ -138,6 +138,8 @@ def _check_words(name: str, command: type, words: Sequence[str]) -> None:
         extra = brief(" ".join(begun[len(positional) :]))
         takes = f"only {brief(begun[0])}, got also" if positional else "options only, got"
         raise ConfigError(f"`rans {name}` takes {takes} {extra}; `rans {name} --help` prints all.")
+    # A word after the value of an option may be the one that the command takes, as in --set seed=1 go-to-pose.
+    is_complete = not takes_many and len(begun) == len(positional)
     # Values of options that take none, and second values of --set.
     switches = {option_name(f, hint) for f, hint in hints.items() if _plain(hint) is bool}
     for k, word in enumerate(words):
@@ -146,7 +148,7 @@ def _check_words(name: str, command: type, words: Sequence[str]) -> None:
             raise ConfigError(
                 f"{flag} takes no value: write {flag} for yes, and leave it out for no."
             )
-        following = words[k + 2] if word == "--set" and k + 2 < len(words) else ""
+        following = words[k + 2] if is_complete and word == "--set" and k + 2 < len(words) else ""
         if following and not following.startswith("-") and "=" not in following:
             raise ConfigError(
                 f"--set takes one KEY=VALUE, got also {brief(following)}: "

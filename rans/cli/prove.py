@@ -186,7 +186,7 @@ class Prove:
 
         assert self.problem is not None
         assert self.onnx is not None
-        smallest = self.smallest or _SMALLEST / self.resolution
+        smallest = _SMALLEST / self.resolution if self.smallest is None else self.smallest
         if not (1 <= self.cells <= 1000 and 0.0 < smallest <= 1.0):
             raise ConfigError(
                 "--cells must be from 1 to 1000 and --smallest above 0 and at most 1, got "
