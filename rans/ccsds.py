@@ -121,8 +121,8 @@ def orbit_of(
     drift = task.drift
     if not isinstance(drift, ClohessyWiltshire) or dimension != 3:
         raise ConfigError(
-            f"CCSDS messages are of missions in space on an orbit, such as hold, and {type(task).__name__} "
-            "is not one."
+            f"CCSDS messages are of missions in space on a circular orbit, such as hold, and "
+            f"{type(task).__name__} is not one."
         )
     return Orbit(drift.mean_motion, *map(math.radians, (inclination, node, latitude)))
 

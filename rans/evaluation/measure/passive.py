@@ -67,13 +67,13 @@ def passive_safety(
         zone: what coasts keep out of; None: the mission's.
 
     Raises:
-        ConfigError: the mission has no orbit, or no zone.
+        ConfigError: the mission has no circular orbit, or no zone.
     """
     drift = flight.task.drift
     zone = flight.task.coast_zone if zone is None else zone
     if not isinstance(drift, ClohessyWiltshire) or flight.craft.dimension != 3:
         raise ConfigError(
-            f"passive safety is that of missions in space on an orbit, such as hold, and "
+            f"passive safety is that of missions in space on a circular orbit, such as hold, and "
             f"{type(flight.task).__name__} is not one."
         )
     if zone is None:

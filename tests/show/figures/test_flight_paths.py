@@ -13,7 +13,8 @@ from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
 from rans.show.figures.flight_paths import paths_figure
-from rans.tasks import Avoid, DockPort, GoToPose, Hold, Task
+from rans.tasks import Avoid, Dock, DockPort, GoToPose, Hold, Task
+from rans.tasks.orbital import TargetOrbit
 
 
 def flown(craft_name: str, task: Task, steps: int = 5, count: int = 4) -> Flight:
@@ -51,6 +52,14 @@ def test_an_orbit_has_its_ball_in_two_views() -> None:
     assert legend is not None
     [name] = [text.get_text() for text in legend.get_texts() if "zone" in text.get_text()]
     assert name == "keep-out zone"
+
+
+def test_an_ellipse_has_the_views_of_a_circle() -> None:
+    labels = [
+        [axes.get_xlabel() for axes in paths_figure(flown("afrl-deputy", Dock(orbit=orbit))).axes]
+        for orbit in (TargetOrbit(), TargetOrbit(0.5, 13_556.0))
+    ]
+    assert labels[0] == labels[1] == ["along the track, m"] * 2
 
 
 @pytest.mark.parametrize("task", [Avoid(), DockPort()])
