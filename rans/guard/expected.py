@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rans.episode import Setup
-from rans.randomization.conditions import Conditions, bounds, largest
+from rans.randomization.conditions import Conditions, bounds
 from rans.scenario import scenarios
 
 _DOUBT = 3.0
@@ -35,7 +35,8 @@ class Expected:
         """Errors under a setup's conditions.
 
         The reserve of a constraint is what its margin changes by over three standard deviations of the noise of
-        position and velocity, the latter also over a control period. Where delays vary, the mean one is expected,
+        position and velocity, the latter also over a control period; noise that grows with range is that of the
+        farthest of 64 starts. Where delays vary, the mean one is expected,
         and the way in half of their range at the largest speed of a start is added.
         """
         conditions = setup.conditions
@@ -44,9 +45,12 @@ class Expected:
         period = setup.timing.control_period
         soonest, latest = _delays(conditions, period)
         sensors = conditions.sensors
-        velocity = _DOUBT * largest(sensors.velocity.noise)
-        position = float(np.hypot(_DOUBT * largest(sensors.position.noise), velocity * period))
         starts = scenarios(setup.task, setup.craft, seed=0, count=_STARTS)
+        # Noise that grows with range is largest at a start.
+        distance = float(np.max(starts.start.p.norm()))
+        velocity = _DOUBT * sensors.velocity.largest_deviation(distance)
+        position = _DOUBT * sensors.position.largest_deviation(distance)
+        position = float(np.hypot(position, velocity * period))
         speed = float(np.max((starts.start.v - starts.goal.v).norm()))
         position += 0.5 * (latest - soonest) * speed
         if not (position or velocity):

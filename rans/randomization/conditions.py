@@ -155,6 +155,10 @@ class SensorConditions(Settings):
     noise_per_m: Range = 0.0
     """Growth of the standard deviation with range, the distance to the origin of W, in the unit per m."""
 
+    def largest_deviation(self, distance: float) -> float:
+        """Largest standard deviation of the noise at a distance from the origin of W, m."""
+        return largest(self.noise) + largest(self.noise_per_m) * distance
+
 
 @dataclass(frozen=True)
 class SensorsConditions(Settings):

@@ -15,6 +15,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.flight import fly
 from rans.guard import BarrierProgram, safety_filter
 from rans.guard.barrier import braking_command
+from rans.guard.expected import Expected
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -195,6 +196,20 @@ def noisy_flights(task: Any, guard: Any, conditions: Conditions) -> int:
     contest = Contest(DEPUTY, task, timing, 3, 12, conditions=conditions, guard=guard)
     flight, _ = contest.fly(Ramming(), workers=1)
     return int(flight.violated().sum())
+
+
+def test_noise_that_grows_with_range_is_that_of_the_farthest_start() -> None:
+    """At 100 m a millimetre a metre is 0.1 m."""
+    task = Dock(spawn_distance=(100.0, 100.0))
+
+    def expected(sensor: SensorConditions) -> Expected:
+        conditions = Conditions(sensors=SensorsConditions(position=sensor, velocity=sensor))
+        return Expected.of(Setup(DEPUTY, task, task.timing, conditions))
+
+    growing = dict(expected(SensorConditions(noise_per_m=0.001)).reserve)
+    # A start is on the sphere up to rounding.
+    assert growing == pytest.approx(dict(expected(SensorConditions(noise=0.1)).reserve), rel=1e-5)
+    assert min(growing.values()) > 0.1
 
 
 @pytest.mark.slow

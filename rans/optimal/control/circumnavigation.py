@@ -122,14 +122,18 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         result = copy(self)
         result._filter = None
         if conditions is not None:
-            position = largest(conditions.sensors.position.noise)
-            velocity = largest(conditions.sensors.velocity.noise)
+            position = conditions.sensors.position
+            velocity = conditions.sensors.velocity
+            noises = [largest(x.noise) for x in (position, velocity)]
+            growths = [largest(x.noise_per_m) for x in (position, velocity)]
             weakest, strongest = bounds(conditions.thrusters.thrust)
-            # The standard deviation of a uniform distribution.
-            inexact = (strongest - weakest) / math.sqrt(12.0)
-            if max(position, velocity, inexact) > 0.0:
+            # The standard deviation of a uniform distribution, and that of every period.
+            inexact = math.hypot(
+                (strongest - weakest) / math.sqrt(12.0), largest(conditions.thrusters.noise)
+            )
+            if max(*noises, *growths, inexact) > 0.0:
                 result._filter = NavigationFilter(
-                    self.task.drift, 3, self._period, position, velocity, inexact
+                    self.task.drift, 3, self._period, *noises, inexact, *growths
                 )
         result.reset(0)
         return result

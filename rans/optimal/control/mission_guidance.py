@@ -113,12 +113,21 @@ class MissionGuidance(ModelBased):
         """Mean share of a burn that comes in the next period."""
         self._lateness = (latest - soonest) / (_UNIFORM * self._period)
         """Standard deviation of this share."""
-        inexact = math.hypot((strongest - weakest) / _UNIFORM, self._lateness)
+        inexact = math.hypot(
+            (strongest - weakest) / _UNIFORM, self._lateness, largest(conditions.thrusters.noise)
+        )
         position = largest(sensors.position.noise)
+        growths = [largest(x.noise_per_m) for x in (sensors.position, sensors.velocity)]
         self._filter: NavigationFilter | None = None
-        if max(position, noise, inexact, self._late) > 0.0:
+        if max(position, noise, inexact, self._late, *growths) > 0.0:
             self._filter = NavigationFilter(
-                self._mission.drift, self._craft.dimension, self._period, position, noise, inexact
+                self._mission.drift,
+                self._craft.dimension,
+                self._period,
+                position,
+                noise,
+                inexact,
+                *growths,
             )
         pulse = 0.0 if self._counts is None else float(self._changes.max()) / self._counts
         # Independent errors of the speed, as shares of the lowest limit.

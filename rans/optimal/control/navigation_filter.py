@@ -24,6 +24,8 @@ class NavigationFilter:
         position: standard deviation of the noise of every component of a measured position, m.
         velocity: the same of a measured velocity, m/s.
         burns: standard deviation of the change of velocity of a burn, as a share of it.
+        position_per_m: growth of the noise of positions with the distance to the origin of W, m per m.
+        velocity_per_m: the same of velocities, m/s per m.
     """
 
     def __init__(
@@ -34,6 +36,8 @@ class NavigationFilter:
         position: float,
         velocity: float,
         burns: float,
+        position_per_m: float = 0.0,
+        velocity_per_m: float = 0.0,
     ) -> None:
         # The drift is linear: its transition is what becomes of the unit vectors.
         vector: Any = Vec2 if dimension == 2 else Vec3
@@ -46,12 +50,12 @@ class NavigationFilter:
         """Transition over half a period, (2 d, 2 d)."""
         self._whole = self._half @ self._half
         # Exact readings have a little noise too, so that no matrix is singular.
-        variances = max(position, 1e-6) ** 2, max(velocity, 1e-9) ** 2
-        self._noise = np.diag(np.repeat(variances, dimension))
+        self._deviations = np.repeat((max(position, 1e-6), max(velocity, 1e-9)), dimension)
+        self._growth = np.repeat((position_per_m, velocity_per_m), dimension)
         self._burns = burns
         self._dimension = dimension
         self._mean: np.ndarray | None = None
-        self._covariance = self._noise[None]
+        self._covariance = np.diag(self._deviations**2)[None]
 
     def reset(self) -> None:
         """Forget everything: the next reading is the first."""
@@ -61,17 +65,24 @@ class NavigationFilter:
         """Estimate (N, 2 d) and covariance (N, 2 d, 2 d) after a reading (N, 2 d): positions, then velocities."""
         if self._mean is None:
             self._mean = reading
-            self._covariance = np.repeat(self._noise[None], len(reading), axis=0)
+            self._covariance = self._noise(reading)
         else:
             before = self._covariance
+            noise = self._noise(self._mean)
             # Both are symmetric, so that the transposed gain solves this system.
-            gain = np.linalg.solve(before + self._noise, before).transpose(0, 2, 1)
+            gain = np.linalg.solve(before + noise, before).transpose(0, 2, 1)
             self._mean = self._mean + (gain @ (reading - self._mean)[:, :, None])[:, :, 0]
-            complement = np.eye(len(self._noise)) - gain
+            complement = np.eye(len(self._deviations)) - gain
             of_before = complement @ before @ complement.transpose(0, 2, 1)
-            of_reading = gain @ self._noise @ gain.transpose(0, 2, 1)
+            of_reading = gain @ noise @ gain.transpose(0, 2, 1)
             self._covariance = of_before + of_reading
         return self._mean, self._covariance
+
+    def _noise(self, estimate: np.ndarray) -> np.ndarray:
+        """Covariances (N, 2 d, 2 d) of readings where craft are by an estimate (N, 2 d)."""
+        distances = np.linalg.norm(estimate[:, : self._dimension], axis=1)
+        deviations = self._deviations + self._growth * distances[:, None]
+        return np.eye(len(self._deviations)) * (deviations**2)[:, None]
 
     def burn(self, change: np.ndarray) -> None:
         """Carry the estimate to the next reading, with a burn (N, d) in m/s spread evenly over the period."""

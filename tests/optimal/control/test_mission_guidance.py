@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -93,6 +94,23 @@ def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
     rows = np.stack([np.broadcast_to(np.asarray(x, float), 20) for x in columns], axis=1)
     command, _ = network.deterministic_action(torch.from_numpy(rows), network.initial_state(20))
     np.testing.assert_allclose(command.numpy(), wanted, atol=1e-12)
+
+
+def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
+    """A uniform distribution over s sqrt(3) on either side of the mean has the standard deviation s."""
+    task = Dock()
+    deviation = 0.1
+    ends = (1.0 - deviation * math.sqrt(3.0), 1.0 + deviation * math.sqrt(3.0))
+    flying = scenarios(task, DEPUTY, 7, 4)
+    commands = []
+    for thrusters in (ThrusterConditions(noise=deviation), ThrusterConditions(thrust=ends)):
+        guidance = MissionGuidance(DEPUTY, task, conditions=Conditions(thrusters=thrusters))
+        guidance.reset(4)
+        commands.append(
+            [guidance.act(flying.start, flying.goal, np.zeros((4, 0))) for _ in range(3)]
+        )
+    # Searches for the best arrival are exact to the root of the rounding only.
+    np.testing.assert_allclose(commands[0], commands[1], rtol=0.0, atol=1e-5)
 
 
 @pytest.mark.slow

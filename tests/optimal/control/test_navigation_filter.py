@@ -15,15 +15,19 @@ POSITION, VELOCITY = 0.05, 0.001
 
 
 def flown(
-    navigation: NavigationFilter, count: int, readings: int, share: float
+    navigation: NavigationFilter, count: int, readings: int, share: float, growth: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (N, 6) and covariances after noisy readings, with one burn of whose size it knows up to a share."""
+    """Errors (N, 6) and covariances after noisy readings, with one burn of whose size it knows up to a share.
+
+    The noise of readings grows by a share of itself with every metre of distance.
+    """
     random = np.random.default_rng(5)
     p, v = Vec3(*random.normal(0.0, 100.0, (3, count))), Vec3(*random.normal(0.0, 0.1, (3, count)))
     truth = mean = covariance = np.empty(0)
     for k in range(readings):
         truth = np.stack([*p.columns(), *v.columns()], axis=1)
-        noise = random.normal(size=truth.shape) * np.repeat([POSITION, VELOCITY], 3)
+        far = 1.0 + growth * np.linalg.norm(truth[:, :3], axis=1, keepdims=True)
+        noise = random.normal(size=truth.shape) * np.repeat([POSITION, VELOCITY], 3) * far
         mean, covariance = navigation.read(truth + noise)
         burn = np.full((count, 3), 0.1 if k == readings // 2 else 0.0)
         navigation.burn(burn)
@@ -33,11 +37,12 @@ def flown(
     return mean - truth, covariance
 
 
-@pytest.mark.parametrize("share", [0.0, 0.03])
-def test_errors_are_as_large_as_it_says(share: float) -> None:
+@pytest.mark.parametrize(("share", "growth"), [(0.0, 0.0), (0.03, 0.0), (0.0, 0.05)])
+def test_errors_are_as_large_as_it_says(share: float, growth: float) -> None:
     """The squared error, normalised by the covariance, has the mean 6: its number of components."""
-    navigation = NavigationFilter(ORBIT, 3, PERIOD, POSITION, VELOCITY, share)
-    error, covariance = flown(navigation, 400, 40, share)
+    grows = POSITION * growth, VELOCITY * growth
+    navigation = NavigationFilter(ORBIT, 3, PERIOD, POSITION, VELOCITY, share, *grows)
+    error, covariance = flown(navigation, 400, 40, share, growth)
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
     # The mean of 400 chi-squared numbers with 6 degrees of freedom deviates by 0.17; five of those.
     assert abs(squared.mean() - 6.0) < 0.9
