@@ -224,9 +224,9 @@ def frames() -> Figure:
     _text(axes, place - 0.6 * force, "plume", ORANGE, "right")
     axes.plot(*centre, "o", color=INK, markersize=4)
     axes.text(
-        centre[0] - 0.08,
-        centre[1] + 0.12,
-        "centre of mass",
+        centre[0] - 0.2,
+        centre[1] + 0.15,
+        "centre\nof mass",
         color=INK,
         ha="right",
         va="center",

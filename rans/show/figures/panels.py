@@ -309,7 +309,7 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     # An optimum ends at its goal to the last digit.
     axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-4))
     axes.yaxis.set_major_formatter(PLAIN)
-    axes.legend(loc="upper right")
+    axes.legend(loc="best")
     label(axes, "(b) errors", "", "error / tolerance")
 
 
