@@ -428,7 +428,7 @@ rans reproduce --only stress "dock with errors"    # these alone, with every fli
 rans reproduce                                     # all of them
 ```
 
-| table of | measured by | evidence | flights of a share, with `--quick` | `--quick`, s of a processor |
+| table of | measured by | evidence | flights behind each share; with `--quick` | processor time with `--quick`, s |
 |---|---|---|---|---|"""
 _TAIL = """
 A table marked with * needs trainings first, and is left out with a sentence until they are there.
@@ -478,7 +478,7 @@ def _duration() -> str:
     every = {name: quick_seconds(one) for name, one in SOURCES.items() if not one.needs}
     total = sum(every.values())
     missing = [name for name, seconds in every.items() if not seconds]
-    rest = f" Without {', '.join(missing)}, not measured." if missing else ""
+    rest = f" The sum leaves out {', '.join(missing)}: not measured." if missing else ""
     return (
         f"\nWith `--quick` all rows without * take {total:,.0f} s of one processor together, "
         f"{total / 120.0:.0f} minutes on two (AMD EPYC).{rest}"
