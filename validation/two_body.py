@@ -17,8 +17,9 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
+from rans.model.body import Body
 from rans.model.drift import EARTH, EllipticOrbit
-from rans.model.fields import Vec3
+from rans.model.fields import Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.parameters import StepInputs
@@ -315,6 +316,7 @@ class TwoBodyMover:
                 f"wheels, or thrusters with a torque of up to {torque:.3g} N m."
             )
         self._mass = craft.mass
+        self._designed = leaves(Body.of(craft))
         self._mean_motion = mean_motion
         self._mu = mu
         self._eccentricity = eccentricity
@@ -326,10 +328,14 @@ class TwoBodyMover:
         Raises:
             ConfigError: there are conditions that change thrust or disturb the craft.
         """
-        if step_inputs.lag or step_inputs.disturbance or step_inputs.failing:
+        flying = leaves(step_inputs.body)
+        is_designed = len(flying) == len(self._designed) and all(
+            np.all(x == designed) for x, designed in zip(flying, self._designed, strict=True)
+        )
+        if step_inputs.lag or step_inputs.disturbance or step_inputs.failing or not is_designed:
             raise ConfigError(
-                "two-body gravity moves craft in nominal conditions only: leave out delays of valves, faults and "
-                "disturbances."
+                "two-body gravity moves craft in nominal conditions only: leave out randomization of masses and "
+                "thrusters, delays of valves, faults and disturbances."
             )
         shape = np.shape(state.p.x)
         q = state.attitude

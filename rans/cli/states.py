@@ -85,9 +85,8 @@ def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[
     Raises:
         ConfigError: a word has another number of numbers, or one is not finite.
     """
-    zones = [
-        tuple(_number(text, option, False) for text in word.split(",")) for word in words if word
-    ]
+    words = [word for word in words if word]
+    zones = [tuple(_number(text, option, False) for text in word.split(",")) for word in words]
     for word, zone in zip(words, zones, strict=True):
         if len(zone) != dimension + 1:
             form = "x,y,r" if dimension == 2 else "x,y,z,r"

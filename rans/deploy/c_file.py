@@ -297,14 +297,15 @@ def compiled_check(folder: Path) -> str:
 
 
 def _loaded_size(part: Path) -> int:
-    """Bytes of code and tables in an object file, by binutils' size; else of the file, which has names too."""
+    """Bytes of code and tables in an object file, by the program size; else of the file, which has names too."""
     tool = shutil.which("size")
     if tool is None:
         return part.stat().st_size
     done = subprocess.run([tool, str(part)], capture_output=True, text=True, check=False)
-    # A line of titles (text, data, bss, dec, hex, filename) and one of numbers.
-    numbers = done.stdout.split()[6:10]
-    return int(numbers[3]) if done.returncode == 0 and len(numbers) == 4 else part.stat().st_size
+    # A line of titles and one of numbers, of which dec is the sum; macOS has other parts than binutils.
+    titles, numbers = (line.split() for line in [*done.stdout.splitlines(), "", ""][:2])
+    sums = dict(zip(titles, numbers, strict=False))
+    return int(sums["dec"]) if done.returncode == 0 and "dec" in sums else part.stat().st_size
 
 
 def stack_of(folder: Path) -> int | None:

@@ -322,7 +322,7 @@ def steady(drift: Drift, purpose: str) -> Drift:
         return drift
     raise ConfigError(
         f"{purpose} for a drift that is the same at all times, and {drift.name} changes along the orbit; fly a "
-        "circular orbit, or mission guidance."
+        "circular orbit, or mission guidance without conditions."
     )
 
 

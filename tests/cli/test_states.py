@@ -55,7 +55,7 @@ def test_a_wrong_word_is_named(words: list[str], dimension: int, sentence: str) 
 
 
 def test_zones_are_words_with_commas() -> None:
-    assert read_zones(["-1.5,0,0.4", "2,1,0.3"], 2, "--zones") == [
+    assert read_zones(["-1.5,0,0.4", "", "2,1,0.3"], 2, "--zones") == [
         (-1.5, 0.0, 0.4),
         (2.0, 1.0, 0.3),
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import os
 import shutil
 import subprocess
 from functools import cache
@@ -15,7 +16,15 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from rans.cli import main
-from rans.deploy.c_file import C_FILES, FLAGS, _Packed, compiled_check, stack_of, write_c
+from rans.deploy.c_file import (
+    C_FILES,
+    FLAGS,
+    _loaded_size,
+    _Packed,
+    compiled_check,
+    stack_of,
+    write_c,
+)
 from rans.deploy.contract import contract, golden
 from rans.deploy.program import agent_program
 from rans.errors import ConfigError
@@ -440,3 +449,18 @@ def test_tables_of_few_numbers_are_stored_without_loss() -> None:
             assert (found == number, np.signbit(found)) == (True, np.signbit(number))
     # Numbers that do not repeat stay as they are.
     assert _Packed.of(random.normal(size=(30, 30)).astype(np.float32)) is None
+
+
+@pytest.mark.parametrize(
+    "titles", ["text data bss dec hex filename", "__TEXT __DATA __OBJC others dec hex"]
+)
+def test_the_size_is_the_sum_that_the_program_prints(
+    titles: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of binutils and of macOS, which have other columns."""
+    numbers = " ".join("4321" if name == "dec" else "7" for name in titles.split())
+    tool = tmp_path / "size"
+    tool.write_text(f"#!/bin/sh\necho '{titles}'\necho '{numbers}'\n")
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    assert _loaded_size(tmp_path / "agent.o") == 4321

@@ -16,7 +16,8 @@ from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.scenario import scenarios
+from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.scenario import draws, scenarios
 from rans.tasks import Dock
 from validation.two_body import (
     J2,
@@ -116,6 +117,35 @@ def test_dock_is_won_in_two_body_gravity() -> None:
 def test_craft_that_turn_are_refused() -> None:
     with pytest.raises(ConfigError, match="torque"):
         TwoBodyMover(load_spacecraft("astrobee-iss"), Timing(), N)
+
+
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        Conditions(thrusters=ThrusterConditions(noise=0.1)),
+        Conditions(thrusters=ThrusterConditions(misalignment=0.01)),
+        Conditions(thrusters=ThrusterConditions(thrust=(0.9, 1.1))),
+        Conditions(body=BodyConditions(mass=1.1)),
+    ],
+    ids=["noise of thrusts", "misaligned thrusters", "thrust", "mass"],
+)
+def test_conditions_of_the_craft_are_refused(conditions: Conditions) -> None:
+    craft, task = load_spacecraft("afrl-deputy"), Dock()
+    starts = scenarios(task, craft, 5, 2)
+    mover = TwoBodyMover(craft, task.timing, N)
+    pilot = MissionGuidance(craft, task)
+    with pytest.raises(ConfigError, match="nominal conditions only"):
+        fly(
+            craft,
+            task,
+            pilot,
+            starts,
+            replace(task.timing, episode_steps=1),
+            "two-body",
+            mover,
+            conditions=conditions,
+            draws=draws(5, 2),
+        )
 
 
 def test_targets_on_ellipses_differ_from_linear_motion_by_the_square_of_the_distance() -> None:
