@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from rans.flight import Controller, Flight
 from rans.model.random import generator
 from rans.policy.network import Network
 from rans.progress import Progress, unseen
-from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.randomization.conditions import BodyConditions, Conditions, bounds
 from rans.verdict import Failure
 
 _LARGEST = 2.0
@@ -177,12 +177,13 @@ def searched(
 
 
 def room(conditions: Conditions) -> float:
-    """Largest size of a disturbance at which masses, inertias and thrusts are well above zero."""
+    """Largest size of a disturbance that leaves mass, inertia, thrust and field of view well above zero."""
     body = conditions.body
     thrusters = conditions.thrusters
     least = min(
         Sized.of(x, 1.0)[0] for x in (body.mass, body.inertia, thrusters.thrust, thrusters.pressure)
     )
+    least = min(least, bounds(conditions.sensors.field_of_view)[0] / math.pi)
     return 0.9 / (1.0 - least) if least < 1.0 else math.inf
 
 
@@ -282,13 +283,18 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
             f"mass {ratios[0]:.3f} and inertia {ratios[1]:.3f} of the designed, centre of mass "
             f"{100.0 * _size(parameters.body.centre):.2g} cm off"
         )
-    if (
-        replace(nominal.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None)
-        != ThrusterConditions()
-    ):
+    forces = nominal.thrusters
+    if (forces.thrust, forces.pressure) != (1.0, 1.0):
         parts["thrust"] = (
             ", ".join(f"{_one(x):.3f}" for x in parameters.body.gain) + " of the designed"
         )
+    if parameters.body.mountings:
+        mountings = list(zip(parameters.body.mountings, craft.thrusters, strict=True))
+        angle = max(_angle(true.direction, thruster.direction) for true, thruster in mountings)
+        offset = max(_size(true.offset) for true, _ in mountings)
+        parts["thrusters"] = f"up to {angle:.2g} degrees and {100.0 * offset:.2g} cm off"
+    if parameters.noise is not None:
+        parts["noise of thrusts"] = f"{100.0 * _one(parameters.noise):.2g} %"
     if parameters.lag is not None:
         rise = 0.0 if parameters.lag.rise is None else _one(parameters.lag.rise)
         late = _one(parameters.lag.latency)
@@ -305,11 +311,20 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
         parts["noise"] = ", ".join(
             f"{_one(x):.2g} {unit}" for x, unit in zip(parameters.sensors.noise, units, strict=True)
         )
+    if parameters.sensors is not None and parameters.sensors.view is not None:
+        view = math.degrees(math.acos(_one(parameters.sensors.view)))
+        parts["field of view"] = f"{view:.3g} degrees about the axis x of the body"
     return parts
 
 
 def _one(x: Any) -> float:
     return float(np.ravel(x)[0])
+
+
+def _angle(true: Sequence[Any], designed: Sequence[float]) -> float:
+    """Angle between two directions, of which the first may lack z, in degrees."""
+    chord = [_one(x) - y for x, y in zip(true, designed, strict=False)]
+    return math.degrees(2.0 * math.asin(min(1.0, 0.5 * _size(chord))))
 
 
 def _size(columns: Any) -> float:
