@@ -383,27 +383,30 @@ def _linear_cells(linear: dict[str, Any]) -> list[list[str]]:
 
 def picture(missions: dict[str, Any]) -> str:
     """Figure (SVG) of the impulse that each error adds, in the mean and of 99.7 % of the flights."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
+    from rans.show.figures.panels import BLUE, INK, ORANGE, STYLE
     from rans.show.figures.svg import svg
 
-    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
-    panels = figure.subplots(1, len(missions), squeeze=False)[0]
-    for axes, (mission, rows) in zip(panels, missions.items(), strict=True):
-        names = [name for name in rows if name != _NONE]
-        base = rows[_NONE]
-        mean = [100.0 * (rows[x]["mean impulse"] / base["mean impulse"] - 1.0) for x in names]
-        most = [100.0 * (rows[x]["impulse"][-1] / base["impulse"][-1] - 1.0) for x in names]
-        where = np.arange(len(names))
-        axes.barh(where - 0.2, mean, 0.4, label="mean", color="#1b6ca8")
-        axes.barh(where + 0.2, most, 0.4, label="99.7 %", color="#d98032")
-        axes.set_yticks(where, names)
-        axes.invert_yaxis()
-        axes.set_xlabel("impulse added, %")
-        axes.set_title(mission)
-        axes.axvline(0.0, color="#333333", linewidth=0.8)
-    figure.axes[0].legend(frameon=False)
-    return svg(figure)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+        panels = figure.subplots(1, len(missions), squeeze=False)[0]
+        for axes, (mission, rows) in zip(panels, missions.items(), strict=True):
+            names = [name for name in rows if name != _NONE]
+            base = rows[_NONE]
+            mean = [100.0 * (rows[x]["mean impulse"] / base["mean impulse"] - 1.0) for x in names]
+            most = [100.0 * (rows[x]["impulse"][-1] / base["impulse"][-1] - 1.0) for x in names]
+            where = np.arange(len(names))
+            axes.barh(where - 0.2, mean, 0.4, label="mean", color=BLUE)
+            axes.barh(where + 0.2, most, 0.4, label="99.7 % of the flights", color=ORANGE)
+            axes.set_yticks(where, names)
+            axes.invert_yaxis()
+            axes.set_xlabel("impulse added, %")
+            axes.set_title(mission)
+            axes.axvline(0.0, color=INK, linewidth=0.8)
+        figure.axes[0].legend()
+        return svg(figure)
 
 
 def tables(docs: Path) -> dict[str, Table]:
