@@ -38,7 +38,8 @@ def on_gpus(arguments: Sequence[str], text: str) -> int:
 
     if arguments[0] not in DIVIDED:
         raise ConfigError(
-            f"rans {arguments[0]} uses one GPU, so that --gpus is not for it; it is for {', '.join(DIVIDED)}."
+            f"rans {arguments[0]} does not divide its work among GPUs, so that --gpus is not for it; it is for "
+            f"{', '.join(DIVIDED)}."
         )
     if "WORLD_SIZE" in os.environ:
         raise ConfigError(

@@ -27,7 +27,7 @@ def _two_gpus(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("list --gpus all", "rans list uses one GPU, so that --gpus is not for it"),
+        ("list --gpus all", "rans list does not divide its work among GPUs"),
         ("train go-to-pose --gpus some", "--gpus must be all, or a number of GPUs; got 'some'."),
         ("train go-to-pose --gpus 0", "--gpus must be all, or a number of GPUs; got '0'."),
         ("train go-to-pose --gpus 3", "--gpus must be at most the 2 GPUs here, got 3."),

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from rans.cli.prove import Prove
+from rans.errors import ConfigError
 from rans.proof.network import Layer, read_network
 from rans.proof.problem import Within, problem_of, read_problem
 from rans.proof.prove import ClosedLoop, lowest_margins, prove
@@ -192,3 +195,8 @@ def test_flights_of_the_docking_agent_keep_the_limit() -> None:
     assert prove(problem, network, first=[4, 4, 4, 4]).is_whole
     start = np.random.default_rng(6).uniform(problem.lower, problem.upper, (20_000, 4))
     assert lowest_margins(problem, network, start).min() > 0.0
+
+
+def test_cells_without_a_size_are_refused() -> None:
+    with pytest.raises(ConfigError, match="--smallest above 0 and at most 1, got 4 and 0"):
+        Prove(problem=Path("pose.toml"), onnx=Path("pose.onnx"), smallest=0.0).run()
