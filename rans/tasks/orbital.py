@@ -82,11 +82,9 @@ class TargetOrbit(Settings):
             raise ConfigError(
                 f"semi_major_axis_km must be a finite number > 0 km, or 0 for none, got {size!r}."
             )
-        if size and size * (1.0 - e) < _EARTH_RADIUS:
-            raise ConfigError(
-                f"an orbit with a semi-major axis of {size:g} km and an eccentricity of {e:g} has its perigee at "
-                f"{size * (1.0 - e):.0f} km from the Earth's centre, inside the Earth ({_EARTH_RADIUS:g} km); the "
-                "usual cause is an altitude in place of the semi-major axis."
+        if size:
+            self._check_perigee(
+                size, "the usual cause is an altitude in place of the semi-major axis"
             )
         if (
             not (isinstance(angles, tuple) and len(angles) == 2 and all(map(is_finite, angles)))
@@ -97,10 +95,27 @@ class TargetOrbit(Settings):
             )
 
     def mean_motion(self, otherwise: float) -> float:
-        """Mean motion, rad/s, of the semi-major axis; without one, the other number."""
+        """Mean motion, rad/s, of the semi-major axis; without one, the other number.
+
+        Raises:
+            ConfigError: with the other number the perigee of the ellipse is within the Earth.
+        """
         if not self.semi_major_axis_km:
+            if self.eccentricity and is_finite(otherwise) and otherwise > 0.0:
+                size = 1e-3 * math.cbrt(EARTH / otherwise**2)
+                self._check_perigee(size, "that is the mission's own size: set semi_major_axis_km")
             return otherwise
         return math.sqrt(EARTH / (1e3 * self.semi_major_axis_km) ** 3)
+
+    def _check_perigee(self, size: float, advice: str) -> None:
+        """Refuse a semi-major axis, km, whose perigee is within the Earth."""
+        perigee = size * (1.0 - self.eccentricity)
+        if perigee < _EARTH_RADIUS:
+            raise ConfigError(
+                f"an orbit with a semi-major axis of {size:g} km and an eccentricity of {self.eccentricity:g} has "
+                f"its perigee at {perigee:.0f} km from the Earth's centre, inside the Earth ({_EARTH_RADIUS:g} "
+                f"km); {advice}."
+            )
 
     def mean_anomaly(self, random: Random) -> Field:
         """Mean anomaly at a start, rad, of a true anomaly from the range."""

@@ -111,6 +111,8 @@ def test_an_observation_says_where_the_target_is() -> None:
         (lambda: PassiveEntry(DEPUTY, TASK), "passive entry .* changes along the orbit"),
         (lambda: TargetOrbit(eccentricity=1.0), r"from 0 to 0\.9, got 1\.0"),
         (lambda: TargetOrbit(0.3, 7000.0), "4900 km from the Earth's centre, inside the Earth"),
+        # The mission's mean motion of 0.001027 rad/s is that of 7,230 km.
+        (lambda: Dock(orbit=TargetOrbit(0.3)), "50[56].*inside the Earth.*set semi_major_axis_km"),
         (lambda: TargetOrbit(0.3, -1.0), "semi_major_axis_km must be"),
         (lambda: TargetOrbit(true_anomaly_degrees=(90.0, 0.0)), "range .low, high."),
         # Around the perigee half a turn takes less than half a period.
