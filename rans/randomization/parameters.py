@@ -307,7 +307,7 @@ def draw(
     body = _body(conditions, base, random("body"), random("thrusters"))
     thrusters = conditions.thrusters
     mountings = _mountings(thrusters.misalignment, thrusters.position, craft, random("mountings"))
-    # A base of true positions, such as an identified one, stays unless the conditions have errors.
+    # A base with true positions keeps them unless the conditions have errors.
     body = replace(body, mountings=mountings or base.mountings)
     pushes = conditions.disturbances
     return EpisodeParameters(
