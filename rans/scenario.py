@@ -168,10 +168,13 @@ def _among(zones: Sequence[Sequence[float]], goal: State) -> State:
     count = np.shape(leaves(goal)[0])
     balls = []
     for row in zones:
-        numbers = [float(x) for x in row]
+        try:
+            numbers = [float(x) for x in row]
+        except (TypeError, ValueError):  # one zone that stands in no list, or words
+            numbers = []
         if len(numbers) != dimension + 1 or not np.isfinite(numbers).all() or numbers[-1] <= 0.0:
             raise ConfigError(
-                f"a zone is {dimension} coordinates and a radius above 0, m, got {brief(row)}."
+                f"each of the zones is {dimension} coordinates and a radius above 0, m, got {brief(row)}."
             )
         *centre, radius = (np.full(count, x) for x in numbers)
         vector = type(goal.p)
