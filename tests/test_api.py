@@ -358,6 +358,7 @@ def test_a_protocol_changes_what_a_loaded_agent_flies_in() -> None:
     assert rans.evaluate(agent, episodes=2).steps == 125
 
 
+@pytest.mark.slow
 def test_one_name_beside_is_one_controller() -> None:
     """Of a text, no letter is one."""
     found = rans.compare("go-to-pose-2d", beside="switching", episodes=2)

@@ -127,6 +127,7 @@ def test_bags(mine: Path, count: int) -> None:
     check([bag], lambda: replay_bag(bag), count // 2)
 
 
+@pytest.mark.slow
 @COUNTS
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_exports(mine: Path, count: int) -> None:

@@ -186,6 +186,7 @@ def test_recipe(here: Path) -> None:
         shutil.rmtree("out", ignore_errors=True)
 
 
+@pytest.mark.slow
 def test_configs_of_a_sweep(here: Path) -> None:
     table = json.loads(json.dumps(to_table(IMITATION)))
     for _, changed in texts({"command": "rans sweep", "parts": 1, "configs": [table]}):

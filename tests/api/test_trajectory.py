@@ -9,6 +9,7 @@ import rans
 from rans.errors import ConfigError
 
 
+@pytest.mark.slow
 def test_certified_commands_fly_into_the_goal_set() -> None:
     """In both engines, as long as the time that the bound proves least; what they need is what was found."""
     found = rans.certify("go-to-pose", start=3, control_period=0.5)

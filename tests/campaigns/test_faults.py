@@ -102,6 +102,7 @@ def test_certified_times_are_between_the_bound_and_what_settles() -> None:
     assert 0.5 < proof[0] < 2.0
 
 
+@pytest.mark.slow
 def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     two = [row for row in rows(load_spacecraft("floating-platform"), 25.0)][:2]
     monkeypatch.setattr(faults, "rows", lambda *_: two)

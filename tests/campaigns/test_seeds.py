@@ -65,6 +65,7 @@ def test_refuses_to_do_nothing(wrong: dict[str, Any], tmp_path: Path) -> None:
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_judges_as_an_evaluation_does() -> None:
     """Of the thrifty agent, which never arrives soon; "failed" is of other flights than the rest."""
     found = judged(pretrained_folder("go-to-pose-2d-thrifty"), 16, 16)[""]

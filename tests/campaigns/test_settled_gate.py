@@ -232,6 +232,7 @@ def test_an_agent_flies_from_its_file(tmp_path: Path, monkeypatch: pytest.Monkey
     assert tuple(found[str(tmp_path)]) == CLASSES
 
 
+@pytest.mark.slow
 def test_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     short(monkeypatch, 20)
     found = Fly(faults=1, seeds=2, output=tmp_path / "found.json").run()

@@ -48,6 +48,7 @@ def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> N
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_flights_too_many_to_keep_are_judged_as_they_fly(
     capsys: pytest.CaptureFixture[str], run_folder: Path, monkeypatch: pytest.MonkeyPatch

@@ -144,6 +144,7 @@ def shell(line: str, folder: Path, **environment: str) -> subprocess.CompletedPr
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "code"),
     [
@@ -159,6 +160,7 @@ def test_closed_streams(line: str, code: int, tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (code, b"")
 
 
+@pytest.mark.slow
 def test_a_file_does_not_take_the_place_of_the_closed_output(tmp_path: Path) -> None:
     done = shell("$RANS list floating-platform --picture craft.svg >&-", tmp_path)
     assert done.returncode == 0
@@ -356,6 +358,7 @@ def test_a_warning_is_one_sentence(
     assert warnings.showwarning is before
 
 
+@pytest.mark.slow
 def test_python_hardly_looks_for_garbage() -> None:
     """Nor does it at the end; by default it looks almost 200 times while this command's parts are loaded."""
     program = (

@@ -127,6 +127,7 @@ def test_options_change_a_config() -> None:
     assert (trained("first") != trained("second")).any()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_config_trains_the_spacecraft_that_it_was_used_with(
     capsys: pytest.CaptureFixture[str],
@@ -167,6 +168,7 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(
     assert f"--spacecraft {then} uses that of the run" in said
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*tiny(), "--set", "total_timesteps=512", "--output", "run"]) == 0

@@ -300,6 +300,7 @@ def defined(header: str, name: str) -> int:
     return int(header.partition(f"#define RANS_{name} ")[2].split()[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flags", [(), ("-ffast-math",)])
 def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...]) -> None:
     """Command by command, beside agent.py, with errors of measurement among the readings."""

@@ -245,6 +245,7 @@ def test_golden_pairs_keep_what_they_are_observations_of(folder: Callable[[str],
     np.testing.assert_allclose(rows, pairs["observation"], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_contract_says_what_an_engineer_asks_first(folder: Callable[[str], Path]) -> None:
     perfect = contract_of(folder("go-to-pose-2d"))
     robust = contract_of(folder("go-to-pose-2d-robust"))

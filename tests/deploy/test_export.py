@@ -216,6 +216,7 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
         write_export(bare, tmp_path / "again", margins=0)
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_sources_that_is_not_installed(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,6 +19,7 @@ from rans.randomization.conditions import (
 )
 
 
+@pytest.mark.slow
 def test_margins_of_an_agent() -> None:
     """Against flights in single conditions, of other numbers."""
     run = load_policy(pretrained_folder("go-to-pose-2d"))
@@ -66,6 +67,7 @@ def test_margins_are_around_the_training_and_leave_a_hole_out() -> None:
     assert text.count("Warning") == 1
 
 
+@pytest.mark.slow
 def test_a_value_is_flown_in_every_part_of_a_mixture() -> None:
     """The flights that are counted for a value are those of episodes that drew it."""
     run = load_policy(pretrained_folder("go-to-pose-2d"))

@@ -33,6 +33,7 @@ def at_rest(left: float) -> PlanarState:
     )
 
 
+@pytest.mark.slow
 def test_a_rocket_gains_what_tsiolkovsky_says() -> None:
     """500 N at 200 s for 100 s use 25.493 kg of 100: 576.9 m/s, in periods of a tenth of a second."""
     craft = rocket()

@@ -75,6 +75,7 @@ def test_a_state_without_commands_is_refused_where_they_are_needed(backend: Any)
         backend(PLATFORM, COSTLY, 4, SHORT).load_state(saved)
 
 
+@pytest.mark.slow
 @both_crafts
 def test_every_episode_draws_its_task_anew(backend: Any, craft: Spacecraft) -> None:
     """Goals and flags are those of `scenario`; only the drawn task's terms are paid."""

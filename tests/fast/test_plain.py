@@ -105,6 +105,7 @@ def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
     assert not witness.symbols
 
 
+@pytest.mark.slow
 def test_no_symbol_is_seen_in_a_whole_training(witness: Witness, tmp_path: Path) -> None:
     """With its selection and its search for failures."""
     trainer = _trainer(
@@ -115,6 +116,7 @@ def test_no_symbol_is_seen_in_a_whole_training(witness: Witness, tmp_path: Path)
     assert not witness.symbols
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("craft", "task", "conditions"),
     [
@@ -235,6 +237,7 @@ def test_plain_and_compiled_exclude_each_other() -> None:
         TrainConfig("go-to-pose", GoToPose(), PLATFORM.name, plain=True, compiled=True)
 
 
+@pytest.mark.slow
 def test_the_command_trains_plainly_and_its_config_says_so(tmp_path: Path) -> None:
     run = tmp_path / "run"
     small = ["--set", "ppo.n_envs=8", "--set", "ppo.n_steps=16", "--set", "ppo.batch_size=64"]
@@ -271,6 +274,7 @@ def test_an_iteration_touches_few_files_beside_those_of_its_steps() -> None:
     assert len(found) <= LEARNER_FILES, sorted(found)
 
 
+@pytest.mark.slow
 def test_what_is_printed_and_generated_is_not_touched() -> None:
     def train(plain: bool) -> None:
         engine = Engine(PLATFORM, "go-to-pose", 16, SHORTEST, plain=plain)

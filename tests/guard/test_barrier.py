@@ -45,6 +45,7 @@ class Ramming:
         return np.array([x for axis in np.sign(way) for x in (axis > 0, axis < 0)], float).T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
 def test_the_speed_limit_of_docking_is_kept(flying: Any) -> None:
     task = Dock()

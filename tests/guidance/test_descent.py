@@ -35,6 +35,7 @@ def test_the_time_to_go_is_a_root(
     assert np.abs(times / float(law.time) - 1.0).min() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_law_lands_at_rest_after_its_time() -> None:
     """A free point under its thrust, in steps of Heun of 5 ms; the thrust it spends is what it says."""
     p = np.array([300.0, -200.0, 400.0])

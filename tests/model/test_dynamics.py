@@ -199,6 +199,7 @@ def test_torque_free_asymmetric_top_follows_jacobi() -> None:
         assert state.spin() == pytest.approx((a1 * cn, a2 * sn, a3 * dn), abs=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(seed=seeds)
 def test_space_agrees_with_scipy(seed: int) -> None:

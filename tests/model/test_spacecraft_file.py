@@ -349,6 +349,7 @@ def test_fuzz_values_at_keys(data: st.DataObject) -> None:
     loads_or_refuses("\n".join(f"{key} = {toml(value)}" for key, value in table.items()))
 
 
+@pytest.mark.slow
 @settings(max_examples=500)
 @given(st.data())
 def test_fuzz_texts(data: st.DataObject) -> None:

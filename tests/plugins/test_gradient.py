@@ -97,6 +97,7 @@ def losses_by(learner: GradientLearner, name: str, place: int, size: float) -> f
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("craft", "task", "others"),
     [

@@ -197,6 +197,7 @@ WORLDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "flights"), [("go-to-pose-2d-robust", 1000), ("go-to-pose-3d-robust", 150)]
 )

@@ -112,6 +112,7 @@ def test_contact_between_two_commands(speed: float, docked: bool) -> None:
     assert float(outcome.terms["done"]) == (400.0 if docked else 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flying", "craft"), [(fly, PLATFORM), (fly, FLYER), (fly_in_drake, PLATFORM)]
 )

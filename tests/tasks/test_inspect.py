@@ -143,6 +143,7 @@ class Coasting:
         return np.zeros((len(observation), 6))
 
 
+@pytest.mark.slow
 def test_drake_and_the_engine_see_the_same_points() -> None:
     task = Inspect()
     starts = scenarios(task, DEPUTY, seed=3, count=3)

@@ -111,6 +111,7 @@ def test_a_history_of_one_row_seen_from_the_side(tmp_path: Path) -> None:
     agree(kernel, stepped, 1e-4)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize(
     ("looked_for", "settings"),

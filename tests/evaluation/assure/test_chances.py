@@ -64,6 +64,7 @@ def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(run: 
     np.testing.assert_array_equal(np.stack(leaves(ours.states)), np.stack(leaves(theirs.states)))
 
 
+@pytest.mark.slow
 def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: Setup) -> None:
     chances = Chances.of(setup)
     agent = run.controller

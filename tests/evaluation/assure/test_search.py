@@ -91,6 +91,7 @@ def test_a_search_finds_the_nearest_place_of_failure() -> None:
     assert sum(told) == 20 * 2048
 
 
+@pytest.mark.slow
 def test_the_smallest_failure_found_is_flown_again_before_it_is_told(
     run: LoadedRun, setup: Setup, monkeypatch: pytest.MonkeyPatch
 ) -> None:

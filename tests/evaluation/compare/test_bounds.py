@@ -215,6 +215,7 @@ def test_thrust_is_bounded_for_25_seconds() -> None:
         assert answer.event == Event(horizon=25.0)
 
 
+@pytest.mark.slow
 def test_a_bound_does_not_depend_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every call of a clock takes an hour: a slow machine finds the same bounds and commands."""
     asked = [one_start(horizon=6.0), one_start()]

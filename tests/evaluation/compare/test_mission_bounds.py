@@ -70,6 +70,7 @@ def test_ratios_are_of_flights_that_succeeded(entry: Entry) -> None:
     assert len(wrong.impossible([entry])) == 1
 
 
+@pytest.mark.slow
 def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
     """Both flights dock; in a copy the first breaks the speed limit on the way, and has not won."""
     flight = entry.flight

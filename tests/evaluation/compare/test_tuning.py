@@ -95,6 +95,7 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> N
         tuned_settings(typed(f"{HERE}:Firing"), SETUP, 9, 3, 0.5)
 
 
+@pytest.mark.slow
 def test_the_cost_is_that_of_the_flights() -> None:
     setup = SETUP._replace(timing=Timing())
     found = tuned_settings("lqr", setup, 3, 4, 0.02)

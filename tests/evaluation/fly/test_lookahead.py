@@ -172,6 +172,7 @@ def test_a_trade_off_that_is_held_is_seen_all_the_way() -> None:
     np.testing.assert_array_equal(same, given)
 
 
+@pytest.mark.slow
 def test_nothing_is_earned_after_a_failure() -> None:
     """Flying out at once would pay most if the reward of the far side counted after the episode is over."""
     task = replace(CHATTERING, fail_distance=1.3, spawn_distance=(1.2, 1.29), switching_weight=0.0)
@@ -309,6 +310,7 @@ def test_who_cannot_is_told(spec: str, message: str) -> None:
         contestant(spec)
 
 
+@pytest.mark.slow
 def test_python_takes_one_made_there() -> None:
     ahead = Lookahead(contestant(FAST), horizon=0.6)
     found, alone = (

@@ -61,6 +61,7 @@ def test_who_needs_no_training_sees_no_trade_off() -> None:
     assert contest.task == GoToPosePriced(trade_off=(0.3, 0.3)).plain().for_evaluation()
 
 
+@pytest.mark.slow
 def test_a_trade_off_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
     assert trade_off_positions(agent, 5) == [
         f"{agent}#{trade_off}" for trade_off in ("0", "0.25", "0.5", "0.75", "1")

@@ -89,6 +89,7 @@ def test_hidden_craft_are_found_within_their_intervals() -> None:
     assert squares < 62.5
 
 
+@pytest.mark.slow
 def test_a_lever_of_the_wrong_sign_is_seen_in_the_residuals() -> None:
     """A planted error: the log is of a craft whose first two thrusters are exchanged."""
     (log,), _ = hidden_flights(PLATFORM, 1, 8.0, 0.2, seed=5)

@@ -164,6 +164,7 @@ def test_another_process_flies_what_this_one_would(
     assert together.engine == "drake"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_both_engines_on_the_command_line(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", str(run), "--episodes", "4", "--engine", "both"]) == 0

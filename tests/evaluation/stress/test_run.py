@@ -108,6 +108,7 @@ def test_slow_controllers_fly_fewer() -> None:
     assert (stress.episodes(agent), stress.episodes(mpc)) == (4, 1)
 
 
+@pytest.mark.slow
 def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
     stress = small("lqr:go-to-pose-2d", "python:tests.support.policies:broken", episodes=2)
     stress.fly(workers=1)
@@ -117,6 +118,7 @@ def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
     assert len(stress.outcomes) == len(stress.levels)
 
 
+@pytest.mark.slow
 def test_interrupted_it_keeps_what_was_flown(monkeypatch: pytest.MonkeyPatch) -> None:
     true = run._Flyer.flown
     calls = []

@@ -60,6 +60,7 @@ def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) ->
     np.testing.assert_allclose(ours.commands, drakes.commands, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) -> None:
     begun(tmp_path, Throttle(), "gated").train(ignore)
     agent = load_policy(tmp_path / "run").controller
@@ -80,6 +81,7 @@ def test_gates_need_thrusters_that_may_be_throttled(tmp_path: Path) -> None:
         checked_architecture(config)
 
 
+@pytest.mark.slow
 @KINDS
 def test_it_resumes_bit_for_bit(kind: Actuators, tmp_path: Path) -> None:
     (tmp_path / "whole").mkdir()

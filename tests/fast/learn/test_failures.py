@@ -139,6 +139,7 @@ def test_who_begins_where_others_failed_remembers_nothing(tmp_path: Path) -> Non
     assert memory.sum() == 13 * memory.shape[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop_at", [5, 9])
 def test_a_resumed_training_begins_where_it_would_have(tmp_path: Path, stop_at: int) -> None:
     """Stopped after the first search, at 512 steps, and after the second, at 1,024; the third is later."""

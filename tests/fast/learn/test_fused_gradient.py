@@ -83,6 +83,7 @@ CASES = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @needs_compiler
 @CASES
 def test_the_kernel_finds_what_autograd_finds(craft: Any, settings: Any, tmp_path: Path) -> None:

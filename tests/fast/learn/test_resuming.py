@@ -130,6 +130,7 @@ def test_a_checkpoint_of_an_early_version_is_not_opened(tmp_path: Path) -> None:
         resumed(tmp_path / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     [

@@ -182,6 +182,7 @@ EASY = GoToPose(evaluation_distance=(0.1, 0.2), position_tolerance=7.9, attitude
 """Solved by whoever stays within 7.9 m."""
 
 
+@pytest.mark.slow
 def test_a_sweep_ends_as_trainings_do(tmp_path: Path) -> None:
     """The second report in a row that finds it solved ends a member, and its weights are of then."""
     config = replace(
@@ -334,6 +335,7 @@ RAMPED = [
 ]
 
 
+@pytest.mark.slow
 def test_a_sweep_follows_the_members_own_curricula(tmp_path: Path) -> None:
     """Each as it would alone."""
     sweep = Sweep(RAMPED, tmp_path / "sweep")

@@ -58,6 +58,7 @@ def test_blocks_members_and_conditions(kwargs: dict[str, Any]) -> None:
     assert is_straight(straight)
 
 
+@pytest.mark.slow
 def test_what_would_be_too_long_a_program_is_none() -> None:
     """At 1 kHz a valve that is 0.2 s late has 200 commands on their way: it took minutes and gigabytes."""
     late = Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2)))

@@ -106,6 +106,7 @@ class Untraceable(GoToPose):
         return terms if name else {}
 
 
+@pytest.mark.slow
 def test_what_torch_cannot_compile_runs_eagerly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     ours = Engine(PLATFORM, Untraceable(), 4, SHORT, seed=2)

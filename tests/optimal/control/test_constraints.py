@@ -49,6 +49,7 @@ class Around(GoToPosition):
         return {"ball": (state.p - Vec2(x, y)).norm() - 0.4}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("craft", "task", "period"),
     [(deputy(), Slow().for_evaluation(), 0.5), (THROTTLED, Around(), 0.2)],

@@ -31,6 +31,7 @@ def setup_of(craft: str, conditions: Conditions | None = DEAD) -> Setup:
     return Setup(load_spacecraft(craft), task, task.timing, conditions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lqr", "switching"])
 def test_settles_without_a_dead_thruster(name: str) -> None:
     """Made by name it knows; made for nominal conditions it asks for a thruster that is not there."""

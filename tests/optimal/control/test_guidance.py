@@ -93,6 +93,7 @@ def least_impulse(starts: Scenario, k: int, periods: int, rows: slice) -> float:
     return float(found.fun)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", [True, False])
 @pytest.mark.parametrize("periods", [50, 100])
 def test_spends_what_a_linear_program_spends(periods: int, stop: bool) -> None:

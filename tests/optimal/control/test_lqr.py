@@ -52,6 +52,7 @@ def test_settles_from_every_start(name: str, craft: str) -> None:
     assert np.median(settled) < SLOWEST[name] * (2.5 if "shared" in craft else 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_deadband_saves_thrust_and_costs_no_time(craft: str) -> None:
     """Without it the errors are those of a published baseline of this kind (1.0 cm) or smaller."""

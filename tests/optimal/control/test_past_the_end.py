@@ -137,6 +137,7 @@ def test_inspections_end_where_nothing_pulls(name: str) -> None:
     assert rest.spent(1000.0).max() < 0.1
 
 
+@pytest.mark.slow
 def test_engines_are_shut_from_the_contact_on() -> None:
     """A metre above the site at 0.3 m/s it has landed; below the ground it has crashed; above it flies."""
     setup = setup_of(Land())

@@ -38,6 +38,7 @@ def test_settles_from_every_start(name: str) -> None:
     assert np.median(settled) < SLOWEST[name]
 
 
+@pytest.mark.slow
 def test_spends_less_than_one_period_of_foresight() -> None:
     """23.8 against 29.5 N s from 64 starts; 8 of them leave half of that to chance."""
     timing = Timing()

@@ -209,6 +209,7 @@ def test_does_not_wait_for_ever_where_pulses_are_long() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_wide_dead_band_spends_less() -> None:
     starts = scenarios(TASK, PLATFORM, 46, 20)
     restless, resting = (

@@ -105,6 +105,7 @@ def test_every_task_with_objectives(task: Task, number: int) -> None:
         assert last.v.norm() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "objective"),
     [

@@ -45,6 +45,7 @@ def test_pool_equals_serial() -> None:
     assert len({t.cost for t in serial[0]}) == 3  # three starts, not one thrice
 
 
+@pytest.mark.slow
 def test_dead_worker_is_a_status() -> None:
     starts = scenarios(TASK, PLATFORM, 3, 4)
     (answers,) = solve_all(PLATFORM, TASK, [Fatal(10)], starts, workers=2)

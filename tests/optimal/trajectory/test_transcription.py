@@ -147,6 +147,7 @@ def test_space_arrives_in_drake() -> None:
         assert float(last.w.norm()) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.0, 179.0, 180.0])
 def test_never_arrives_the_wrong_way_round(degrees: float) -> None:
     """Conditions on a rotation's entries also vanish at opposite attitudes: it must not end there."""
@@ -374,6 +375,7 @@ def test_a_goal_that_moves_evenly_is_one_that_stands_still_seen_from_elsewhere()
     assert moving.states.p.x[-1] == pytest.approx(2.0, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", [MinimumFuel(20.0, 0.5), MinimumTime(30)], ids=repr)
 def test_a_goal_in_orbit_is_met_where_scipy_says_that_it_is(objective: Objective) -> None:
     goal = replace(spatial(), p=Vec3(1.0, 0.0, 0.5))

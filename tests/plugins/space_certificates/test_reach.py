@@ -151,6 +151,7 @@ def test_no_greedy_flight_is_below(seed: int) -> None:
     assert found <= paid
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_bounds_only")
 @pytest.mark.parametrize("build", [lopsided, equal, crossed])
 @pytest.mark.parametrize("seed", [4, 5])

@@ -201,6 +201,7 @@ def test_pulses_are_drawn_where_shares_are() -> None:
     assert np.abs(periods - [2.0, 10.0, 10.0, 17.0])[[0, 3]].max() <= 1.0
 
 
+@pytest.mark.slow
 def test_shares_arrive_with_less_than_pulses_need() -> None:
     """Flown by the engines they end in the goal set, at rest but for 5 cm/s; the hull's bound is below."""
     start, goal = _away()
@@ -275,6 +276,7 @@ def test_commands_at_the_edge_of_the_goal_set() -> None:
     assert found.upper == pytest.approx(0.4)
 
 
+@pytest.mark.slow
 def test_no_commands_where_none_arrive() -> None:
     """In one second 8 N on 5.32 kg are 0.75 m."""
     start, goal = _away()

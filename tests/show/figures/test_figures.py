@@ -269,6 +269,7 @@ def test_figures_are_saved(tmp_path: Path) -> None:
         ET.parse(file)
 
 
+@pytest.mark.slow
 def test_no_window_system_is_touched() -> None:
     code = "import sys, rans.show.figures.figures; print('matplotlib.pyplot' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -201,6 +201,7 @@ def flat(quantities: dict[str, Any]) -> list[float]:
     return np.concatenate([*map(np.ravel, rows), quantities.get("stores", [])]).tolist()
 
 
+@pytest.mark.slow
 @needs_node
 def test_weights_of_eight_bits_fly_as_well(tmp_path: Path) -> None:
     """Networks too large for 16 bits a weight: all of 20 flights end at the goal, as those of the agent do."""

@@ -231,6 +231,7 @@ def colour_at(picture: str, pixel: tuple[float, float]) -> np.ndarray:
     return np.asarray(image)[y - 1 : y + 2, x - 1 : x + 2].mean(axis=(0, 1))
 
 
+@pytest.mark.slow
 def test_several_flights_and_episodes_are_on_one_page(tmp_path: Path) -> None:
     """Flights of any tasks; the page is also served. Names are in the messages that build the scene."""
     view = View()
@@ -278,6 +279,7 @@ class Told:
         self.colours[path] = colour
 
 
+@pytest.mark.slow
 def test_every_episode_has_a_tile_of_its_own() -> None:
     """A row along x for every agent, the first farthest from the viewer, who stands at negative y."""
     view = View()
@@ -310,6 +312,7 @@ def test_every_episode_has_a_tile_of_its_own() -> None:
         assert all(told.colours[f"{name}/craft/bus"] is BODIES[colour] for name in row)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("episodes", [1, 4])
 def test_the_camera_sees_whole_flights_however_many(episodes: int) -> None:
     """Meshcat's camera sees 40 degrees upright here, and 1.6 times as wide as high."""
@@ -333,6 +336,7 @@ def test_the_camera_sees_whole_flights_however_many(episodes: int) -> None:
     assert 0.3 < edge < 1.0  # near, and with room for what surrounds the centres
 
 
+@pytest.mark.slow
 def test_showing_again_replaces(tmp_path: Path) -> None:
     view = View()
     view.show([lqr_flight(steps=20)])

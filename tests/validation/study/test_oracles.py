@@ -91,6 +91,7 @@ def test_the_numerical_oracle_in_space_agrees_with_the_top() -> None:
     assert np.array(after) == pytest.approx(np.array(before), abs=1e-11)
 
 
+@pytest.mark.slow
 def test_the_worst_top_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """One of five spins a microradian per second off: the largest counts, whatever the others do."""
     true = oracles.tumbling

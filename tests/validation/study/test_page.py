@@ -94,6 +94,7 @@ def test_errors_over_time_grow_along_a_plain_axis_and_those_by_step_along_powers
     assert [axes.lines[0].get_marker() for axes in (time, step)] == ["", "o"]
 
 
+@pytest.mark.slow
 def test_two_figures_of_the_same_points_share_a_table() -> None:
     x = (50.0, 100.0)
     curves = (

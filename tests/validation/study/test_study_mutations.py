@@ -71,6 +71,7 @@ def test_found_although_drake_shares_it(
     assert next(found_in_what_is_shared(scope), ("nowhere", None))[0] == layer
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:spacecraft 'nasty-planar'. its 1 thrusters cannot push")
 @pytest.mark.parametrize(
     ("craft", "seed"), [("atmos", 0), ("free-flyer-shared", 1), ("one thruster", 2)]

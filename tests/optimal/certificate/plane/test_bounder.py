@@ -197,6 +197,7 @@ def test_least_time_against_brute_force(seed: int) -> None:
     assert answer.upper == pytest.approx(first * PERIOD)
 
 
+@pytest.mark.slow
 def test_platform_from_3_metres() -> None:
     start, goal = (map_leaves(lambda x: float(x[3]), state) for state in first_four(2023))
     answer = certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(start, goal), 50)

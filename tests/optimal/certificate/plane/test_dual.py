@@ -67,6 +67,7 @@ def test_overflow_is_no_proof() -> None:
             relaxation.shrunk(costate, relaxation.everything, 1.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**20), duty=st.floats(0.0, 0.4), costate=multipliers)
 def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float]) -> None:
