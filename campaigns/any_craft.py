@@ -23,18 +23,7 @@ import torch
 from scipy.linalg import solve_discrete_are
 from torch import Tensor
 
-from rans.deploy.export import evaluated
-from rans.episode import Setup
-from rans.errors import ConfigError
-from rans.evaluation.fly.any_craft import for_spacecraft
-from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import controller
-from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.fly.protocols import fitting_protocols
-from rans.evaluation.measure.aggregate import measure
-from rans.fast.agent_files.agent import actor_bytes
-from rans.fast.learn.config import TrainConfig, to_table
-from rans.fast.learn.demands import (
+from campaigns.any_craft_training import (
     DemandNetwork,
     DemandSettings,
     Law,
@@ -48,6 +37,17 @@ from rans.fast.learn.demands import (
     stopping_law,
     train,
 )
+from rans.deploy.export import evaluated
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.evaluation.fly.any_craft import for_spacecraft
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.controllers import controller
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.protocols import fitting_protocols
+from rans.evaluation.measure.aggregate import measure
+from rans.fast.agent_files.agent import actor_bytes
+from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import environment, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
@@ -323,7 +323,7 @@ class LinearLaw:
         authority: Authority,
         before: Tensor,
     ) -> Tensor:
-        """See `rans.fast.learn.demands.Law`."""
+        """See `campaigns.any_craft_training.Law`."""
         period, _, _, a, alpha = authority
         weights = Weights()
         axes = (

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from rans.fast.learn.demands import draw_pool
-from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.layouts import (
     IN_SPACE,
     LayoutRanges,
@@ -16,29 +14,7 @@ from rans.randomization.layouts import (
     layouts,
     sample_layout,
 )
-
-PLANAR = (
-    "astrobee-granite",
-    "atmos",
-    "floating-platform",
-    "floating-platform-air-tank",
-    "floating-platform-shared",
-    "freeflyer2",
-    "pingu",
-    "roboran-platform",
-)
-
-
-SPACE = ("apollo-csm", "astrobee-iss", "atmos-orbit-12", "atmos-orbit-16", "spheres", "free-flyer")
-
-
-def columns_of(name: str) -> np.ndarray:
-    craft = load_spacecraft(name)
-    wrenches = np.array(craft.wrench_map)
-    if craft.dimension == 2:
-        return wrenches / np.array([craft.mass, craft.mass, craft.inertia[2][2]])
-    angular = wrenches[:, 3:] @ np.linalg.inv(np.array(craft.inertia))
-    return np.column_stack([wrenches[:, :3] / craft.mass, angular])
+from tests.support.layouts import columns_of
 
 
 @pytest.mark.parametrize(
@@ -136,24 +112,3 @@ def test_a_layout_in_space_is_equal_up_to_order_turn_mirror_and_units() -> None:
     other = columns.copy()
     other[0, 3:] *= 1.1
     assert not canonical(columns) & canonical(other)
-
-
-@pytest.mark.slow
-def test_no_shipped_craft_is_drawn_in_the_training_in_space() -> None:
-    shipped = [canonical(columns_of(name), digits=2) for name in SPACE]
-    pool = draw_pool(60, 1000, 3)
-    for row in pool.columns.double().numpy():
-        drawn = canonical(row[np.abs(row[:, :3]).max(axis=1) > 0.0], digits=2)
-        assert not any(drawn & tables for tables in shipped)
-
-
-def test_no_shipped_craft_is_drawn_in_the_training() -> None:
-    shipped = [canonical(columns_of(name), digits=2) for name in PLANAR]
-    pool = draw_pool(300, 0)
-    for row in pool.columns.double().numpy():
-        drawn = canonical(row[np.abs(row).max(axis=1) > 0.0], digits=2)
-        assert not any(drawn & tables for tables in shipped)
-    # Without being held out some are drawn, and the test would notice.
-    random = np.random.default_rng(0)
-    planted = random.permutation(columns_of("pingu")) * [1.0, -1.0, -1.0] * [2.0, 2.0, 7.0]
-    assert any(canonical(planted, digits=2) & tables for tables in shipped)

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from campaigns import any_craft_training as demands
 from campaigns.any_craft import RECIPES, LinearLaw, gains
-from rans.fast.learn import demands
-from rans.fast.learn.demands import DemandSettings, Stage, draw_batch, draw_pool, fly, train
+from campaigns.any_craft_training import DemandSettings, Stage, draw_batch, draw_pool, fly, train
+from rans.randomization.layouts import canonical
+from tests.support.layouts import columns_of
 
 FEW = DemandSettings(crafts=16, steps=40)
 
@@ -87,3 +89,39 @@ def test_the_linear_law_demands_later_what_thrusters_did_not_give() -> None:
         with torch.no_grad():
             results.append(fly(fed_back, batch, settings, generator, 320).settled.float().mean())
     assert results[0] > results[1] + 0.2
+
+
+PLANAR = (
+    "astrobee-granite",
+    "atmos",
+    "floating-platform",
+    "floating-platform-air-tank",
+    "floating-platform-shared",
+    "freeflyer2",
+    "pingu",
+    "roboran-platform",
+)
+
+
+SPACE = ("apollo-csm", "astrobee-iss", "atmos-orbit-12", "atmos-orbit-16", "spheres", "free-flyer")
+
+
+@pytest.mark.slow
+def test_no_shipped_craft_is_drawn_in_the_training_in_space() -> None:
+    shipped = [canonical(columns_of(name), digits=2) for name in SPACE]
+    pool = draw_pool(60, 1000, 3)
+    for row in pool.columns.double().numpy():
+        drawn = canonical(row[np.abs(row[:, :3]).max(axis=1) > 0.0], digits=2)
+        assert not any(drawn & tables for tables in shipped)
+
+
+def test_no_shipped_craft_is_drawn_in_the_training() -> None:
+    shipped = [canonical(columns_of(name), digits=2) for name in PLANAR]
+    pool = draw_pool(300, 0)
+    for row in pool.columns.double().numpy():
+        drawn = canonical(row[np.abs(row).max(axis=1) > 0.0], digits=2)
+        assert not any(drawn & tables for tables in shipped)
+    # Without being held out some are drawn, and the test would notice.
+    random = np.random.default_rng(0)
+    planted = random.permutation(columns_of("pingu")) * [1.0, -1.0, -1.0] * [2.0, 2.0, 7.0]
+    assert any(canonical(planted, digits=2) & tables for tables in shipped)
