@@ -184,10 +184,8 @@ def flights(_: int, name: str, seed: int, first: int, count: int) -> Flown:
 def joined(parts: list[Flown]) -> Flown:
     """Flights of several jobs, one after the other."""
     *arrays, margins = zip(*parts, strict=True)
-    return Flown(
-        *(np.concatenate(part) for part in arrays),
-        {name: np.concatenate([one[name] for one in margins]) for name in margins[0]},
-    )
+    together = {name: np.concatenate([part[name] for part in margins]) for name in margins[0]}
+    return Flown._make([*map(np.concatenate, arrays), together])
 
 
 def _quantile(values: np.ndarray, part: float) -> float:

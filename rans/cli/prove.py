@@ -171,7 +171,8 @@ class Prove:
             raise ConfigError(f"{certificate} is no certificate of an agent's trapping set.")
         count = len(table["cells"])
         files = _files(ContestantName.parse(agent).folder)
-        chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
+        # One job at least: without cells too a checker looks at the cover and at the agent.
+        chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)] or [range(0)]
         return self._judged(
             _trapped, [(content, files, list(chunk)) for chunk in chunks], count, 64
         )
@@ -248,7 +249,8 @@ class Prove:
             raise ConfigError(f"{certificate} is no certificate of rans prove.")
         problem_of(str(table["problem"]), certificate)  # the checker itself reads without bounds
         count = len(table["cells"])
-        chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
+        # One job at least: without cells too a checker looks at the cover and at the network.
+        chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)] or [range(0)]
         return self._judged(_checked, [(*contents, list(chunk)) for chunk in chunks], count, _CHUNK)
 
     def _judged(self, judge: Callable[..., Any], jobs: list[Any], count: int, chunk: int) -> int:

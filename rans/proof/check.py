@@ -210,6 +210,8 @@ def _margin_of_distance(
     ahead = [float((begin[0][i, 0] + end[0][i, 0]).mid()) for i in position]
     norm = sum((arb(x) ** 2 for x in ahead), arb(0)).sqrt()
     slope = arb(limit["slope"]) if is_speed else arb(1)
+    if not slope >= 0:
+        raise Refused("the slope of its speed limit is below 0.")
     # The rows times a state are what counts against the margin; the sag adds to them.
     row = [arb(0)] * len(sag)
     for i, value in zip(position, ahead, strict=True):

@@ -41,10 +41,8 @@ def test_the_figure_of_an_optimum_draws_its_zones_from_the_goal() -> None:
         guesses=1,
         intervals=20,
     )
-    lines = [line.get_xydata() for line in found.plot().axes[0].lines]
-    radii = [
-        np.linalg.norm(np.asarray(line) - (-2.0, 0.0), axis=1) for line in lines if len(line) > 2
-    ]
+    lines = [np.asarray(line.get_xydata()) for line in found.plot().axes[0].lines]
+    radii = [np.linalg.norm(line - (-2.0, 0.0), axis=1) for line in lines if len(line) > 2]
     assert any(np.allclose(radius, 0.3) for radius in radii)
 
 

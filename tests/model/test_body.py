@@ -78,7 +78,7 @@ def test_the_same_impulse_moves_a_heavier_one_less() -> None:
 
 def test_thrusters_fail_one_by_one() -> None:
     """Thruster 0 is well, dead, weak and stuck open: told to open, it gives 1, 0, 0.6 and 1 N."""
-    health = {
+    health: dict[str, Any] = {
         "gain": (torch.tensor([1.0, 0.0, 0.6, 0.0]), *[1.0] * 7),
         "leak": (torch.tensor([0.0, 0.0, 0.0, 1.0]), *[0.0] * 7),
     }

@@ -117,6 +117,18 @@ def test_the_checker_agrees(
     assert "Accepted" in capsys.readouterr().out
 
 
+def test_the_command_judges_a_certificate_without_cells(
+    certificate: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("flint")
+    network, file = certificate
+    table = {**json.loads(file.read_bytes()), "cells": []}
+    (tmp_path / "empty.json").write_text(json.dumps(table))
+    check = ["--check", str(tmp_path / "empty.json"), "--workers", "1"]
+    assert main(["prove", str(network), *check]) == 1
+    assert "Refused: its cells do not cover" in " ".join(capsys.readouterr().out.split())
+
+
 def _changed_network(content: bytes, table: dict[str, Any]) -> bytes:
     model = onnx.load_model_from_string(content)
     for one in model.graph.initializer:
@@ -132,6 +144,8 @@ def _changed_network(content: bytes, table: dict[str, Any]) -> bytes:
     [
         "bias",
         "missing",
+        "no cells",
+        "falling limit",
         "smaller",
         "larger start",
         "false",
@@ -153,6 +167,13 @@ def test_planted_errors_are_refused(error: str, certificate: tuple[Path, Path]) 
             content = _changed_network(content, table)
         case "missing":
             del table["cells"][3]
+        case "no cells":
+            table["cells"] = []
+        case "falling limit":  # distances are bounded from below, which serves limits that grow
+            table["problem"] = table["problem"].replace(
+                "base = 0.2\nslope = 0.002", "base = 10.0\nslope = -0.002"
+            )
+            assert "-0.002\n" in table["problem"]
         case "smaller":
             table["cells"][0][1][2] = float(np.nextafter(table["cells"][0][1][2], -1.0))
         case "larger start":

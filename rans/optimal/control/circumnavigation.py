@@ -124,16 +124,16 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         if conditions is not None:
             position = conditions.sensors.position
             velocity = conditions.sensors.velocity
-            noises = [largest(x.noise) for x in (position, velocity)]
-            growths = [largest(x.noise_per_m) for x in (position, velocity)]
+            noise = largest(position.noise), largest(velocity.noise)
+            growth = largest(position.noise_per_m), largest(velocity.noise_per_m)
             weakest, strongest = bounds(conditions.thrusters.thrust)
             # The standard deviation of a uniform distribution, and that of every period.
             inexact = math.hypot(
                 (strongest - weakest) / math.sqrt(12.0), largest(conditions.thrusters.noise)
             )
-            if max(*noises, *growths, inexact) > 0.0:
+            if max(*noise, *growth, inexact) > 0.0:
                 result._filter = NavigationFilter(
-                    self.task.drift, 3, self._period, *noises, inexact, *growths
+                    self.task.drift, 3, self._period, *noise, inexact, *growth
                 )
         result.reset(0)
         return result

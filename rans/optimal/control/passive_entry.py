@@ -212,12 +212,12 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             ahead = copy(self)
             ahead._begin([attempts[k] for k in trying])
             inside = ahead._stays_inside(states[trying], some, aim)
-            for k in trying[inside]:
+            for k in trying[inside].tolist():
                 plans[k] = attempts[k]
             trying = trying[~inside]
             if not len(trying):
                 break
-            for k in trying:
+            for k in trying.tolist():
                 excluded[k].append(attempts[k][0])
                 attempts[k] = self._plan(states[k], deadlines[k], excluded[k])
         return plans
@@ -240,6 +240,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             now = replace(state, p=Vec3(*states[:, :3].T), v=Vec3(*states[:, 3:].T))
             command = self.act(now, goal, np.zeros((len(states), 0)))
             push = command @ forces / self.craft.mass
+            after = states
             for check in range(1, checks + 1):
                 after = pushed(n, states, push, check * self._period / checks)
                 p, v = Vec3(*after[:, :3].T), Vec3(*after[:, 3:].T)
