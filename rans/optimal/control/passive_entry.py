@@ -210,7 +210,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         for _ in range(_ATTEMPTS):
             some, aim = map_leaves(lambda x, rows=trying: np.asarray(x)[rows], (state, goal))
             ahead = copy(self)
-            ahead._begin([attempts[k] for k in trying])
+            ahead._begin([attempts[k] for k in trying.tolist()])
             inside = ahead._stays_inside(states[trying], some, aim)
             for k in trying[inside].tolist():
                 plans[k] = attempts[k]
