@@ -214,7 +214,7 @@ def heavier(episodes: int, names: Sequence[str]) -> Iterator[str]:
         craft = contestant(f"pretrained:{name}").craft
         for by, is_stated in kinds:
             cells = [_settled(next(judged)) for _ in _MASSES]
-            yield f"| {craft.name} | {by}{'' if is_stated else ', not told'} | {' | '.join(cells)} |"
+            yield f"| {craft.name} | {by}{'' if is_stated else ', not in its file'} | {' | '.join(cells)} |"
 
 
 def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
@@ -224,8 +224,8 @@ def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
     of which the file says nothing.
     """
     yield (
-        "| craft | dead thrusters that leave every axis | any-craft, told: the worst | LQR, told: the worst | "
-        "any-craft, not told | LQR, not told |"
+        "| craft | thrusters that it can spare | in its file: agent, the worst | in its file: LQR, the worst | "
+        "not in its file: agent | not in its file: LQR |"
     )
     yield f"|---|{'---|' * 5}"
     spare = {name: _spare(contestant(f"pretrained:{name}").craft) for name in names}

@@ -76,11 +76,11 @@ class Elliptic:
     episodes: int = 64
     """Held-out starts of guidance."""
     bounded: int = 4
-    """The first of them, whose bounds are computed and which fly in two-body gravity."""
+    """Number of starts, the first ones, whose bounds are computed and which fly in two-body gravity."""
     coasts: int = 256
     """Coasts of each orbit, at any true anomaly, in random directions."""
     seed: int = EVALUATION_SEED
-    """Of all of them."""
+    """Seed of the starts of guidance and of the coasts."""
     only: float | None = None
     """Measure one eccentricity. Other rows are kept as they are in the evidence."""
     docs: Path | None = None

@@ -58,7 +58,7 @@ class Errors(NamedTuple):
     position: float
     """Standard deviation of the noise of each component of a measured position, m; largest constant error."""
     velocity: float
-    """The same of a measured velocity, m/s."""
+    """Standard deviation of the noise of each component of a measured velocity, m/s; largest constant error."""
     force: float
     """Largest constant force, N, in a random direction: differential drag and others."""
     delay: float

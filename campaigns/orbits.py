@@ -37,7 +37,7 @@ _INCLINATION = np.radians(51.6)
 _TARGET_DRAG = 0.02
 """Drag coefficient times area over mass of the target, m^2/kg: 2.2 times 1 m^2 for 110 kg."""
 _CRAFT_DRAG = 0.04
-"""The same of the craft: twice as much."""
+"""Drag coefficient times area over mass of the craft, m^2/kg: twice that of the target."""
 
 
 @dataclass(frozen=True)

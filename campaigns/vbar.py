@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib
 import math
 import sys
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
@@ -281,16 +282,16 @@ class Guidance:
         return command
 
 
-class Leg:
+class Leg(ABC):
     """Part of a route: what velocity to change by in the next period, and whether it is over."""
 
     def over(self, state: Array, time: float) -> bool:
         """Whether the next leg begins."""
         return False
 
+    @abstractmethod
     def change(self, state: Array, time: float) -> Array:
         """Change of velocity in the Hill frame in the next control period, m/s."""
-        raise NotImplementedError
 
 
 class Look(Leg):

@@ -163,7 +163,7 @@ class Perturbations:
     target_drag: float = 0.0
     """Drag coefficient times area over mass of the target, m^2/kg."""
     craft_drag: float = 0.0
-    """The same of the craft."""
+    """Drag coefficient times area over mass of the craft, m^2/kg."""
 
     def acceleration(self, r: np.ndarray, v: np.ndarray, drag: float) -> np.ndarray:
         """Acceleration (N, 3), m/s^2, at positions and velocities (N, 3), z along the Earth's axis."""

@@ -458,7 +458,7 @@ def test_tables_of_few_numbers_are_stored_without_loss() -> None:
 def test_the_size_is_the_sum_that_the_program_prints(
     titles: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of binutils and of macOS, which have other columns."""
+    """The programs `size` of binutils and of macOS print different columns."""
     numbers = " ".join("4321" if name == "dec" else "7" for name in titles.split())
     tool = tmp_path / "size"
     tool.write_text(f"#!/bin/sh\necho '{titles}'\necho '{numbers}'\n")

@@ -31,7 +31,7 @@ def test_what_a_thruster_gives_in_a_period() -> None:
 
 @pytest.mark.parametrize("drift", [1e-3, 0.03, 1.0])
 def test_covariances_become_those_of_scipy(drift: float) -> None:
-    """Of the algebraic Riccati equation, for a pose and its velocity read with noise of one size."""
+    """SciPy solves the algebraic Riccati equation of a pose and its velocity, read with equal noise."""
     task = GoToPose()
     period = TIMING.control_period
     body = layout(task, 2).body
@@ -55,7 +55,7 @@ def test_covariances_become_those_of_scipy(drift: float) -> None:
 
 @pytest.mark.parametrize("drift", [1e-3, 0.03])
 def test_with_steady_accelerations_too(drift: float) -> None:
-    """Of which no reading is made."""
+    """The state has an acceleration too, which no sensor reads."""
     task = GoToPose()
     t = TIMING.control_period
     body = layout(task, 2).body

@@ -43,7 +43,7 @@ def test_a_history_holds_the_last_columns_and_commands() -> None:
 
 
 def test_averages_keep_their_share_of_what_was() -> None:
-    """Of a 1 before three zeros 0.5^4 is left in the first average, 0.1 x 0.9^3 in the second."""
+    """After a 1 and three zeros the first average is 0.5^4 and the second 0.1 x 0.9^3."""
     network = make_network(PLATFORM, history=1, averages=(0.5, 0.9))
     memory = network.initial_state(2)
     width = network.architecture.column_count

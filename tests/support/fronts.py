@@ -19,7 +19,7 @@ def named(name: str, trade_off: float | None = None, **changes: Any) -> Entry:
 
 
 def answers(own: tuple[float, float] = (0.4, 0.6)) -> list[Bound]:
-    """Of all three starts: nobody in 0.5 s, 0.2 N s by each horizon; and for 1 and 2 s of the first two."""
+    """Bounds of three starts: 0.5 s of time and 0.2 N s by each horizon; of the first two also by 1 and 2 s."""
     found = [
         Bound(k, horizon, 0.5 if horizon is None else 0.2)
         for k in range(3)

@@ -63,7 +63,7 @@ def test_messages_of_laboratories() -> None:
 
 
 def test_types_have_the_hashes_of_ros() -> None:
-    """Of std_msgs/msg/String, as every distribution since Iron prints it."""
+    """The hash of std_msgs/msg/String is the one that every distribution since Iron prints."""
     assert types().hash_rihs01(TEXT) == (
         "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
     )
