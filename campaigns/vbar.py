@@ -301,6 +301,10 @@ class Look(Leg):
         """See `Leg`."""
         return True
 
+    def change(self, state: Array, time: float) -> Array:
+        """No change: the next leg has begun before one is asked for."""
+        return np.zeros(3)
+
 
 class Coast(Leg):
     """Coast until a time, s."""
