@@ -226,6 +226,7 @@ class Init:
     def _show(self, draft: Draft, picture: Path) -> None:
         """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
+        from rans.model.spacecraft import is_steerable
         from rans.policy.any_craft import AGENTS
         from rans.terminal import table
 
@@ -239,29 +240,34 @@ class Init:
                 draft.authority_rows(),
             )
         )
-        bearable = draft.bearable()
-        others = [k for k in range(craft.thruster_count) if k not in bearable]
-        if not bearable:
-            console.say("No thruster may be dead: each one is needed for some force or torque.")
-        elif not others:
-            console.say(
-                "Any one of its thrusters may be dead, and every force and torque remains possible."
-            )
-        else:
-            console.say(
-                f"Any one of these thrusters may be dead: {', '.join(map(str, bearable))}; the others are needed: "
-                f"{', '.join(map(str, others))}."
-            )
+        steerable = is_steerable(craft)
+        if steerable:
+            console.say(_spare(draft))
         console.say(f"Written: {self.file} and {picture}")
         # What the agent for any craft makes of it, and the next commands.
-        agent = AGENTS[draft.spacecraft.dimension]
-        flown = _fly(console, draft.spacecraft, agent)
+        agent = AGENTS[craft.dimension]
+        flown = _fly(console, craft, agent)
         console.suggest(
             *([f"rans view {agent}@{self.file}"] if flown else []),
             f"rans list {self.file}",
-            f"rans validate {self.file} --quick",
-            f"rans train go-to-pose --spacecraft {self.file}",
+            # What cannot be steered is not worth a training.
+            *([f"rans validate {self.file} --quick"] if steerable else []),
+            *([f"rans train go-to-pose --spacecraft {self.file}"] if steerable else []),
         )
+
+
+def _spare(draft: Draft) -> str:
+    """Which thrusters the craft can lose, as a sentence."""
+    bearable = draft.bearable()
+    others = [k for k in range(draft.spacecraft.thruster_count) if k not in bearable]
+    if not bearable:
+        return "No thruster may be dead: each one is needed for some force or torque."
+    if not others:
+        return "Any one of its thrusters may be dead, and every force and torque remains possible."
+    return (
+        f"Any one of these thrusters may be dead: {', '.join(map(str, bearable))}; the others are needed: "
+        f"{', '.join(map(str, others))}."
+    )
 
 
 _FLIGHTS = 32

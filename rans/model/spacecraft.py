@@ -385,7 +385,11 @@ def check_spacecraft(craft: Spacecraft) -> None:
     _require(has_name, craft, "name", craft.name, "a non-empty text")
     for key in ("thrusters", "solids", "wheels", "further_effectors"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
-    _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
+    if not craft.thrusters:
+        raise ConfigError(
+            f"spacecraft {craft.name!r} has no thruster: it needs at least one, because wheels turn a craft and "
+            "cannot push it."
+        )
     _require(
         len(craft.thrusters) <= MOST_THRUSTERS,
         craft,

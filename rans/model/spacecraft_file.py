@@ -21,8 +21,10 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry, typed
 from rans.structure import LARGEST_TOML, read_toml, structure
 
-_REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
-_OPTIONAL = {"solid", "wheel", "effector"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
+_REQUIRED = ("name", "dimension", "mass", "inertia")
+_OPTIONAL = {"thruster", "solid", "wheel", "effector"} | {
+    f.name for f in dataclasses.fields(Spacecraft)
+} - {
     "thrusters",
     "solids",
     "wheels",
@@ -257,7 +259,7 @@ def _build(table: dict[str, Any]) -> Spacecraft:
     }
     values = {key: read(table[key], key) for key, read in readers.items() if key in table}
     return Spacecraft(
-        thrusters=values.pop("thruster"),
+        thrusters=values.pop("thruster", ()),
         solids=values.pop("solid", ()),
         wheels=values.pop("wheel", ()),
         further_effectors=values.pop("effector", ()),

@@ -134,6 +134,17 @@ def test_asked_from_a_spacecraft(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (craft.name, craft.mass, craft.inertia[2][2]) == ("ours", 17.8, 0.3)
 
 
+@pytest.mark.filterwarnings("ignore:.*cannot push and turn")
+def test_a_training_of_what_cannot_be_steered_is_not_suggested(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert batch(*BOX, "--thruster=0.2,0.1;1,0;1") == 0
+    said = capsys.readouterr().out
+    assert "rans list mine.toml" in said
+    assert "rans train" not in said
+    assert "may be dead" not in said
+
+
 @pytest.mark.parametrize(("end", "code"), [(KeyboardInterrupt, 130), (EOFError, 2)])
 def test_an_interrupt_writes_nothing(
     end: type[BaseException], code: int, monkeypatch: pytest.MonkeyPatch

@@ -163,6 +163,21 @@ def test_thrusters_must_be_tables(thrusters: str) -> None:
     assert "thruster" in refusal(head + f"thruster = {thrusters}")
 
 
+def test_a_craft_of_wheels_alone_is_refused_with_the_reason() -> None:
+    text = """name = "turning"
+dimension = 3
+mass = 8.0
+inertia = 0.2
+
+[[wheel]]
+axis = [1, 0, 0]
+max_torque = 0.1
+max_momentum = 1.0
+inertia = 0.001
+"""
+    assert "it needs at least one, because wheels turn a craft and cannot push it" in refusal(text)
+
+
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')

@@ -15,12 +15,13 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.any_craft import for_spacecraft
+from rans.evaluation.fly.any_craft import for_spacecraft, timing_for
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.model.timing import Timing
 from rans.policy.any_craft import authority, for_craft
 from rans.policy.authority import Authority
 from rans.policy.network import Network
@@ -259,3 +260,25 @@ def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
     specialist = contestant("pretrained:go-to-pose-2d")
     with pytest.raises(ConfigError, match="any-craft-2d"):
         for_spacecraft(specialist, craft)
+
+
+@pytest.mark.parametrize(("force", "period"), [(1.0, 0.1), (0.4, 0.2)])
+def test_on_off_thrusters_in_space_whose_pulse_turns_far_have_a_short_period(
+    force: float, period: float
+) -> None:
+    """1 N at a lever of 0.16 m turns 0.2 kg m^2 by 0.8 x 0.04 = 0.032 rad in 0.2 s, and 0.4 N by 0.013 rad."""
+    pairs = [(axis, arm, sign) for axis in range(3) for arm in (-1.0, 1.0) for sign in (-1.0, 1.0)]
+    unit = np.eye(3)
+    thrusters = tuple(
+        Thruster(tuple(0.16 * arm * unit[(axis + 1) % 3]), tuple(sign * unit[axis]), force)
+        for axis, arm, sign in pairs
+    )
+    body = replace(
+        load_spacecraft("free-flyer"),
+        inertia=tuple(map(tuple, 0.2 * unit)),
+        centre_of_mass=(0.0, 0.0, 0.0),
+        thrusters=thrusters,
+    )
+    timing = timing_for(body, Timing(0.2, 1, 125))
+    assert timing.control_period == period
+    assert timing.episode_steps * timing.control_period >= 25.0

@@ -6,6 +6,8 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
@@ -15,13 +17,18 @@ from rans.files import read_json, ready_folder, replace_file, write_json, write_
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import AGENTS, authority, for_craft
+from rans.policy.any_craft import AGENTS, authority, columns_of, for_craft
 from rans.policy.authority import Authority
 
 PERIODS = 0.1, 0.2
 """Control periods of craft in their own task, s."""
 LARGEST_TURN = 0.6
 """Largest change of the spin in a control period, rad/s, over the angular authority; else the period is shorter."""
+_LARGEST_PULSE = 0.03
+"""Largest angle, rad, by which a pulse of an on/off thruster turns a craft in space; else the period is shorter.
+
+Of a craft with nine thrusters and 0.07 rad 41 % of 64 flights settle at 0.2 s and all at 0.1 s; with twelve times
+the mass and 0.006 rad all and 16 %."""
 _PERIODS_IN_SPACE = 0.1, 0.2, 0.5, 1.0
 """Control periods of craft in space with continuous effectors, s: those that shipped craft are flown at."""
 _GENTLE_TURN = 0.2
@@ -39,6 +46,10 @@ def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
     short, long = PERIODS
     own = Authority.of_numbers(authority(craft, long))
     slow = own.least_angular * long <= LARGEST_TURN
+    if craft.dimension == 3:
+        # A demand takes more than one pulse where thrusters do not point along the axes.
+        kicks = np.linalg.norm(columns_of(craft)[: craft.thruster_count, 3:], axis=1)
+        slow = slow and float(kicks.max()) * long**2 <= _LARGEST_PULSE
     period = long if slow and not craft.is_continuous else short
     if craft.dimension == 3 and craft.is_continuous:
         # Slow craft need not be commanded often, and their episodes are long.
