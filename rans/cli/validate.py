@@ -33,6 +33,8 @@ class Validate:
     conditions: str | None = None
     """Check under these conditions too, each effect alone and all together: a name (see `rans list
     CONDITIONS`) or your own TOML file."""
+    full: bool = False
+    """Print every check, as with `--layer`, and not one line for each layer."""
     output: Path | None = None
     """Folder for validation.json and validation.html."""
     spacecraft: Annotated[str | None, Former("name it after the command")] = None
@@ -41,7 +43,7 @@ class Validate:
     """Seed of the random states and commands."""
 
     def run(self) -> int:
-        """Print the table of checks."""
+        """Print a table of layers or checks."""
         laboratory.enter()
         from validation.study.page import page
         from validation.study.study import study
@@ -59,7 +61,8 @@ class Validate:
                 stages(bars),
                 None if self.conditions is None else load_conditions(self.conditions),
             )
-        console.print(report.table())
+        every = self.full or self.layer is not None
+        console.print(report.table() if every else report.layers())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
             console.print(

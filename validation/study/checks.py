@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,15 @@ class Check:
     def passed(self) -> bool:
         """Whether the bound is kept; a NaN keeps none."""
         return abs(self.value) <= self.tolerance
+
+    @property
+    def share(self) -> float:
+        """The value as a share of the tolerance; infinite for a NaN, and for anything but 0 of a tolerance of 0."""
+        if self.value == 0.0:
+            return 0.0
+        if math.isnan(self.value) or self.tolerance == 0.0:
+            return math.inf
+        return abs(self.value) / self.tolerance
 
 
 @dataclass(frozen=True)
@@ -98,6 +108,29 @@ class Study:
             table.add_row(check.name, *numbers, check.unit, verdict(check.passed))
         for skipped in self.skipped:
             table.add_row(skipped.name, "", "", "", Text("not run", "yellow"))
+        return table
+
+    def layers(self) -> Table:
+        """A line for each layer: how many of its checks passed, and which is nearest to its tolerance."""
+        table = Table(title=self.title, title_justify="left")
+        table.add_column("layer", no_wrap=True)
+        table.add_column("passed", justify="right", no_wrap=True)
+        table.add_column("nearest to its tolerance")
+        table.add_column("value / tolerance", justify="right", no_wrap=True)
+        table.add_column("verdict", no_wrap=True)
+        for layer in dict.fromkeys(check.layer for check in self.checks):
+            members = [check for check in self.checks if check.layer == layer]
+            passed = sum(check.passed for check in members)
+            nearest = max(members, key=lambda check: check.share)
+            table.add_row(
+                layer or "-",
+                f"{passed} of {len(members)}",
+                nearest.name,
+                f"{nearest.share:.2g}",
+                verdict(passed == len(members)),
+            )
+        for skipped in self.skipped:
+            table.add_row("-", "", skipped.name, "", Text("not run", "yellow"))
         return table
 
     def to_json(self) -> dict[str, Any]:

@@ -56,6 +56,25 @@ def test_table_shows_every_check_and_its_verdict() -> None:
     assert "1.0e-03" in lines[0]
 
 
+def test_a_layer_is_one_line_with_the_check_nearest_to_its_tolerance() -> None:
+    checks = (
+        Check("force", 2e-13, 1e-12, "N", "", layer="thrusters"),
+        Check("torque", -5e-13, 1e-12, "N m", "", layer="thrusters"),
+        Check("equal bits", 0.0, 0.0, "-", "", layer="engine"),
+        Check("unequal bits", 1.0, 0.0, "-", "", layer="engine"),
+    )
+    console = Console(width=100, record=True, quiet=True)
+    console.quiet = False
+    with console.capture() as capture:
+        console.print(Study("some", checks, skipped=(Skipped("kernel", "No GPU."),)).layers())
+    text = capture.get().splitlines()
+    (thrusters,) = [line for line in text if "thrusters" in line]
+    assert all(word in thrusters for word in ("2 of 2", "torque", "0.5", "pass"))
+    (engine,) = [line for line in text if "engine" in line]
+    assert all(word in engine for word in ("1 of 2", "unequal bits", "inf", "FAIL"))
+    assert "not run" in next(line for line in text if "kernel" in line)
+
+
 def test_a_narrow_terminal_cuts_no_number() -> None:
     name = "the name of a check that takes more than half of the terminal's width"
     report = Study("one", (Check(name, 1.26e-9, 1e-9, "kg, N m s", ""),))
