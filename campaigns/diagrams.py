@@ -1,4 +1,4 @@
-"""Pictures of the pages for users: diagrams, and flights in which the subject of a page is seen.
+"""Pictures of the pages for users: flights in which the subject of a page is seen.
 
 `python -m campaigns.pictures` writes them. Each function draws one figure; its name is that of the file.
 """
@@ -8,13 +8,14 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, FancyBboxPatch
+from matplotlib.patches import Circle
 
+from campaigns.schemes import PALE, arrow
 from rans.api.agent import load_agent
 from rans.api.limits import optimal_trajectory, state
 from rans.api.training import train
@@ -37,20 +38,6 @@ from rans.tasks import GoToPose
 _START = state((3.0, 1.0), attitude=0.7)
 """Start of the figures that show one flight of several contestants."""
 _ORIGIN = state((0.0, 0.0))
-_PALE = "#DCE6F0"
-"""Fill of a craft and of boxes, which dark pages change (`rans.show.figures.svg`)."""
-
-
-_Place = Sequence[float] | np.ndarray
-"""Two coordinates."""
-
-
-class _Box(NamedTuple):
-    """A box of a diagram, with the place of its centre."""
-
-    text: str
-    x: float
-    y: float
 
 
 def _flown(who: str, episodes: int, **options: Any) -> Flight:
@@ -70,128 +57,14 @@ def _plane(axes: Axes, title: str = "") -> None:
     axes.set_title(title, loc="left")
 
 
-def _arrow(axes: Axes, begin: _Place, end: _Place, colour: str) -> None:
-    axes.annotate(
-        "",
-        xy=(end[0], end[1]),
-        xytext=(begin[0], begin[1]),
-        arrowprops={
-            "arrowstyle": "-|>",
-            "color": colour,
-            "linewidth": 1.6,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        },
-    )
-
-
 def _text(
-    axes: Axes, at: _Place, text: str, colour: str, side: Literal["left", "center", "right"]
+    axes: Axes,
+    at: Sequence[float] | np.ndarray,
+    text: str,
+    colour: str,
+    side: Literal["left", "center", "right"],
 ) -> None:
     axes.text(float(at[0]), float(at[1]), text, color=colour, ha=side, va="center")
-
-
-def _boxes(
-    width: float, height: float, boxes: Sequence[_Box], arrows: Sequence[tuple[int, int, str]]
-) -> Figure:
-    """A diagram of boxes, 2.2 wide and 0.8 high, and of arrows between two of them with a text.
-
-    Args:
-        width: width of the diagram, in the unit of the boxes' places.
-        height: its height.
-        boxes: boxes.
-        arrows: number of the box at the beginning, of that at the end, and the text.
-    """
-    figure = Figure(figsize=(0.78 * width, 0.78 * height), layout="constrained")
-    axes = figure.add_subplot()
-    axes.set(xlim=(0.0, width), ylim=(0.0, height), aspect="equal")
-    axes.axis("off")
-    half = (1.1, 0.4)
-    for box in boxes:
-        patch = FancyBboxPatch(
-            (box.x - half[0], box.y - half[1]),
-            2.0 * half[0],
-            2.0 * half[1],
-            boxstyle="round,pad=0,rounding_size=0.12",
-            facecolor=_PALE,
-            edgecolor=GREY,
-        )
-        axes.add_patch(patch)
-        axes.text(box.x, box.y, box.text, ha="center", va="center", color=INK, fontsize=9)
-    for first, second, text in arrows:
-        a = np.array(boxes[first][1:], dtype=float)
-        b = np.array(boxes[second][1:], dtype=float)
-        way = b - a
-        # From edge to edge of the boxes.
-        reach = min(h / abs(w) if abs(w) > 1e-9 else np.inf for h, w in zip(half, way, strict=True))
-        begin = a + way * reach
-        end = b - way * reach
-        _arrow(axes, begin, end, INK)
-        middle = 0.5 * (begin + end)
-        level = abs(way[1]) < 1e-9
-        axes.text(
-            middle[0] + (0.0 if level else 0.08),
-            middle[1] + (0.1 if level else 0.0),
-            text,
-            ha="center" if level else "left",
-            va="bottom" if level else "center",
-            color=INK,
-            fontsize=8,
-        )
-    return figure
-
-
-@styled
-def pipeline() -> Figure:
-    """What a user gives, what RANS does with it, and what comes out."""
-    boxes = (
-        _Box("spacecraft\n(TOML file)", 1.2, 3.4),
-        _Box("task", 1.2, 2.2),
-        _Box("conditions\n(TOML file)", 1.2, 1.0),
-        _Box("rans train", 4.6, 2.2),
-        _Box("run folder\nwith the agent", 8.0, 2.2),
-        _Box("evaluate, compare,\nstress, assure, prove", 11.4, 3.4),
-        _Box("view, report", 11.4, 2.2),
-        _Box("export, fly", 11.4, 1.0),
-    )
-    arrows = [(0, 3, ""), (1, 3, ""), (2, 3, ""), (3, 4, ""), (4, 5, ""), (4, 6, ""), (4, 7, "")]
-    return _boxes(12.7, 4.4, boxes, arrows)
-
-
-@styled
-def export() -> Figure:
-    """The forms of an exported agent, and what opens them."""
-    boxes = (
-        _Box("agent of a\nrun folder", 1.2, 2.6),
-        _Box("agent.c, agent.h", 5.2, 4.4),
-        _Box("agent.onnx", 5.2, 3.2),
-        _Box("agent.py, agent.npz", 5.2, 2.0),
-        _Box("policy.zip", 5.2, 0.8),
-        _Box("any C99 compiler,\nfirmware", 9.2, 4.4),
-        _Box("any ONNX runtime", 9.2, 3.2),
-        _Box("NumPy, rans fly", 9.2, 2.0),
-        _Box("Stable-Baselines3", 9.2, 0.8),
-    )
-    arrows = [(0, k, "") for k in range(1, 5)] + [(k, k + 4, "") for k in range(1, 5)]
-    return _boxes(10.5, 5.2, boxes, arrows)
-
-
-@styled
-def robot() -> Figure:
-    """Who sends what to whom when an agent flies a robot."""
-    boxes = (
-        _Box("robot, or\nrans twin", 1.3, 1.6),
-        _Box("rans fly:\nwatchdogs, filter", 6.3, 1.6),
-        _Box("agent", 11.0, 1.6),
-        _Box("bag (MCAP)", 6.3, 0.5),
-    )
-    figure = _boxes(12.3, 2.3, boxes, [(1, 2, "observation, command"), (1, 3, "all messages")])
-    (axes,) = figure.axes
-    _arrow(axes, (2.5, 1.75), (5.1, 1.75), INK)
-    _arrow(axes, (5.1, 1.4), (2.5, 1.4), INK)
-    axes.text(3.8, 1.85, "pose, velocity", ha="center", va="bottom", color=INK, fontsize=8)
-    axes.text(3.8, 1.3, "valves", ha="center", va="top", color=INK, fontsize=8)
-    return figure
 
 
 @styled
@@ -204,19 +77,19 @@ def frames() -> Figure:
     centre = np.array([2.6, 1.4])
     angle = np.radians(25.0)
     turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    axes.add_patch(Circle((centre[0], centre[1]), 0.7, facecolor=_PALE, edgecolor=INK))
+    axes.add_patch(Circle((centre[0], centre[1]), 0.7, facecolor=PALE, edgecolor=INK))
     for tip, name in (((0.9, 0.0), "x"), ((0.0, 0.9), "y")):
-        _arrow(axes, (0.0, 0.0), tip, INK)
+        arrow(axes, (0.0, 0.0), tip, INK)
         _text(axes, 1.12 * np.array(tip), f"${name}_W$", INK, "center")
         end = centre + turned @ tip
-        _arrow(axes, centre, end, BLUE)
+        arrow(axes, centre, end, BLUE)
         _text(axes, centre + 1.14 * (end - centre), f"${name}_B$", BLUE, "center")
-    _arrow(axes, (0.0, 0.0), centre, GREY)
+    arrow(axes, (0.0, 0.0), centre, GREY)
     axes.text(1.1, 0.83, "position ${}^Wp^B$", color=INK, rotation=28, ha="center", va="center")
     # A thruster: where it pushes, and the force on the craft, opposite to its plume.
     place = centre + turned @ np.array([-0.35, -0.6])
     force = turned @ np.array([0.75, 0.0])
-    _arrow(axes, place, place + force, RED)
+    arrow(axes, place, place + force, RED)
     _text(axes, place + 0.5 * force + [0.12, -0.17], "force of a thruster", RED, "left")
     axes.plot(*place, "o", color=RED, markersize=5)
     plume = np.array([place, place - 0.5 * force])
@@ -501,14 +374,11 @@ DIAGRAMS: dict[str, Callable[[], Figure]] = {
         comparison,
         conditions,
         controllers,
-        export,
         faults,
         frames,
         guard,
         optimum,
         passive_safety,
-        pipeline,
-        robot,
         tasks,
         training,
         valves,

@@ -1,19 +1,24 @@
 """Pictures of the pages: ``python -m campaigns.pictures [NAME ...]``.
 
 Those of missions are of flights from held-out starts by guidance or by the agent that comes with RANS, and are
-written to docs/pictures/missions/MISSION.svg. Those of `campaigns.diagrams` go into
-docs/pictures/diagrams.
+written to docs/pictures/missions/MISSION.svg. Those of `campaigns.diagrams`, `campaigns.schemes` and
+`campaigns.charts` go into docs/pictures/diagrams.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
+import matplotlib
 import tyro
+from matplotlib.figure import Figure
 
+from campaigns.charts import CHARTS
 from campaigns.diagrams import DIAGRAMS
+from campaigns.schemes import SCHEMES
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -31,6 +36,8 @@ class _Subject(NamedTuple):
     episodes: int
 
 
+DRAWN = {**DIAGRAMS, **SCHEMES, **CHARTS}
+"""Functions of all figures but those of missions."""
 SUBJECTS = {
     "avoid": _Subject("pretrained:avoid-2d", 3),
     "dock": _Subject("mission:dock-3d", 6),
@@ -43,17 +50,41 @@ SUBJECTS = {
 """Few enough flights that each path can be followed."""
 
 
+_FONTS = "Verdana, 'DejaVu Sans', sans-serif"
+"""Verdana is as wide as DejaVu Sans, which few systems but Linux have."""
+
+
 def flown(subject: _Subject) -> Flight:
     """Flights of a subject from the first held-out starts."""
     run = contestant(subject.who)
     return fly_episodes(run.controller, run.judged, EVALUATION_SEED, subject.episodes).flight
 
 
+def picture(figure: Figure) -> str:
+    """The text of an SVG file in a quarter of Matplotlib's bytes: the repository keeps every version.
+
+    Text stays text, in fonts as wide as those that Matplotlib measured; a tenth of a point is a seventh of a
+    millimetre on a screen.
+    """
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        text = svg(figure)
+    text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"'DejaVu Sans', 'Bitstream Vera Sans'[^;\"]*", _FONTS, text)
+    text = re.sub(r'(?<= d=")[^"]*', lambda path: _rounded(path[0]), text)
+    return re.sub(r"\s*\n\s*", "\n", text)
+
+
+def _rounded(path: str) -> str:
+    """A path with one digit after the point."""
+    numbers = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.1f}", path)
+    return re.sub(r"\s+", " ", numbers.replace(".0 ", " ").replace("-0 ", "0 ")).strip()
+
+
 @dataclass(frozen=True)
 class Pictures:
     """Write pictures of pages."""
 
-    names: Annotated[tuple[str, ...], tyro.conf.Positional] = (*SUBJECTS, *DIAGRAMS)
+    names: Annotated[tuple[str, ...], tyro.conf.Positional] = (*SUBJECTS, *DRAWN)
     """Missions and diagrams; by default all."""
     folder: Path = Path("docs/pictures")
     """Folder of the pictures."""
@@ -65,17 +96,17 @@ class Pictures:
             ConfigError: there is no such picture.
         """
         for name in self.names:
-            if name in DIAGRAMS:
+            if name in DRAWN:
                 file = self.folder / "diagrams" / f"{name}.svg"
-                figure = DIAGRAMS[name]()
+                figure = DRAWN[name]()
             elif name in SUBJECTS:
                 file = self.folder / "missions" / f"{name}.svg"
                 figure = paths_figure(flown(SUBJECTS[name]))
             else:
-                known = ", ".join((*SUBJECTS, *DIAGRAMS))
+                known = ", ".join((*SUBJECTS, *DRAWN))
                 raise ConfigError(f"there is no picture {name!r}; known are {known}.")
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_text(file, svg(figure))
+            write_text(file, picture(figure))
 
 
 if __name__ == "__main__":
