@@ -37,7 +37,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "reliability",
     ),
     "certificate": ("certified bound", "lower bound", "optimality gap", "certificate"),
-    "coming_from": ("isaac lab", "isaac gym", "migration"),
+    "coming_from": ("isaac", "isaac lab", "isaac gym", "migration"),
     "comparison": ("compare", "baseline", "benchmark against mpc", "comparison with lqr"),
     "conditions": (
         "domain randomization",
@@ -63,8 +63,17 @@ WORDS: dict[str, tuple[str, ...]] = {
         "control allocation",
         "classical control",
     ),
-    "dynamics": ("equations of motion", "integrator", "rigid body", "quaternion"),
+    "dynamics": (
+        "units",
+        "coordinate frames",
+        "equations of motion",
+        "integrator",
+        "rigid body",
+        "quaternion",
+    ),
     "environments": (
+        "action space",
+        "observation space",
         "gym",
         "gymnasium",
         "openai gym",
@@ -79,6 +88,8 @@ WORDS: dict[str, tuple[str, ...]] = {
         "vectorized environment",
     ),
     "export": (
+        "simulink",
+        "c code",
         "onnx",
         "torchscript",
         "embedded c",
@@ -156,6 +167,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "missions/passive_safety": ("passive safety", "free drift", "abort"),
     "missions/rendezvous": ("rendezvous", "proximity operations", "rpo"),
     "optimal": (
+        "fuel optimal",
         "optimal control",
         "trajectory optimization",
         "minimum time",

@@ -229,5 +229,5 @@ def describe_batch(sweep: Trainings, batch: Sequence[Member]) -> str:
     success = sorted(member.rows[-1]["success"] for member in batch)[len(batch) // 2]
     return (
         f"{last['steps'] / 1e6:.2f} M steps each, {solved} of {len(sweep.members)} solved, "
-        f"median success {success:.1%}, {last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s"
+        f"median solved {success:.1%}, {last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s"
     )

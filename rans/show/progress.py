@@ -63,7 +63,7 @@ class TrainingProgress(Progress):
 
 
 def describe(row: dict[str, Any], total: int) -> str:
-    """Steps, success, return, speed, and the longest that training can still take (h:mm:ss).
+    """Steps, episodes solved, return, speed, and the longest that training can still take (h:mm:ss).
 
     Where no episode ended since the last row, there is no return.
     """
@@ -71,7 +71,7 @@ def describe(row: dict[str, Any], total: int) -> str:
     reward = f"return {sum(terms):.0f}, " if terms else ""
     left = timedelta(seconds=round(max(total - row["steps"], 0) / max(row["steps_per_s"], 1)))
     return (
-        f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, {reward}"
+        f"{row['steps'] / 1e6:.2f} M steps, solved {row['success']:.1%}, {reward}"
         f"{row['steps_per_s'] / 1e6:.2f} M/s, {left} left"
     )
 

@@ -52,7 +52,7 @@ def test_progress_of_a_training() -> None:
         "return/attitude": 3.6,
     }
     assert (
-        describe(row, 4_000_000) == "1.50 M steps, success 25.6%, return 16, 0.25 M/s, 0:00:10 left"
+        describe(row, 4_000_000) == "1.50 M steps, solved 25.6%, return 16, 0.25 M/s, 0:00:10 left"
     )
     assert describe(row, 1_000_000).endswith("0:00:00 left")
     assert describe_terms(row) == "return of 1.50 M steps: position 12 attitude 4"
@@ -88,7 +88,7 @@ def test_the_end_of_a_training(
         "of warm-up, 9.0 s in all. The agent is runs/a b."
     )
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
-    assert ("86% of its last episodes succeed" in text) is (ending == "Out of steps, not solved")
+    assert ("86% of its last episodes are solved" in text) is (ending == "Out of steps, not solved")
     assert ("--resume 'runs/a b' --total-timesteps 1000000; or another --seed" in text) is (
         ending == "Out of steps, not solved"
     )
@@ -181,7 +181,7 @@ def test_the_table_of_a_sweep() -> None:
 def test_progress_of_a_sweep() -> None:
     sweep = swept()
     assert describe_sweep(sweep, sweep.members) == (
-        "2.00 M steps each, 1 of 3 solved, median success 75.0%, 1.20 M steps/s"
+        "2.00 M steps each, 1 of 3 solved, median solved 75.0%, 1.20 M steps/s"
     )
 
 
@@ -356,7 +356,7 @@ def test_the_last_line_of_a_training_is_always_told(capsys: pytest.CaptureFixtur
             progress.show(row | {"steps": steps})
     told = capsys.readouterr().err.splitlines()
     assert [line.rpartition(", ")[2] for line in told] == ["0:00:00 left", "0:00:00 left"]
-    assert told[0].startswith("training: 0.00 M steps, success 50.0%, return 1, ")
+    assert told[0].startswith("training: 0.00 M steps, solved 50.0%, return 1, ")
 
 
 STYLES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")

@@ -31,6 +31,6 @@ def test_the_last_row_is_told_however_soon_it_comes(capsys: pytest.CaptureFixtur
         for steps in (1_000_000, 2_000_000, last):
             progress.show(row(steps))
         assert capsys.readouterr().err.splitlines() == [
-            f"training: {steps / 1e6:.2f} M steps, success 50.0%, return -3, 1.00 M/s, 0:00:0{left} left"
+            f"training: {steps / 1e6:.2f} M steps, solved 50.0%, return -3, 1.00 M/s, 0:00:0{left} left"
             for steps, left in ((1_000_000, 2), (last, 0))
         ]

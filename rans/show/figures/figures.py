@@ -84,7 +84,7 @@ def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     success.set_ylim(-2.0, 102.0)
     seconds = [float(row["seconds"]) for row in rows if "seconds" in row]
     took = f" ({seconds[-1]:.3g} s in all)" if seconds else ""
-    label(success, f"success while training{took}", "environment steps", "episodes, %")
+    label(success, f"solved while training{took}", "environment steps", "episodes, %")
     terms = sorted({key for row in rows for key in row if key.startswith("return/")})
     for term, colour in zip(terms, (GREEN, ORANGE, PURPLE, RED, SKY, GREY, BLUE), strict=False):
         _series(returns, rows, term, 1.0, colour, term.removeprefix("return/"))

@@ -45,7 +45,7 @@ def sweep_figure(sweep: Sweep) -> Figure:
     curves.legend(loc="best")
     label(
         curves,
-        f"success of {counted(len(sweep.members), 'member')} while training",
+        f"episodes solved by {counted(len(sweep.members), 'member')} while training",
         "environment steps a member",
         "episodes, %",
     )

@@ -225,12 +225,14 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     if np.isfinite(settling.value):
         parts.append(f"after {settling.value:.3g} s with {thrust.value:.3g} N s")
     hero = ", ".join(parts)
-    if rival is not None:
-        theirs = board[rival]
+    # Beside it the baseline that engineers know, and whoever is the quickest of the others.
+    named = dict.fromkeys((*(e.name for e in others if e.name == _BASELINE), rival))
+    for name in filter(None, named):
+        theirs = board[name]
         if np.isfinite(theirs[time].value):
+            who = f"the quickest of the others, {name}," if name == rival else name
             hero += (
-                f"; the quickest of the others, {rival}, takes "
-                f"{_amount(theirs[time], 's')} with "
+                f"; {who} takes {_amount(theirs[time], 's')} with "
                 f"{theirs['impulse of the episode, N s'].value:.3g} N s"
             )
     # Tiles of the first row: scores beside the rival's, and after the time the ratio to the certified bound.
@@ -264,6 +266,8 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     return f"{hero}.", tiles[:_ROW]
 
 
+_BASELINE = "LQR"
+"""Name of the contestant that the sentence always has, if it flies."""
 _ROW = 6
 """Tiles of a row on a wide screen."""
 _TILES = {

@@ -286,8 +286,8 @@ def learning_charts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
     yield Chart(
         "environment steps",
         "episodes, %",
-        [series("success", 100.0, series_style(0)[0], "success", " %")],
-        "Success while training.",
+        [series("success", 100.0, series_style(0)[0], "solved", " %")],
+        "Episodes solved while training.",
         y_range=(0.0, 100.0),
     )
     terms = sorted({key for row in rows for key in row if key.startswith("return/")})
@@ -313,9 +313,9 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
         for member in members
     ]
     solved = f"{sum(member['solved'] for member in members)} of {counted(len(members), 'member')}"
-    caption = "Success while training, and steps until solved; the best is orange."
+    caption = "Episodes solved while training, and steps until solved; the best is orange."
     pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
-    table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
+    table = Table(("member", "seed", *varied, "solved", "steps", "episodes solved"), rows)
     best = str(sweep["best"])
     return Section(
         "Sweep",
