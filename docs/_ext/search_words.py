@@ -37,6 +37,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "reliability",
     ),
     "certificate": ("certified bound", "lower bound", "optimality gap", "certificate"),
+    "cluster": ("slurm", "kubernetes", "dask", "mpi"),
     "coming_from": ("isaac", "isaac lab", "isaac gym", "migration"),
     "comparison": ("compare", "baseline", "benchmark against mpc", "comparison with lqr"),
     "conditions": (

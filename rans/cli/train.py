@@ -373,8 +373,8 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         advice = (
             f"No seed solves it: {reasons[0]}."
             if reasons
-            else f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may solve "
-            f"it: {_train_on(path, trainer.steps)}; or another --seed."
+            else f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
+            f"solve it: {_train_on(path, trainer.steps)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
