@@ -118,9 +118,11 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
 
 
 @styled
-def shares_and_latency(board: dict[str, Scores]) -> Figure:
+def shares_and_computing_time(board: dict[str, Scores]) -> Figure:
     """Share of the possible return, where it is known, and time an action takes."""
-    keys = [key for key in (RETURN, "latency, ms") if all(key in row for row in board.values())]
+    keys = [
+        key for key in (RETURN, "computing time, ms") if all(key in row for row in board.values())
+    ]
     figure = Figure(figsize=(4.6 * len(keys), 1.3 + 0.32 * len(board)), layout="constrained")
     grid = figure.subplots(1, len(keys), squeeze=False)[0]
     for axes, key in zip(grid, keys, strict=True):

@@ -105,7 +105,7 @@ def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
         )
         marks.append(Mark(x, y, f"{entry.name}: {x:.3g} s, {y:.3g} N s"))
     if marks:
-        yield Series(f"LQR, {counted(len(marks), 'weight')}", marks, GREY, ".", "solid")
+        yield Series(f"LQR with {counted(len(marks), 'weighting')}", marks, GREY, ".", "solid")
 
 
 def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> Series:
@@ -143,7 +143,7 @@ def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Ent
         shaded.append((0.0, least, f"provably impossible: {starts} is at least {least:.2f} s"))
         series.append(_bounds(bounds, starts))
     if curve:
-        name = f"LQR, {counted(len(curve), 'weight')}"
+        name = f"LQR with {counted(len(curve), 'weighting')}"
         series.append(Series(name, [*map(_placed, curve)], GREY, ".", "solid"))
     for agent, line in front.lines().items():
         colour, marker = style([entry.name for entry in line])

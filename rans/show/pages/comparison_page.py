@@ -31,8 +31,8 @@ TEXT = (
     "said of later instants: a flight is at rest for good if it is in the goal set at all of them too. "
     "Settling is when the errors enter their tolerances for good. Impulse is force times open time, summed "
     "over the thrusters. A flight that never gets there counts as infinitely late. Medians and means stand with "
-    "95 % bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
-    "actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
+    "95 % bootstrap intervals over starts, settled and failed with Wilson's, computing time with the middle 90 % "
+    "of the actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
     "know the future and are only locally optimal."
 )
 """The protocol in short; docs/protocol.md has all of it."""
@@ -42,7 +42,7 @@ _MISSION_TEXT = (
     "that succeeds without breaking a limit wins; one that does not counts as infinitely late. Impulse is force "
     "times open time, summed over the thrusters. Bounds hold for every flight from the same start that succeeds "
     "by its deadline, with any control law. Shares have Wilson's 95 % intervals, the others bootstrap intervals "
-    "over starts, latency the middle 90 % of the actions."
+    "over starts, computing time the middle 90 % of the actions."
 )
 """The same for missions that end with their success."""
 
@@ -493,20 +493,22 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
 
 def _returns(comparison: Comparison) -> Section:
     text = (
-        "Latency is the processor time of one action for one observation, median and middle 90 % over "
+        "Computing time is the processor time of one action for one observation, median and middle 90 % over "
         "the first fifth of a few flights."
     )
-    title = "Latency"
+    title = "Computing time"
     optimum = tables.best_returns(comparison)
     if optimum is not None:
-        title = "Return and latency"
+        title = "Return and computing time"
         solved = np.isfinite(optimum)
         text += (
             f" The return is the task's own reward, from {solved.sum()} of "
             f"{counted(len(solved), 'start')}; 100 % is its relaxed optimum from there, which may "
             "throttle; the mean of the former over the mean of the latter."
         )
-    picture = Picture.of(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
+    picture = Picture.of(
+        figures.shares_and_computing_time(tables.scoreboard(comparison)), f"{title}."
+    )
     return Section(title, text, pictures=[picture])
 
 

@@ -337,7 +337,8 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
     rates = [(m.title(), m["solved"].value) for m in measured]
     findings = [
         Finding(
-            f"{title}: {rate:.1f} % solved; {SOLVED_SHARE:g} % are wanted.", rate >= SOLVED_SHARE
+            f"{title}: {rate:.1f} % solved; at least {SOLVED_SHARE:g} % are asked.",
+            rate >= SOLVED_SHARE,
         )
         for title, rate in rates
     ]

@@ -77,7 +77,7 @@ def scores(
         ratio = Bootstrap(int(solved.sum())).ratio(entry.returns[solved], optimum[solved])
         result[RETURN] = ratio.scaled(100.0)
     middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
-    return result | {"latency, ms": Estimate(*middle)}
+    return result | {"computing time, ms": Estimate(*middle)}
 
 
 def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds | None) -> Scores:

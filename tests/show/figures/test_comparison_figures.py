@@ -8,7 +8,7 @@ import pytest
 from rans.evaluation.measure.statistics import Estimate
 from rans.show.figures.comparison_figures import (
     final_error_curves,
-    shares_and_latency,
+    shares_and_computing_time,
     side_by_side,
 )
 from rans.show.figures.panels import BLUE, ORANGE
@@ -32,11 +32,17 @@ def test_errors_and_tolerances_share_their_unit() -> None:
 
 def test_every_contestant_has_its_row_and_colour() -> None:
     board = {
-        "first": {RETURN: Estimate(80.0, 70.0, 95.0), "latency, ms": Estimate(2.0, 1.0, 4.0)},
-        "second": {RETURN: Estimate(60.0, 50.0, 65.0), "latency, ms": Estimate(20.0, 10.0, 30.0)},
+        "first": {
+            RETURN: Estimate(80.0, 70.0, 95.0),
+            "computing time, ms": Estimate(2.0, 1.0, 4.0),
+        },
+        "second": {
+            RETURN: Estimate(60.0, 50.0, 65.0),
+            "computing time, ms": Estimate(20.0, 10.0, 30.0),
+        },
     }
-    shares, latency = shares_and_latency(board).axes
-    for axes, key in ((shares, RETURN), (latency, "latency, ms")):
+    shares, latency = shares_and_computing_time(board).axes
+    for axes, key in ((shares, RETURN), (latency, "computing time, ms")):
         assert axes.get_xlabel() == key
         marks = [bar.lines[0] for bar in axes.containers]  # type: ignore[attr-defined]
         assert [np.asarray(mark.get_xydata()).tolist() for mark in marks] == [
@@ -50,9 +56,11 @@ def test_every_contestant_has_its_row_and_colour() -> None:
     assert (shares.get_xscale(), latency.get_xscale()) == ("linear", "log")
 
 
-def test_without_returns_only_latency_is_drawn() -> None:
-    (only,) = shares_and_latency({"first": {"latency, ms": Estimate(2.0, 1.0, 4.0)}}).axes
-    assert only.get_title(loc="left") == "latency"
+def test_without_returns_only_computing_time_is_drawn() -> None:
+    (only,) = shares_and_computing_time(
+        {"first": {"computing time, ms": Estimate(2.0, 1.0, 4.0)}}
+    ).axes
+    assert only.get_title(loc="left") == "computing time"
 
 
 def test_flights_side_by_side_have_one_scale() -> None:

@@ -73,7 +73,7 @@ def test_the_plane_counts_all_starts_where_no_bound_is_known() -> None:
     # the greatest reward arrives nowhere: two points
     name = "relaxed thrust, exact goal (no controller, where found)"
     assert marks[name] == [(5.0, 8.0), (6.0, 2.0)]
-    assert marks["LQR, 1 weight"] == [(2.0, 1.0)]
+    assert marks["LQR with 1 weighting"] == [(2.0, 1.0)]
     assert chart.shaded == []
     assert "medians over 3 starts" in chart.caption
 
