@@ -23,6 +23,8 @@ PRECISION = 0.01
 """Largest error of a distance from line segments, m: a hundredth of the least position tolerance of a mission."""
 _INTERVALS = 64
 """Parts of a coast with which the search in time begins: 6 degrees of an orbit each."""
+_FEW_INTERVALS = 16
+"""The same where a distance is only compared: few coasts need more."""
 _VELOCITY_RESPONSE = math.sqrt(50.0)
 """Upper bound of how much a velocity change grows: the Frobenius norm of the response of the velocity to it,
 [[c, 2 s], [-2 s, 4 c - 3]] in the orbital plane, is largest half an orbit later, where c = -1."""
@@ -142,15 +144,44 @@ def least_distances(mean_motion: float, pieces: Pieces, flights: int) -> np.ndar
         pieces: families of coasts.
         flights: number of flights.
     """
-    n = mean_motion
+    best = _least_of_segments(mean_motion, pieces, flights, _INTERVALS, math.inf)
+    return np.maximum(best - PRECISION, 0.0)
+
+
+def keep_away(mean_motion: float, pieces: Pieces, flights: int, distance: float) -> np.ndarray:
+    """Whether all coasts of a flight certainly keep a distance, m, from the target, (flights,) bool.
+
+    It takes less time than `least_distances`: no coast is searched further once the answer is certain.
+
+    Args:
+        mean_motion: mean motion n of the target's orbit, rad/s.
+        pieces: families of coasts.
+        flights: number of flights.
+        distance: distance from the target, m.
+    """
+    asked = distance + PRECISION
+    return _least_of_segments(mean_motion, pieces, flights, _FEW_INTERVALS, asked) > asked
+
+
+def _least_of_segments(
+    n: float, pieces: Pieces, flights: int, intervals: int, asked: float
+) -> np.ndarray:
+    """Least distance (flights,), m, of segments less their families' errors, `PRECISION` above the least at most.
+
+    Args:
+        n: mean motion, rad/s.
+        pieces: families of coasts.
+        flights: number of flights.
+        intervals: parts of every coast with which the search begins.
+        asked: distance, m, on whose side the result of a flight must be; beyond it results are too large.
+    """
     best = np.full(flights, np.inf)
-    """Least distance of a segment less the family's error, of those computed so far."""
     bend = np.maximum(_bend(n, pieces.first), _bend(n, pieces.second))
     # Equal parts of every coast first.
-    owner = np.repeat(np.arange(len(pieces.time)), _INTERVALS)
-    step = np.tile(np.arange(_INTERVALS), len(pieces.time)) / _INTERVALS
+    owner = np.repeat(np.arange(len(pieces.time)), intervals)
+    step = np.tile(np.arange(intervals), len(pieces.time)) / intervals
     start = step * pieces.time[owner]
-    end = (step + 1.0 / _INTERVALS) * pieces.time[owner]
+    end = (step + 1.0 / intervals) * pieces.time[owner]
     while len(owner):
         # Chunks bound the memory.
         survivors = []
@@ -171,7 +202,10 @@ def least_distances(mean_motion: float, pieces: Pieces, flights: int) -> np.ndar
             along = [np.abs(np.sum(unit * x[:, 3:], axis=1)) for x in (first, second)]
             slack = np.minimum(slack, np.maximum(*along) * half + 0.5 * bend[who] * half**2)
             lower = distance - slack - pieces.error[who]
-            candidates = lower < best[pieces.flight[who]] - PRECISION
+            so_far = best[pieces.flight[who]]
+            candidates = lower < np.minimum(so_far - PRECISION, asked)
+            if math.isfinite(asked):
+                candidates &= so_far > asked
             survivors.append(
                 (who[candidates], begin[candidates], middle[candidates], finish[candidates])
             )
@@ -179,7 +213,7 @@ def least_distances(mean_motion: float, pieces: Pieces, flights: int) -> np.ndar
         owner = np.concatenate([who, who])
         start = np.concatenate([begin, middle])
         end = np.concatenate([middle, finish])
-    return np.maximum(best - PRECISION, 0.0)
+    return best
 
 
 def pushed(mean_motion: float, states: np.ndarray, push: np.ndarray, time: float) -> np.ndarray:

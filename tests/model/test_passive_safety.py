@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from rans.model.passive_safety import (
     PRECISION,
     Pieces,
+    keep_away,
     least_distances,
     pieces_of_periods,
     single_coasts,
@@ -130,6 +131,27 @@ def test_an_impulse_at_an_unknown_instant_is_covered() -> None:
     coast = single_coasts(partial[None], np.array([ORBIT]), one)
     assert pieces.error.max() == pytest.approx(math.sqrt(50.0) * 0.1 * period / 4.0, rel=0.02)
     assert least_distances(N, pieces, 1)[0] <= least_distances(N, coast, 1)[0]
+
+
+def test_whether_a_distance_is_kept_agrees_with_the_least_distance() -> None:
+    random = np.random.default_rng(3)
+    count, flights = 400, 80
+    first = random.normal(size=(count, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]
+    second = first + random.normal(size=(count, 6)) * [0.0, 0.0, 0.0, 0.02, 0.02, 0.02]
+    pieces = Pieces(
+        first,
+        np.where(random.uniform(size=(count, 1)) < 0.5, first, second),
+        random.uniform(0.3, 1.2, count) * ORBIT,
+        random.uniform(0.0, 0.3, count),
+        random.integers(flights, size=count),
+    )
+    least = least_distances(N, pieces, flights)
+    for distance in np.quantile(least, [0.1, 0.5, 0.9]):
+        kept = keep_away(N, pieces, flights, float(distance))
+        # Both are certain to a centimetre.
+        certain = np.abs(least - distance) > PRECISION
+        assert certain.sum() > 0.9 * flights
+        np.testing.assert_array_equal(kept[certain], (least > distance)[certain])
 
 
 def test_two_body_gravity_agrees() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Vec2, Vec3, map_leaves
-from rans.model.passive_safety import Pieces, carried, joined, least_distances, single_coasts
+from rans.model.passive_safety import Pieces, carried, joined, keep_away, single_coasts
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.navigation_filter import NavigationFilter
@@ -361,8 +361,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         ]
         if self._coast_distance(start[0]) >= self.task.keep_out or now > 0.0:
             pieces.append(Pieces(at_first, transfer, nothing + orbit, nothing, every))
-        distance = least_distances(n, joined(pieces), count)
-        return distance > self.task.keep_out + _COASTS_CLEAR
+        return keep_away(n, joined(pieces), count, self.task.keep_out + _COASTS_CLEAR)
 
     def _coasted(self, p: Any, v: Any, times: np.ndarray) -> Vec3:
         positions, _ = self.task.drift.carry(p, v, times)

@@ -14,7 +14,7 @@ from rans.model.passive_safety import (
     Pieces,
     carried,
     joined,
-    least_distances,
+    keep_away,
     single_coasts,
 )
 from rans.model.spacecraft import Spacecraft
@@ -24,11 +24,13 @@ from rans.tasks.base import Task
 from rans.tasks.hold import Hold
 
 _LEGS = ((1, 24), (2, 6000), (3, 8000))
-"""Numbers of coasts of plans, and how many of these are drawn: one has only its time to choose."""
+"""Numbers of coasts of plans, and how many of these are drawn first: one has only its time to choose."""
+_MORE_LEGS = ((2, 6000), (3, 24_000), (4, 24_000))
+"""The same of every further draw: with little time until the deadline few plans are safe, of many coasts."""
+_DRAWS = 12
+"""Largest number of draws for a start; four found a plan for every start of 1,024 that had none in the first."""
 _CHECKED = 256
 """Number of plans whose coasts are computed at once, the cheapest first."""
-_MOST_CHECKED = 24 * _CHECKED
-"""Number of plans of a start whose coasts are computed: twice as many find a plan for few further starts."""
 _FIRST_BURN = 1.5
 """Instant of the first burn, control periods: half of a burn of three periods after the start."""
 _IMPOSSIBLE = 1e3
@@ -83,9 +85,9 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
     >>> rans.PassiveApproach("vbar-chaser", "hold")
     <passive: Hold for vbar-chaser>
 
-    A plan has one to three coasts and a burn before and after each. Plans are drawn at random, with the same random
-    numbers for every start. In the order of their prices all their coasts are computed
-    (`rans.model.passive_safety`): those of the plan, and those after any part of a burn, first of impulses and then
+    A plan has one to four coasts and a burn before and after each. Plans are drawn at random, with the same random
+    numbers for every start, and again where none of them is safe. In the order of their prices all their coasts
+    are computed (`rans.model.passive_safety`): those of the plan, and those after any part of a burn, first of impulses and then
     of burns as they are flown. The cheapest plan whose coasts keep out of the ball is flown; without one, that
     whose coasts keep the largest distance. Burns of several control periods are centred on their instants and keep
     their direction. At the hold point the craft stays on a closed ellipse, which drifts nowhere.
@@ -165,10 +167,36 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
     def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:
         """The cheapest plan from a state (6,) whose coasts are safe; else the one with the largest distance."""
         is_unsafe_start = self._coast_distance(start) < self._radius
-        random = np.random.default_rng(0)
-        batches = [
-            self._sampled(random, legs, count, start, goal, deadline) for legs, count in _LEGS
-        ]
+        farthest, distance = None, -1.0
+        cheapest, price = None, math.inf
+        for draw in range(_DRAWS):
+            batches = self._drawn(draw, start, goal, deadline)
+            safest = self._safest(batches, start, goal, is_unsafe_start)
+            if safest is not None and safest[1] > distance:
+                farthest, distance = safest
+            if self._is_safe(distance):
+                break
+            for batch in batches:
+                row = int(np.argmin(batch.price))
+                if batch.price[row] < price:
+                    cheapest, price = self._plan_of(batch, row), float(batch.price[row])
+        # Without a plan that is safe even with impulses, the cheapest.
+        plan = cheapest if farthest is None else farthest
+        assert plan is not None
+        return plan
+
+    def _drawn(
+        self, draw: int, start: np.ndarray, goal: np.ndarray, deadline: float
+    ) -> list[_Batch]:
+        """Plans from a state (6,), of each number of coasts; other ones in every draw, the same for all starts."""
+        random = np.random.default_rng(draw)
+        sizes = _MORE_LEGS if draw else _LEGS
+        return [self._sampled(random, legs, count, start, goal, deadline) for legs, count in sizes]
+
+    def _safest(
+        self, batches: list[_Batch], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
+    ) -> tuple[_Plan, float] | None:
+        """The plan of `_cheapest_safe` among those drawn, and the distance, m, that its coasts keep."""
         # Plans have numbers across the batches, each of which has another number of coasts.
         batch_of = np.repeat(np.arange(len(batches)), [len(batch.price) for batch in batches])
         row_of = np.concatenate([np.arange(len(batch.price)) for batch in batches])
@@ -176,29 +204,27 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         def plans(numbers: np.ndarray) -> list[_Plan]:
             return [self._plan_of(batches[batch_of[i]], int(row_of[i])) for i in numbers]
 
-        def distance_of_impulses(numbers: np.ndarray) -> np.ndarray:
+        def safe_impulses(numbers: np.ndarray) -> np.ndarray:
             pieces = []
             for k, batch in enumerate(batches):
                 flight = np.flatnonzero(batch_of[numbers] == k)
                 if len(flight):
                     rows = row_of[numbers[flight]]
                     pieces.extend(self._coasts_of_impulses(batch, rows, flight, is_unsafe_start))
-            return least_distances(self.task.mean_motion, joined(pieces), len(numbers))
+            coasts = joined(pieces)
+            return keep_away(self.task.mean_motion, coasts, len(numbers), self._radius)
 
         def distance_of_flights(numbers: np.ndarray) -> np.ndarray:
             return self._distance_of_flights(plans(numbers), start, goal, is_unsafe_start)
 
-        order = np.argsort(np.concatenate([batch.price for batch in batches]), kind="stable")
-        safest = self._cheapest_safe(
-            order[:_MOST_CHECKED],
-            _CHECKED,
-            self._radius,
-            distance_of_impulses,
-            distance_of_flights,
-        )
-        # Without a plan that is safe even with impulses, the cheapest.
-        (plan,) = plans(order[:1] if safest is None else np.array([safest.row]))
-        return plan
+        price = np.concatenate([batch.price for batch in batches])
+        order = np.argsort(price, kind="stable")
+        order = order[price[order] < _IMPOSSIBLE]
+        safest = self._cheapest_safe(order, _CHECKED, safe_impulses, distance_of_flights)
+        if safest is None:
+            return None
+        (plan,) = plans(np.array([safest.row]))
+        return plan, safest.distance
 
     def _plan_of(self, batch: _Batch, row: int) -> _Plan:
         """One plan of a batch; its first burn begins at once, the others half of their duration earlier."""

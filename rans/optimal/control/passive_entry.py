@@ -22,7 +22,7 @@ from rans.model.passive_safety import (
     Pieces,
     carried,
     joined,
-    least_distances,
+    keep_away,
     pushed,
     single_coasts,
 )
@@ -269,8 +269,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             plan = self._cheapest_safe(
                 order[allowed[order]],
                 _CHECKED,
-                self._radius + _CLEAR,
-                partial(self._distance_of_impulses, plans, is_unsafe_start),
+                partial(self._safe_impulses, plans, is_unsafe_start),
                 partial(self._distance_of_flights, plans, start, is_unsafe_start),
             )
             if plan is not None and plan.distance > farthest:
@@ -283,10 +282,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         assert best is not None
         return best
 
-    def _distance_of_impulses(
-        self, plans: _Plans, is_unsafe_start: bool, rows: np.ndarray
-    ) -> np.ndarray:
-        """Distance (K,), m, that the coasts of plans with these numbers keep if the burn is an impulse."""
+    def _safe_impulses(self, plans: _Plans, is_unsafe_start: bool, rows: np.ndarray) -> np.ndarray:
+        """Whether the coasts of plans with these numbers keep out of the zone if the burn is an impulse, (K,)."""
         n, orbit = self.task.mean_motion, self._orbit
         after = plans.after[rows]
         flight = np.arange(len(rows))
@@ -295,7 +292,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         if not is_unsafe_start:
             # Thrusters may shut after any part of the burn.
             pieces.append(Pieces(plans.before[rows], after, zero + orbit, zero, flight))
-        return least_distances(n, joined(pieces), len(rows))
+        return keep_away(n, joined(pieces), len(rows), self._radius + _CLEAR)
 
     def _distance_of_flights(
         self, plans: _Plans, start: np.ndarray, is_unsafe_start: bool, rows: np.ndarray

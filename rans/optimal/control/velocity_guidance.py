@@ -163,7 +163,6 @@ class PassivelySafeGuidance(VelocityGuidance[Mission]):
         self,
         order: np.ndarray,
         batch: int,
-        clear: float,
         of_impulses: Callable[[np.ndarray], np.ndarray],
         of_flights: Callable[[np.ndarray], np.ndarray],
     ) -> SafePlan | None:
@@ -172,9 +171,8 @@ class PassivelySafeGuidance(VelocityGuidance[Mission]):
         Args:
             order: numbers of the plans, the cheapest first.
             batch: number of plans whose coasts are computed at once.
-            clear: distance, m, that coasts after impulses must keep before the flight of a plan is predicted.
-            of_impulses: distances (K,) that the coasts of plans (K,) keep if burns are impulses.
-            of_flights: the same of burns as they are flown, which takes longer.
+            of_impulses: whether the coasts of plans (K,) keep out of the zone if burns are impulses, (K,).
+            of_flights: distances (K,) that the coasts of plans (K,) keep, of burns as they are flown.
 
         Returns:
             The plan; None if no plan would be safe with impulses.
@@ -182,7 +180,7 @@ class PassivelySafeGuidance(VelocityGuidance[Mission]):
         best: SafePlan | None = None
         for begin in range(0, len(order), batch):
             rows = order[begin : begin + batch]
-            rows = rows[of_impulses(rows) > clear][:_PREDICTED]
+            rows = rows[of_impulses(rows)][:_PREDICTED]
             if not len(rows):
                 continue
             distances = of_flights(rows)

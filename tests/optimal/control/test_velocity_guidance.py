@@ -126,8 +126,7 @@ def test_the_cheapest_safe_plan_is_chosen(
     plan = Searching()._cheapest_safe(
         np.arange(3),
         batch,
-        50.0,
-        lambda rows: np.array(impulses)[rows],
+        lambda rows: np.array(impulses)[rows] > 50.0,
         lambda rows: np.array(flights)[rows],
     )
     assert (None if plan is None else plan.row) == row
