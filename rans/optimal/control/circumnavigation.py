@@ -43,6 +43,18 @@ _TRIM = 0.001
 """Error of velocity that is left alone, m/s: an orbit whose speed is off by it drifts by 18 m a turn."""
 _DOUBT = 3.0
 """Standard deviations of an estimated velocity that are left alone."""
+_DETOURS = 400
+"""Number of changes of velocity at the start that are drawn where no plan of two burns is safe."""
+_DEAR = 1.3
+"""Price of a safe plan, in that of the cheapest unsafe one, beyond which a plan with a detour is searched."""
+_DETOUR_SPEEDS = (0.005, 0.3)
+"""Least and largest of them, m/s: on a coast that misses the ball by 100 m the last turns it by a right angle."""
+_DETOURS_TOGETHER = 256
+"""Number of plans with detours whose coasts are computed at once, the cheapest first."""
+_MOST_DETOURS = 200 * _DETOURS_TOGETHER
+"""Largest number of plans with detours that are tried."""
+_AFTER = 10
+"""Control periods after the second burn for which the flight of a plan is predicted."""
 _LISTENING = 10
 """Control periods of noisy readings that are filtered before the first plan."""
 
@@ -60,6 +72,12 @@ class _Plans:
     """Where the second burn is, m."""
     finish: np.ndarray
     """Time at which enough has been seen, s."""
+    detours: np.ndarray
+    """Whether a burn at once leads to where the first burn is."""
+    via_x: np.ndarray
+    via_y: np.ndarray
+    via_z: np.ndarray
+    """Where that is, m."""
 
 
 class Circumnavigation(PassivelySafeGuidance[Inspect]):
@@ -90,8 +108,8 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         task: an `rans.tasks.inspect.Inspect`, or its name.
         timing: control period, and length of the episode; None: the task's.
         safe_coasts: whether plans are passively safe: if all thrusters shut at any instant, also in the midst of a
-            burn, the coast of the next orbit does not enter the keep-out ball. Where no plan is, one is flown that
-            is not.
+            burn, the coast of the next orbit does not enter the keep-out ball. Where no plan is, one more burn at
+            once is drawn at random, in any direction; without a safe plan an unsafe one is flown.
         within: time within which the inspection should end, s, None: the length of the episode. Shorter
             times need more impulse; without a plan in time, the plan that sees the most is flown.
 
@@ -156,7 +174,11 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             state, position_deviation, velocity_deviation = self._estimated(self._filter, state)
             listens = now < _LISTENING * self._period
         if self._plans is None:
-            self._plans = _Plans(*(np.full(size, -1.0) for _ in range(5)))
+            self._plans = _Plans(
+                *(np.full(size, -1.0) for _ in range(5)),
+                np.zeros(size, bool),
+                *(np.zeros(size) for _ in range(3)),
+            )
 
         # Plan where no plan has been made, and where one has ended too soon.
         over = (now > self._plans.finish) & (self.task.unseen(goal) >= self.task.unseen_tolerance)
@@ -193,8 +215,8 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         A burn over a period acts as an impulse in its middle.
         """
         half = 0.5 * self._period
-        p, v = self.task.drift.carry(state.p, state.v, half)
-        p, v = Vec2(p.x, p.y), Vec2(v.x, v.y)
+        in_space, speed = self.task.drift.carry(state.p, state.v, half)
+        p, v = Vec2(in_space.x, in_space.y), Vec2(speed.x, speed.y)
         left = plans.second - now
         transfer = left > half
         time = np.where(transfer, left, self._period)
@@ -203,7 +225,14 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         around = closed_ellipse(self.task.mean_motion, p.x, p.y)
         x = np.where(transfer, to_reach.x, around[0]) - v.x
         y = np.where(transfer, to_reach.y, around[1]) - v.y
-        return np.where(waits, 0.0, np.array([x, y, 0.0 * x]))
+        change = np.where(waits, 0.0, np.array([x, y, 0.0 * x]))
+        # On a detour the craft aims at the point of the first burn, but for the last periods before it.
+        until = plans.first - now - half
+        detours = plans.detours & (until > 2.0 * self._period)
+        via = Vec3(plans.via_x, plans.via_y, plans.via_z)
+        time = np.where(detours, until, self._period)
+        aimed = velocity_to_reach(self.task.drift, in_space, via, time) - speed
+        return np.where(detours, np.array(aimed.columns()), change)
 
     def _plan(self, row: int, state: Any, goal: Any, now: float) -> None:
         """Set the plan of one flight."""
@@ -218,14 +247,22 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         most_points = -1
         best = 0
         end = now + left
+        is_enough = False
+        unsafe_price = math.inf
+        """Price of the cheapest plan that sees enough, safe or not, m/s."""
         for begin in range(0, len(order), _TOGETHER):
             some = order[begin : begin + _TOGETHER]
             inspected, finish = self._judged(
                 state_now, target_now, first[some], second[some], target[:, some], left
             )
             if self._safe_coasts and np.isfinite(finish).any():
+                unsafe_price = min(unsafe_price, float(price[some[np.isfinite(finish)][0]]))
                 safe = self._coasts_safely(
                     state_now, now, first[some], second[some], target[:, some]
+                )
+                safe &= np.isfinite(finish)
+                safe[safe] = self._flown_safely(
+                    state_now, now, first[some[safe]], second[some[safe]], target[:, some[safe]]
                 )
                 inspected, finish = np.where(safe, inspected, -1), np.where(safe, finish, math.inf)
             # The cheapest that sees enough, or else the one that sees the most.
@@ -234,8 +271,14 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
                 most_points = inspected[k]
                 best = some[k]
                 end = now + min(finish[k], left)
-            if np.isfinite(finish[k]):
+            is_enough = bool(np.isfinite(finish[k]))
+            if is_enough:
                 break
+        if self._safe_coasts:
+            safe_price = float(price[best]) if is_enough else math.inf
+            is_dear = not is_enough or safe_price > _DEAR * unsafe_price
+            if is_dear and self._plan_detour(row, state_now, target_now, now, left, safe_price):
+                return
         if most_points < 0:
             # Nothing keeps clear: the closed orbit through this position.
             self._set(row, now, now, state_now.p.x, state_now.p.y, now + left)
@@ -243,10 +286,82 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         x, y = map(float, target[:, best])
         self._set(row, now + first[best], now + second[best], x, y, end)
 
+    def _plan_detour(
+        self, row: int, state_now: Any, target_now: Any, now: float, left: float, dearest: float
+    ) -> bool:
+        """Set the cheapest plan of one flight that begins with a burn at once and is safe.
+
+        Returns:
+            Whether there is one that costs less than a price, m/s; else nothing is set.
+        """
+        n, half = self.task.mean_motion, 0.5 * self._period
+        start = np.array([*state_now.p.columns(), *state_now.v.columns()])
+        # Changes of velocity in the middle of this period, and coasts through it afterwards, as states of now.
+        random = np.random.default_rng(0)
+        direction = random.normal(size=(_DETOURS, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        size = np.exp(random.uniform(*np.log(_DETOUR_SPEEDS), (_DETOURS, 1)))
+        burn = np.concatenate([np.zeros((_DETOURS, 3)), direction * size], axis=1)
+        middle = carried(n, start[None], np.array([half])) + burn
+        states = carried(n, middle, np.full(_DETOURS, -half))
+        # Those whose coasts are safe after any part of the burn.
+        every = np.arange(_DETOURS)
+        before = np.tile(start, (_DETOURS, 1))
+        if now == 0.0 and self._coast_distance(start) < self.task.keep_out:
+            before = states
+        time = np.full(_DETOURS, self._orbit + self._period)
+        coasts = Pieces(before, states, time, np.zeros(_DETOURS), every)
+        safe = keep_away(n, coasts, _DETOURS, self.task.keep_out + _COASTS_CLEAR)
+        states, burn = states[safe], np.abs(burn[safe]).sum(axis=1)
+
+        # Prices of all plans from there; the detour must last some periods.
+        priced = [self._priced(_moved(state_now, state), target_now) for state in states]
+        if not priced:
+            return False
+        first, second, target, _ = priced[0]
+        price = np.array([paid for *_, paid in priced]) + burn[:, None]
+        fits = (second < left) & (first > 4.0 * self._period)
+        which, plan = np.nonzero(fits & (price < dearest))
+        order = np.argsort(price[which, plan], kind="stable")[:_MOST_DETOURS]
+        for some in np.split(order, range(_DETOURS_TOGETHER, len(order), _DETOURS_TOGETHER)):
+            k, j = which[some], plan[some]
+            safe = self._coasts_safely(
+                _moved(state_now, states[k]), math.inf, first[j], second[j], target[:, j]
+            )
+            k, j = k[safe], j[safe]
+            if not len(k):
+                continue
+            begun = _moved(state_now, states[k])
+            _, finish = self._judged(begun, target_now, first[j], second[j], target[:, j], left)
+            enough = np.isfinite(finish)
+            k, j, finish = k[enough], j[enough], finish[enough]
+            if not len(k):
+                continue
+            via = carried(n, states[k], first[j])[:, :3]
+            flown = self._flown_safely(state_now, now, first[j], second[j], target[:, j], via)
+            if flown.any():
+                chosen = int(np.argmax(flown))
+                i = j[chosen]
+                x, y = map(float, target[:, i])
+                end = now + float(finish[chosen])
+                self._set(row, now + first[i], now + second[i], x, y, end, via[chosen])
+                return True
+        return False
+
     def _set(
-        self, row: int, first: float, second: float, x: float, y: float, finish: float
+        self,
+        row: int,
+        first: float,
+        second: float,
+        x: float,
+        y: float,
+        finish: float,
+        via: np.ndarray | None = None,
     ) -> None:
         assert self._plans is not None
+        self._plans.detours[row] = via is not None
+        if via is not None:
+            self._plans.via_x[row], self._plans.via_y[row], self._plans.via_z[row] = via
         self._plans.first[row] = first
         self._plans.second[row] = second
         self._plans.x[row] = x
@@ -334,6 +449,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
     ) -> np.ndarray:
         """Whether the coasts of plans (K,) stay outside the ball for an orbit, whenever the thrusters shut.
 
+        They begin at one state, or each at its own of K.
         A coast from the start of the flight that enters the ball is left as it is by no plan, only by a burn in
         the first control period.
         """
@@ -341,7 +457,8 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         orbit = self._orbit
         count = len(first)
         waits = first > self._period
-        start = np.tile(np.array([*state_now.p.columns(), *state_now.v.columns()]), (count, 1))
+        columns = (*state_now.p.columns(), *state_now.v.columns())
+        start = np.stack([np.broadcast_to(x, count) for x in columns], axis=1)
         at_first = carried(n, start, first)
         begin = velocity_to_reach(
             self.task.drift, Vec2(*at_first[:, :2].T), Vec2(*target), second - first
@@ -359,14 +476,61 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             Pieces(transfer, transfer, orbit + second - first, nothing, every),
             Pieces(at_second, closed, nothing + orbit, nothing, every),
         ]
-        if self._coast_distance(start[0]) >= self.task.keep_out or now > 0.0:
+        if now > 0.0 or self._coast_distance(start[0]) >= self.task.keep_out:
             pieces.append(Pieces(at_first, transfer, nothing + orbit, nothing, every))
         return keep_away(n, joined(pieces), count, self.task.keep_out + _COASTS_CLEAR)
+
+    def _flown_safely(
+        self,
+        state_now: Any,
+        now: float,
+        first: np.ndarray,
+        second: np.ndarray,
+        target: np.ndarray,
+        via: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Whether coasts of plans (K,) stay outside the ball with burns as they are flown; see `_coasts_safely`.
+
+        Args:
+            state_now: state at which all begin.
+            now: its time, s.
+            first: times of the first burns from then on, s.
+            second: those of the second burns.
+            target: (2, K) where the second burns are, m.
+            via: (K, 3) where the first burns are if another one leads there, m.
+        """
+        count = len(first)
+        if not count:
+            return np.zeros(0, bool)
+        start = np.array([*state_now.p.columns(), *state_now.v.columns()])
+        nothing = np.zeros(count)
+        columns = (nothing, nothing, nothing) if via is None else via.T
+        plans = _Plans(first, second, *target, nothing, np.full(count, via is not None), *columns)
+
+        def law(states: np.ndarray, time: float) -> np.ndarray:
+            change = self._change_by_plan(_moved(state_now, states), time, plans).T
+            return np.where(np.linalg.norm(change, axis=1, keepdims=True) > _TRIM, change, 0.0)
+
+        last = float(second.max()) + _AFTER * self._period
+        is_unsafe_start = now == 0.0 and self._coast_distance(start) < self.task.keep_out
+        distance = self._predicted_distance(
+            np.tile(start, (count, 1)),
+            law,
+            math.ceil(last / self._period),
+            self._orbit + last,
+            is_unsafe_start,
+        )
+        return self._is_safe(distance)
 
     def _coasted(self, p: Any, v: Any, times: np.ndarray) -> Vec3:
         positions, _ = self.task.drift.carry(p, v, times)
         shape = np.broadcast_shapes(*(np.shape(x) for x in positions.columns()))
         return Vec3(*(np.broadcast_to(x, shape) for x in positions.columns()))
+
+
+def _moved(state: Any, states: np.ndarray) -> Any:
+    """A state with the positions and velocities of states (6,) or (K, 6)."""
+    return replace(state, p=Vec3(*states.T[:3]), v=Vec3(*states.T[3:]))
 
 
 def _nearest(p: Vec3) -> np.ndarray:

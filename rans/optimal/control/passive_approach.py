@@ -87,10 +87,10 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
 
     A plan has one to four coasts and a burn before and after each. Plans are drawn at random, with the same random
     numbers for every start, and again where none of them is safe. In the order of their prices all their coasts
-    are computed (`rans.model.passive_safety`): those of the plan, and those after any part of a burn, first of impulses and then
-    of burns as they are flown. The cheapest plan whose coasts keep out of the ball is flown; without one, that
-    whose coasts keep the largest distance. Burns of several control periods are centred on their instants and keep
-    their direction. At the hold point the craft stays on a closed ellipse, which drifts nowhere.
+    are computed (`rans.model.passive_safety`): those of the plan, and those after any part of a burn, first of
+    impulses and then of burns as they are flown. The cheapest plan whose coasts keep out of the ball is flown;
+    without one, that whose coasts keep the largest distance. Burns of several control periods are centred on their
+    instants and keep their direction. At the hold point the craft stays on a closed ellipse, which drifts nowhere.
 
     It knows the state exactly, and expects no errors of sensors and thrusters.
 
