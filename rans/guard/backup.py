@@ -22,6 +22,7 @@ from rans.guard.rows import (
     truths,
     where_true,
 )
+from rans.guard.straight_line import few
 from rans.model.fields import Field
 
 _FEW = 2
@@ -74,7 +75,7 @@ class FlownBackup:
     ) -> tuple[Command, Field]:
         """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
         (state, goal, command), single = batched((state, goal, tuple(command)))
-        ahead = Ahead(world, self.reserve)
+        ahead = Ahead.of(world, self.reserve)
         state, goal = ahead.delayed(state, goal, before, self.delay)
         admitted, changed = self._filtered(world, state, goal, command)
         if single:
@@ -134,7 +135,7 @@ class _Search:
         timing = world.timing
         seconds = guard.horizon or timing.control_period * timing.episode_steps
         horizon = periods_of(seconds, timing.control_period)
-        ahead = Ahead(world, guard.reserve)
+        ahead = Ahead.of(world, guard.reserve)
         coasting = Coasting(ahead, guard.slack, horizon)
         library = manoeuvres(world)
         return cls(
@@ -189,6 +190,14 @@ class _Search:
 
     def command(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
         """Command of a manoeuvre in these states."""
+        arguments = manoeuvre, state, goal
+        if few(state) and (program := self.ahead.traced("push", self._pushing, *arguments)):
+            result = program.of_rows(*arguments)
+            if result is not None:
+                return result
+        return self._pushing(*arguments)
+
+    def _pushing(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
         return self.thrusters.pushing(state, manoeuvre.push(self.world, state, goal))
 
     def _manoeuvred(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> _Arrival:

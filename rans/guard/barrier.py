@@ -119,7 +119,7 @@ class _Search:
 
     @classmethod
     def of(cls, guard: BarrierProgram, world: World) -> _Search:
-        return cls(guard, world, Ahead(world, guard.reserve))
+        return cls(guard, world, Ahead.of(world, guard.reserve))
 
     def margins(self, state: Any, goal: Any, command: Command) -> list[Any]:
         """Every margin at every check of the command's period, then the least of each while the craft brakes."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from rans.guard.ahead import Ahead
 from rans.guard.rows import grid, is_array, like
+from rans.guard.straight_line import few
 from rans.model.drift import FREE
 from rans.model.fields import Field, absolute, at_least, map_leaves
 from rans.tasks.shapes import Ball
@@ -59,7 +60,6 @@ class Coasting:
         return shapes  # pyright: ignore[reportReturnType]
 
     def _sampled(self, state: Any, goal: Any) -> Field:
-        task = self.ahead.world.task
         period = self.ahead.world.timing.control_period
         size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
         chunk = max(4, _CHUNK // size)
@@ -68,11 +68,11 @@ class Coasting:
         for begin in range(0, self.horizon, chunk):
             last = min(self.horizon, begin + chunk + 2)
             times = grid(state, [k * period for k in range(begin, last + 1)])
-            p, v = task.drift_at(goal).carry(state.p, state.v, times)
-            later_goal = task.later(goal, times)
-            spread = map_leaves(lambda x, t=times: x + 0.0 * t if is_array(x) else x, state)
-            later = replace(spread, p=p, v=v)
-            for margin in self.ahead.margins(later, later_goal).values():
+            program = None
+            if few(state):
+                program = self.ahead.traced("coast", self._margins, state, goal, times)
+            compute = self._margins if program is None else program.of_arrays
+            for margin in compute(state, goal, times):
                 margin = margin + 0.0 * times
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend
@@ -83,6 +83,14 @@ class Coasting:
             if last == self.horizon:
                 break
         return result
+
+    def _margins(self, state: Any, goal: Any, times: Field) -> tuple[Field, ...]:
+        """Margins of coasting craft after times (T, 1), (T, N)."""
+        task = self.ahead.world.task
+        p, v = task.drift_at(goal).carry(state.p, state.v, times)
+        spread = map_leaves(lambda x, t=times: x + 0.0 * t if is_array(x) else x, state)
+        later = replace(spread, p=p, v=v)
+        return tuple(self.ahead.margins(later, task.later(goal, times)).values())
 
 
 def _closest(ball: Ball, state: Any) -> Field:
