@@ -237,7 +237,8 @@ def export(
     ['agent.npz', 'agent.py', 'card.json']
 
     Args:
-        agent: a trained agent: an `Agent`, its run folder, or the name of one that comes with RANS.
+        agent: a trained agent: an `Agent`, its run folder, or the name of one that comes with RANS; or
+            "onnx:FILE:TASK-2d@SPACECRAFT", a network of another library, as "c", "numpy" or "onnx".
         output: folder to write; its name becomes the agent's name.
         form: "onnx" for any ONNX runtime, "numpy" for NumPy alone, "c" for C99, "sb3" for Stable-Baselines3 and
             RANS, or "rans" for RANS alone.
@@ -248,6 +249,7 @@ def export(
     """
     from rans.deploy.export import Form
     from rans.deploy.export import write_export as write
+    from rans.deploy.foreign import write_foreign_export
     from rans.evaluation.fly.contestant_name import ContestantName
 
     one_of("form", form, get_args(Form))
@@ -261,5 +263,8 @@ def export(
             f"name it without #{part}."
         )
     folder = Path(text_of_name("output", output, Path))
+    if name.kind == "policy":
+        write_foreign_export(name.text, folder, form, whole("episodes", episodes))
+        return folder
     write(name.folder, folder, form, whole("episodes", episodes))
     return folder

@@ -31,7 +31,7 @@ class Export:
 
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported for that
-    craft."""
+    craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, exported as it is (c, numpy or onnx)."""
     output: Path | None = None
     """Folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the agent."""
     format: Form = "rans"
@@ -51,10 +51,10 @@ class Export:
     def run(self) -> int:
         """Write the export and print its files."""
         from rans.deploy.export import write_export
+        from rans.deploy.foreign import write_foreign_export
         from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.contestants import with_spacecraft
-        from rans.evaluation.fly.controllers import is_user_policy
 
         if self.guard:
             raise ConfigError(
@@ -62,21 +62,21 @@ class Export:
                 "Export as numpy without --guard and fly the folder by rans fly FOLDER --trust --guard; in "
                 "Python, rans.guard.safety_filter(setup).admitted filters any command."
             )
-        if is_user_policy(self.run_folder):
-            raise ConfigError(
-                f"{brief(self.run_folder)} is a policy of another trainer, and an export needs an agent of RANS, "
-                "whose network it knows. Let its own library write ONNX, as examples/trainers do by --save FILE: "
-                "every command flies that file as onnx:FILE:TASK."
-            )
         check_count("--episodes", self.episodes)
         name = ContestantName.parse(with_spacecraft(self.run_folder, self.spacecraft))
-        folder = name.folder
+        is_foreign = name.kind == "policy"
+        folder = name.policy_file if is_foreign else name.folder
+        if folder is None:
+            raise ConfigError(
+                f"{brief(self.run_folder)} is no ONNX file, and an export needs the operations of one. Let its own "
+                "library write ONNX, as examples/trainers do by --save FILE, and export onnx:FILE:TASK-2d."
+            )
         if part := name.part:
             raise ConfigError(
                 "an agent is exported as a whole, with its trade-off and all its tasks as observations: name "
                 f"it without #{part}."
             )
-        if self.format == "rans" and _comes_with_rans(folder):
+        if self.format == "rans" and not is_foreign and _comes_with_rans(folder):
             raise ConfigError(f"{folder.name} comes with RANS in this format already, in {folder}.")
         margins = self.margins
         if margins is None:
@@ -85,14 +85,21 @@ class Export:
         if margins:
             check_count("--margins", margins)
         # The folder of an agent for any craft is named after its craft too.
-        label = name.output_folder.name if name.craft else folder.name
+        label = (
+            name.output_folder.name if name.craft else folder.stem if is_foreign else folder.name
+        )
         output = self.output or Path("runs/exports") / label
         with doing(f"flying {label} for its contract and its card, and writing {output}"):
-            card = write_export(folder, output, self.format, self.episodes, margins=margins)
+            if is_foreign:
+                card = write_foreign_export(
+                    name.text, output, self.format, self.episodes, margins=margins
+                )
+            else:
+                card = write_export(folder, output, self.format, self.episodes, margins=margins)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
         stated = read_json(output / "contract.json")["conditions"]["margins"]
-        for line in [] if stated is None else margin_lines(stated):
+        for line in [] if stated is None else margin_lines(stated, is_foreign):
             Terminal().say(line)
         if self.format == "numpy":
             Terminal().suggest(f"cd {shlex.quote(str(output))} && python agent.py")

@@ -6,7 +6,7 @@ import contextlib
 import os
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
@@ -36,7 +36,8 @@ class Fly:
     """
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
-    """Run folder, name of an agent of RANS, or with --trust the folder of an export as numpy. #TASK selects one of
+    """Run folder, name of an agent of RANS, onnx:FILE:TASK-2d@SPACECRAFT (a network of another library), or with
+    --trust the folder of an export as numpy. #TASK selects one of
     the tasks of a multi-task agent."""
     bus: Annotated[str, arg(metavar="BUS[:ADDRESS]")] = "dds"
     """Transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh) or udp (within this machine), in the domain ROS_DOMAIN_ID
@@ -86,15 +87,18 @@ class Fly:
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault."""
+        from rans.deploy.foreign import export_foreign_for_flight
         from rans.deploy.robot.bag import index_bag
         from rans.deploy.robot.node import fly_over, planned_task
         from rans.deploy.robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
         from rans.deploy.robot.signals import stop_on_signals
         from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.fly.exported import read_contract
         from rans.fast.learn.config import to_table
         from rans.fast.learn.run_folder import RunFolder
         from rans.model.spacecraft_file import load_spacecraft
+        from rans.tasks import registered_name
         from rans.terminal import Terminal, doing
 
         def say(text: str) -> None:
@@ -113,7 +117,19 @@ class Fly:
         part = name.part
         source = Path(name.name)
         run = None
-        if name.kind == "run folder" and all((source / file).exists() for file in AGENT_FILES):
+        is_foreign = name.kind == "policy"
+        if is_foreign:
+            label = name.output_folder.name
+            output = self.output or output.with_name(f"{label}-{time.strftime('%Y%m%d-%H%M%S')}")
+            folder = output / "agent"
+            foreign = contestant(name.text)
+            craft = foreign.craft
+            period = foreign.timing.control_period
+            task = {
+                "name": registered_name(foreign.task) or name.setup.partition("@")[0],
+                "settings": asdict(foreign.task),
+            }
+        elif name.kind == "run folder" and all((source / file).exists() for file in AGENT_FILES):
             if not self.trust:
                 raise ConfigError(
                     f"{source} is an export with code, agent.py: add --trust if you made it, or "
@@ -166,14 +182,17 @@ class Fly:
             lost_after=max(1.0, 2.0 * period) if self.lost_after is None else self.lost_after,
             wait=self.wait,
         )
-        if run is not None:
+        if run is not None or is_foreign:
             # Nothing is written for a flight that cannot begin.
             check_plan(plan, craft, planned_task(plan), period)
             bus = opened_bus(self.bus, self.domain, self.address, self.ros)
             bus.close()
             say(f"Writing the agent of this flight into {folder}.")
             with doing("flying it for the range of its observations"):
-                export_for_flight(run.path, folder)
+                if run is None:
+                    export_foreign_for_flight(name.text, folder)
+                else:
+                    export_for_flight(run.path, folder)
         # From here on a signal ends the flight with shut valves.
         stop = stop_on_signals()
         bus = opened_bus(self.bus, self.domain, self.address, self.ros)

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rans.deploy.program import Ports
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
-from rans.policy.architecture import Architecture
 from rans.policy.program import Program, Step
 
 Shape = tuple[int, ...]
@@ -54,6 +54,7 @@ _ELEMENTWISE = {
     "Or": "{0} || {1}",
     "Abs": "fabsf({0})",
     "Floor": "floorf({0})",
+    "Round": "rintf({0})",
     "Sqrt": "sqrtf({0})",
     "Sin": "sinf({0})",
     "Cos": "cosf({0})",
@@ -192,7 +193,7 @@ class _Value(NamedTuple):
 def write_c(
     folder: Path,
     program: Program,
-    architecture: Architecture,
+    ports: Ports,
     title: str,
     contract: str = "",
     pairs: Mapping[str, Any] | None = None,
@@ -207,17 +208,17 @@ def write_c(
     about = json.loads(contract) if contract else {}
     columns = about.get("observation", [])
     commands = about.get("command", {}).get("ranges", [])
-    printer = _Printer(program, architecture)
+    printer = _Printer(program, ports)
     body = printer.lines()
     patience = 0
     if about:
         patience = int(about["readings"]["oldest"] / about["control_period"] + 1e-6)
     names = {
         "TITLE": _words(title),
-        "WIDTH": architecture.layout.width,
-        "COMMANDS": architecture.thrusters,
-        "MEMORY": architecture.memory,
-        "KEPT": max(architecture.memory, 1),
+        "WIDTH": ports.observation,
+        "COMMANDS": ports.command,
+        "MEMORY": ports.memory,
+        "KEPT": max(ports.memory, 1),
         "PATIENCE": patience,
         "PERIOD": f"{about.get('control_period', 0.0):g}",
         "COLUMNS": "\n".join(
@@ -232,18 +233,18 @@ def write_c(
             for at, command in enumerate(commands)
         )
         or " * (see contract.json)",
-        "RANGES": _ranges(columns, architecture.layout.width),
+        "RANGES": _ranges(columns, ports.observation),
         "TABLES": "\n".join(printer.tables()),
         "STEPS": "\n".join("    " + line for line in body),
-        "FORGET": _FORGET if architecture.memory else "    (void)agent;",
-        "CHECKBEFORE": _CHECK_BEFORE if architecture.memory else "",
-        "CHECKAFTER": _CHECK_AFTER if architecture.memory else "",
-        "KEEP": _KEEP if architecture.memory else "",
-        "FORGOTTEN": " | RANS_FORGOTTEN" if architecture.memory else "",
-        "REMEMBERED": "agent->memory" if architecture.memory else "NULL",
-        "AFTER": "after" if architecture.memory else "NULL",
-        "SCRATCH": f"    float after[{architecture.memory}];\n" if architecture.memory else "",
-        "UNUSED": "" if architecture.memory else "    (void)memory;\n    (void)after;\n",
+        "FORGET": _FORGET if ports.memory else "    (void)agent;",
+        "CHECKBEFORE": _CHECK_BEFORE if ports.memory else "",
+        "CHECKAFTER": _CHECK_AFTER if ports.memory else "",
+        "KEEP": _KEEP if ports.memory else "",
+        "FORGOTTEN": " | RANS_FORGOTTEN" if ports.memory else "",
+        "REMEMBERED": "agent->memory" if ports.memory else "NULL",
+        "AFTER": "after" if ports.memory else "NULL",
+        "SCRATCH": f"    float after[{ports.memory}];\n" if ports.memory else "",
+        "UNUSED": "" if ports.memory else "    (void)memory;\n    (void)after;\n",
     }
     write_text(folder / "agent.h", _filled(_HEADER, names | {"STACK": _STACK_UNKNOWN}))
     write_text(folder / "agent.c", _filled(_SOURCE, names))
@@ -381,14 +382,14 @@ def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
 class _Printer:
     """The steps of a program as lines of one C function."""
 
-    def __init__(self, program: Program, architecture: Architecture) -> None:
+    def __init__(self, program: Program, ports: Ports) -> None:
         self._program = program
         self._known: dict[str, _Value] = {
-            "observation": _Value("observation", (1, architecture.layout.width)),
-            "memory": _Value("memory", (1, architecture.memory)),
+            "observation": _Value("observation", (1, ports.observation)),
+            "memory": _Value("memory", (1, ports.memory)),
         }
         self._used: dict[str, None] = {}
-        self._architecture = architecture
+        self._ports = ports
         self._lines: list[str] = []
         self._packable = _packable(program)
         self._scores = _scores(program)
@@ -397,9 +398,9 @@ class _Printer:
         """Everything from the observation and the memory to the command and the memory after."""
         for step in self._program.steps:
             self._print(step)
-        self._copy("command", "command", self._architecture.thrusters)
-        if self._architecture.memory:
-            self._copy("memory_out", "after", self._architecture.memory)
+        self._copy("command", "command", self._ports.command)
+        if self._ports.memory:
+            self._copy("memory_out", "after", self._ports.memory)
         return self._lines
 
     def tables(self) -> list[str]:
@@ -632,6 +633,16 @@ class _Printer:
         result = self._result(step.outputs[0], (*value.shape[:-1], 1))
         entry = f"{value.text}[i * {width} + k]"
         text = f"fmaxf(found, {entry})" if step.operation == "ReduceMax" else f"found + {entry}"
+        if not result.is_array:
+            # Of a single row the result is a number.
+            self._lines += [
+                f"float {result.text} = {value.text}[0];",
+                f"for (int i = 0; i < {width - 1}; ++i) {{",
+                f"    const float found = {result.text};",
+                f"    {result.text} = {text.replace(entry, f'{value.text}[i + 1]')};",
+                "}",
+            ]
+            return
         self._lines += [
             f"for (int i = 0; i < {result.size}; ++i) {{",
             f"    float found = {value.text}[i * {width}];",

@@ -25,6 +25,7 @@ from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
+from rans.flight import Controller
 from rans.guard import safety_filter
 from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
@@ -77,7 +78,7 @@ class RecordedFlights(NamedTuple):
 class ActionRecorder:
     """A controller that keeps whatever an agent is given."""
 
-    def __init__(self, controller: Agent) -> None:
+    def __init__(self, controller: Controller) -> None:
         self.name = controller.name
         self._controller = controller
         self._met = list[tuple[np.ndarray, Any, Any]]()
@@ -113,7 +114,18 @@ def flights_of_training(
     An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
     failed, all of them are returned.
     """
-    flights, failed = recorded(network, setup, seed, count)
+    return _sound(*recorded(network, setup, seed, count))
+
+
+def flights_of_policy(
+    policy: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+) -> RecordedFlights:
+    """Flights of a policy of another library, as `flights_of_training`."""
+    return _sound(*_recorded(policy, setup, seed, count))
+
+
+def _sound(flights: RecordedFlights, failed: np.ndarray) -> RecordedFlights:
+    """The flights that did not fail; all of them if every one did."""
     if failed.all():
         return flights
     return RecordedFlights(*map_leaves(lambda x: x[:, ~failed], tuple(flights)))
@@ -123,7 +135,13 @@ def recorded(
     network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
 ) -> tuple[RecordedFlights, np.ndarray]:
     """N flights of a network from the starts of training, and whether each failed, (N,)."""
-    recorder = ActionRecorder(Agent(network, "agent", setup.craft))
+    return _recorded(Agent(network, "agent", setup.craft), setup, seed, count)
+
+
+def _recorded(
+    controller: Controller, setup: Setup, seed: int, count: int
+) -> tuple[RecordedFlights, np.ndarray]:
+    recorder = ActionRecorder(controller)
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
     flown = fly_episodes(recorder, setup._replace(timing=short), seed, count)
@@ -448,16 +466,54 @@ def golden(
         margins.append(output.policy.margin())
         memory = exact.next_state(columns, memory, commands[-1], output.core)
     # The flights whose closest choice is the clearest, one after the other.
-    clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN]
-    observed, commanded = (
-        x[:, clearest.numpy()].swapaxes(0, 1) for x in (seen, torch.stack(commands).numpy())
+    clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN].numpy()
+    outputs = torch.stack(commands).numpy()
+    answers = _in_ranges(outputs.reshape(-1, outputs.shape[-1]), craft).reshape(outputs.shape)
+    tolerance = DUTY_TOLERANCE if network.architecture.continuous else 0.0
+    return _pairs(seen, answers, clearest, tolerance, flights, craft, task)
+
+
+def golden_of_policy(
+    policy: Controller, flights: RecordedFlights, craft: Spacecraft, task: Task
+) -> dict[str, Any]:
+    """`golden` of a policy of another library, which answers every observation by itself.
+
+    Those flights are taken whose commands change least, and on/off commands not at all, where the observations
+    change by a hundred times their rounding.
+    """
+    seen = flights.observations
+
+    def answers(observations: np.ndarray) -> np.ndarray:
+        rows = np.ascontiguousarray(observations.reshape(-1, seen.shape[-1]), dtype=np.float32)
+        return policy.act(None, None, rows).reshape(*seen.shape[:2], -1)
+
+    commands = answers(seen)
+    changes = [
+        np.abs(answers(seen * factor) - commands).max(axis=(0, 2)) for factor in (0.99999, 1.00001)
+    ]
+    order = np.argsort(np.maximum(*changes), kind="stable")[:GOLDEN]
+    return _pairs(
+        seen, commands, order, DUTY_TOLERANCE if craft.is_continuous else 0.0, flights, craft, task
     )
+
+
+def _pairs(
+    seen: np.ndarray,
+    commands: np.ndarray,
+    clearest: np.ndarray,
+    tolerance: float,
+    flights: RecordedFlights | None,
+    craft: Spacecraft | None,
+    task: Task | None,
+) -> dict[str, Any]:
+    """Golden pairs of chosen flights, from observations and commands (T, N, ...)."""
+    observed, commanded = (x[:, clearest].swapaxes(0, 1) for x in (seen, commands))
     begins = [step == 0 for _ in clearest for step in range(len(seen))]
-    result = {
+    result: dict[str, Any] = {
         "begins": begins,
-        "tolerance": DUTY_TOLERANCE if network.architecture.continuous else 0.0,
+        "tolerance": tolerance,
         "observation": [_short(row) for row in observed.reshape(len(begins), -1)],
-        "command": [_short(row) for row in _in_ranges(commanded.reshape(len(begins), -1), craft)],
+        "command": [_short(row) for row in commanded.reshape(len(begins), -1)],
     }
     if flights is not None:
         positions = [(step, int(k)) for k in clearest for step in range(len(seen))]

@@ -21,7 +21,7 @@ from rans.deploy.contract import (
 from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
-from rans.deploy.program import agent_program
+from rans.deploy.program import Ports, agent_program
 from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
 from rans.errors import ConfigError, require
@@ -112,7 +112,7 @@ def write_export(
     chosen = golden(network, paired_flights, craft, config.settings)
     pairs = json.dumps(chosen) + "\n"
     # Its contract, and what the conditions of a flight may be.
-    _check_alone(folder, form, pairs)
+    check_alone(folder, form, pairs)
     measured = None
     if margins and is_one_task(loaded.task):
         measured = measure_margins(loaded.controller, loaded.judged, margins)
@@ -159,7 +159,7 @@ def write_export(
     return card
 
 
-def _check_alone(folder: Path, form: Form, pairs: str) -> None:
+def check_alone(folder: Path, form: Form, pairs: str) -> None:
     """Refuse to lay an agent's contract and golden pairs beside files that are another agent's."""
     if RunFolder(folder).metrics_file.exists():
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
@@ -195,16 +195,15 @@ def write_agent(
     ranges: the other forms hold a policy, whose outputs are 0 to 1.
     """
     network = saved.network
+    ports = Ports.of(network.architecture)
     if form == "onnx":
         about = {"what": title, "contract": contract}
-        write_onnx(
-            folder / "agent.onnx", agent_program(network, craft), network.architecture, about
-        )
+        write_onnx(folder / "agent.onnx", agent_program(network, craft), ports, about)
     elif form == "numpy":
-        write_numpy(folder, agent_program(network, craft), network.architecture, title)
+        write_numpy(folder, agent_program(network, craft), ports, title)
     elif form == "c":
         program = agent_program(network, craft)
-        write_c(folder, program, network.architecture, title, contract, pairs)
+        write_c(folder, program, ports, title, contract, pairs)
     elif form == "rans":
         content = actor_bytes(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

@@ -157,19 +157,26 @@ def margins_around(
     return result
 
 
-def margin_lines(margins: dict[str, Any]) -> list[str]:
-    """What a user of the agent should know of its margins, in a few lines."""
+def margin_lines(margins: dict[str, Any], is_foreign: bool = False) -> list[str]:
+    """What a user of the agent should know of its margins, in a few lines.
+
+    Of another library's policy the training is not known: its margins are those around everything as designed.
+    """
+    if is_foreign:
+        rate = margins["nominal"]
+        lines = [f"Holds its goal in {rate:.1%} of flights with everything as designed."]
+        if rate >= margins["wanted_share"]:
+            lines.append(_tolerated(margins, "as designed"))
+        else:
+            lines.append(
+                f"Warning: below {margins['wanted_share']:.0%}; it tolerates nothing that is measured."
+            )
+        return lines
     lines = [
         f"Holds its goal in {margins['training']:.1%} of flights under its training conditions, and in "
         f"{margins['nominal']:.1%} with everything as designed."
     ]
-    parts = []
-    for quantity in QUANTITIES:
-        holds = margins[quantity.name]["holds"]
-        tolerated = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {quantity.unit}"
-        parts.append(f"{quantity.name} {tolerated}")
-    threshold = f"{margins['wanted_share']:.0%}"
-    lines.append(f"At least {threshold} hold, all else as in the training, at: {'; '.join(parts)}.")
+    lines.append(_tolerated(margins, "as in the training"))
     for name, where in (
         (
             "training",
@@ -184,6 +191,16 @@ def margin_lines(margins: dict[str, Any]) -> list[str]:
         if not margins[name] >= margins["wanted_share"]:
             lines.append(f"Warning: it holds in only {margins[name]:.1%} of flights {where}.")
     return lines
+
+
+def _tolerated(margins: dict[str, Any], rest: str) -> str:
+    """Sentence with the interval of each quantity in which enough flights hold."""
+    parts = []
+    for quantity in QUANTITIES:
+        holds = margins[quantity.name]["holds"]
+        interval = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {quantity.unit}"
+        parts.append(f"{quantity.name} {interval}")
+    return f"At least {margins['wanted_share']:.0%} hold, all else {rest}, at: {'; '.join(parts)}."
 
 
 def _around(middle: int, values: Sequence[float], held: Sequence[float]) -> list[float] | None:

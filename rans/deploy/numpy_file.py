@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rans.deploy.program import Ports
 from rans.files import replace_file, write_text
-from rans.policy.architecture import Architecture
 from rans.policy.program import Program, Step
 
 _PRINTED: dict[str, str] = {
@@ -48,6 +48,7 @@ _PRINTED: dict[str, str] = {
     "Or": "np.logical_or({0}, {1})",
     "Abs": "np.abs({0})",
     "Floor": "np.floor({0})",
+    "Round": "np.round({0})",
     "Sqrt": "np.sqrt({0})",
     "Sin": "np.sin({0})",
     "Cos": "np.cos({0})",
@@ -64,16 +65,16 @@ _LINE = 110
 """Longest operation that is written within another, and longest line; characters."""
 
 
-def write_numpy(folder: Path, program: Program, architecture: Architecture, title: str) -> None:
+def write_numpy(folder: Path, program: Program, ports: Ports, title: str) -> None:
     """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses."""
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
     # The title has names that strangers may have given, and this is code.
     fillings = {
         "TITLE": re.sub(r"[^\w .,:;()'-]", "?", title)[:_LINE],
-        "WIDTH": architecture.layout.width,
-        "MEMORY": architecture.memory,
-        "AFTER": "memory_out" if architecture.memory else "memory",
+        "WIDTH": ports.observation,
+        "MEMORY": ports.memory,
+        "AFTER": "memory_out" if ports.memory else "memory",
         "STEPS": "\n".join(map(_broken, lines)).lstrip(),
     }
     write_text(

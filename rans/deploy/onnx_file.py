@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from rans.deploy.program import Ports
 from rans.errors import require
 from rans.files import replace_file
-from rans.policy.architecture import Architecture
 from rans.policy.program import Program
 
 OPSET = 17
@@ -18,9 +18,7 @@ FORMAT = 8
 """Versions of operators and of the file, those of ONNX 1.12 of 2022: runtimes on robots are old."""
 
 
-def write_onnx(
-    file: Path, program: Program, architecture: Architecture, about: Mapping[str, str]
-) -> None:
+def write_onnx(file: Path, program: Program, ports: Ports, about: Mapping[str, str]) -> None:
     """Write the program with inputs and outputs of any number of rows, and texts about it as metadata.
 
     MissingPackage where the package onnx is missing, ConfigError where the disk refuses.
@@ -40,11 +38,11 @@ def write_onnx(
         for name, value in program.constants.items()
     ]
     # Inputs and outputs; a memory goes in and comes out.
-    takes = [rows("observation", architecture.layout.width)]
-    gives = [rows("command", architecture.thrusters)]
-    if architecture.memory:
-        takes.append(rows("memory", architecture.memory))
-        gives.append(rows("memory_out", architecture.memory))
+    takes = [rows("observation", ports.observation)]
+    gives = [rows("command", ports.command)]
+    if ports.memory:
+        takes.append(rows("memory", ports.memory))
+        gives.append(rows("memory_out", ports.memory))
     graph = helper.make_graph(
         nodes, "agent", takes, gives, tables, doc_string=about.get("what", "")
     )

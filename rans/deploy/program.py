@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,9 +14,24 @@ from rans.errors import ConfigError
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.trace import UNTRACEABLE
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.policy.program import Program
 from rans.policy.traced import parameters, policy_program
+
+
+class Ports(NamedTuple):
+    """How many numbers a program takes and gives."""
+
+    observation: int
+    command: int
+    memory: int = 0
+
+    @classmethod
+    def of(cls, architecture: Architecture) -> Ports:
+        """Those of an agent of RANS."""
+        return cls(architecture.layout.width, architecture.thrusters, architecture.memory)
+
 
 _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
 """Activations by name, and the operations that ONNX has for them."""

@@ -26,7 +26,7 @@ from rans.deploy.c_file import (
     write_c,
 )
 from rans.deploy.contract import contract, golden
-from rans.deploy.program import agent_program
+from rans.deploy.program import Ports, agent_program
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.run_folder import RunFolder
@@ -69,7 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pairs = golden(network, seen, craft)
     (path / "golden.json").write_text(json.dumps(pairs))
     program = agent_program(network, craft)
-    write_c(path, program, network.architecture, "it", json.dumps(about), pairs)
+    write_c(path, program, Ports.of(network.architecture), "it", json.dumps(about), pairs)
     return path
 
 
@@ -356,7 +356,9 @@ def test_names_of_strangers_are_no_code_in_c(title: str, tmp_path: Path) -> None
     network, _, seen = remembering()
     craft = RunFolder(pretrained_folder("go-to-pose-2d-faults")).spacecraft()
     program = agent_program(network, craft)
-    write_c(tmp_path, program, network.architecture, title, pairs=golden(network, seen, craft))
+    write_c(
+        tmp_path, program, Ports.of(network.architecture), title, pairs=golden(network, seen, craft)
+    )
     assert "500 of 500" in compiled_check(tmp_path)
 
 
@@ -403,7 +405,7 @@ def test_the_agent_for_any_craft_fits_a_small_microcontroller(name: str, tmp_pat
     """50 kB of code and constants by binutils' size, 4 KiB of stack, and the network's own commands."""
     run = contestant("pretrained:any-craft-3d")
     made = for_craft(run.controller.network, load_spacecraft(name), 0.2)  # type: ignore[attr-defined]
-    write_c(tmp_path, agent_program(made), made.architecture, "it")
+    write_c(tmp_path, agent_program(made), Ports.of(made.architecture), "it")
     built = library(tmp_path)
     if shutil.which("size"):
         told = subprocess.run(

@@ -262,6 +262,8 @@ def _tuning(name: ContestantName) -> str:
     run = RunFolder(folder)
     if card.exists():
         training = read_json(card)["training"]
+        if training is None:  # of another library
+            return _UNKNOWN
     elif rows := run.metrics():
         training = {**rows[-1], "device": run.config().device}
     else:

@@ -1,0 +1,220 @@
+"""Networks that torch and other trainers wrote as ONNX are exported as they are, judged by ONNX Runtime."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import shutil
+import subprocess
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from rans.deploy.c_file import FLAGS, write_c
+from rans.deploy.foreign import write_foreign_export
+from rans.deploy.foreign_program import foreign_program
+from rans.deploy.numpy_file import printed
+from rans.deploy.program import Ports
+from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from tests.support.exports import exported
+
+pytest.importorskip("onnx")
+onnxruntime = pytest.importorskip("onnxruntime")
+
+TRAINERS = Path(__file__).parents[2] / "examples" / "trainers"
+FILES = sorted(file.stem for file in (TRAINERS / "agents").glob("*.onnx"))
+WIDTH = 10
+PLATFORM = "floating-platform"
+THROTTLED = str(TRAINERS / "throttled-platform.toml")
+
+
+def written(module: torch.nn.Module, file: Path, width: int = WIDTH, batch: str = "N") -> Path:
+    """The module in evaluation mode as torch writes it, for batches of any size or of one."""
+    with warnings.catch_warnings():
+        # The other exporter needs one more package; SB3's distributions look at numbers while they are traced.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            module.eval(),
+            (torch.zeros(1, width),),
+            str(file),
+            opset_version=17,
+            input_names=["observation"],
+            dynamic_axes={"observation": {0: batch}} if batch else None,
+            dynamo=False,
+        )
+    return file
+
+
+def judged(file: Path, observations: np.ndarray) -> np.ndarray:
+    """First output of ONNX Runtime for observations (N, width), one by one."""
+    session = onnxruntime.InferenceSession(str(file))
+    (item,) = session.get_inputs()
+    return np.concatenate(
+        [session.run(None, {item.name: row[None]})[0].reshape(1, -1) for row in observations]
+    )
+
+
+def by_numpy(file: Path, craft: Spacecraft, observations: np.ndarray) -> np.ndarray:
+    program = foreign_program(file, observations.shape[1], craft)
+    lines, tables = printed(program)
+    names = {"np": np, "w": {name: program.constants[name] for name in tables}}
+    names["observation"] = observations
+    exec("\n".join(lines), names)
+    return names["command"]
+
+
+def by_c(file: Path, craft: Spacecraft, observations: np.ndarray, folder: Path) -> np.ndarray:
+    ports = Ports(observations.shape[1], craft.command_count)
+    write_c(folder, foreign_program(file, observations.shape[1], craft), ports, "it")
+    built = folder / "agent.so"
+    source = str(folder / "agent.c")
+    subprocess.run(
+        ["cc", "-O2", *FLAGS, "-fPIC", "-shared", source, "-o", str(built), "-lm"], check=True
+    )
+    answer = ctypes.CDLL(str(built)).rans_agent_answer
+    answer.argtypes = [ctypes.c_void_p] * 4
+    results = np.zeros((len(observations), craft.command_count), np.float32)
+    for row, result in zip(observations, results, strict=True):
+        answer(row.ctypes.data, None, result.ctypes.data, None)
+    return results
+
+
+def observations(count: int = 50) -> np.ndarray:
+    return np.random.default_rng(3).normal(size=(count, WIDTH)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_networks_of_eight_trainers_are_those_of_onnx_runtime(name: str) -> None:
+    craft = load_spacecraft(THROTTLED if name in ("sb3-sac", "sb3-td3") else PLATFORM)
+    file = TRAINERS / "agents" / f"{name}.onnx"
+    rows = observations()
+    expected = judged(file, rows)
+    assert 0.05 < expected.mean() < 0.95
+    # Single precision in another order of sums.
+    np.testing.assert_allclose(by_numpy(file, craft, rows), expected, atol=1e-5)
+
+
+class _Everything(torch.nn.Module):
+    """Layers, normalisations and activations of torch, a choice of columns and a product of two of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        torch.manual_seed(0)
+        nn = torch.nn
+        self.layers = nn.Sequential(
+            nn.BatchNorm1d(WIDTH + 1),
+            nn.Linear(WIDTH + 1, 24),
+            nn.LayerNorm(24),
+            *(nn.ELU(0.7), nn.Linear(24, 24)),
+            *(nn.SiLU(), nn.Linear(24, 24, bias=False)),
+            *(nn.LeakyReLU(), nn.Linear(24, 24)),
+            *(nn.Softplus(), nn.Linear(24, 24)),
+            *(nn.PReLU(24), nn.Linear(24, 24)),
+            *(nn.Hardtanh(), nn.Linear(24, 8)),
+            nn.Softmax(dim=-1),
+        )
+        norm = self.layers[0]
+        norm.running_mean += torch.linspace(-1.0, 1.0, WIDTH + 1)
+        norm.running_var *= torch.linspace(0.5, 2.0, WIDTH + 1)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        y = torch.cat([x[:, 3:], (x[:, :1] * x[:, 1:2]), x[:, :3].clamp(-0.5, 0.5)], dim=1)
+        return self.layers(y)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_c_answers_as_onnx_runtime_does(tmp_path: Path) -> None:
+    file = written(_Everything(), tmp_path / "it.onnx")
+    craft = load_spacecraft(THROTTLED)
+    rows = observations()
+    expected = judged(file, rows)
+    assert expected.std(axis=0).min() > 1e-4
+    np.testing.assert_allclose(by_c(file, craft, rows, tmp_path), expected, atol=1e-5)
+    np.testing.assert_allclose(by_numpy(file, craft, rows), expected, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+@pytest.mark.parametrize("kind", ["box", "binary", "discrete"])
+def test_sb3s_own_recipe_for_its_export(kind: str, tmp_path: Path) -> None:
+    from gymnasium import spaces
+    from stable_baselines3.common.policies import ActorCriticPolicy
+
+    action = {
+        "box": spaces.Box(0.0, 1.0, (8,)),
+        "binary": spaces.MultiBinary(8),
+        "discrete": spaces.MultiDiscrete([2] * 8),
+    }[kind]
+    torch.manual_seed(1)
+    policy = ActorCriticPolicy(spaces.Box(-10.0, 10.0, (WIDTH,)), action, lambda _: 1e-3)
+    with torch.no_grad():  # so that commands differ
+        policy.action_net.weight *= 100.0
+
+    class Onnxable(torch.nn.Module):
+        """https://stable-baselines3.readthedocs.io/en/master/guide/export.html"""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.policy = policy
+
+        def forward(self, observation: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            return self.policy(observation, deterministic=True)
+
+    file = written(Onnxable(), tmp_path / "sb3.onnx", batch="")
+    craft = load_spacecraft(THROTTLED if kind == "box" else PLATFORM)
+    rows = observations()
+    expected = np.clip(judged(file, rows), 0.0, 1.0)  # thrusters take no more
+    assert 0.1 < expected.mean() < 0.9
+    np.testing.assert_allclose(by_c(file, craft, rows, tmp_path), expected, atol=1e-5)
+
+
+def test_what_no_file_can_have_is_refused_by_operator_and_node(tmp_path: Path) -> None:
+    craft = load_spacecraft(PLATFORM)
+    layers = torch.nn.Sequential(torch.nn.Linear(WIDTH, 8), torch.nn.GELU())
+    file = written(layers, tmp_path / "gelu.onnx")
+    with pytest.raises(ConfigError, match=r"'/1/Erf' is the operator Erf"):
+        foreign_program(file, WIDTH, craft)
+    file = written(torch.nn.Linear(WIDTH, 7), tmp_path / "few.onnx")
+    with pytest.raises(ConfigError, match=r"7 numbers, but floating-platform takes 8"):
+        foreign_program(file, WIDTH, craft)
+    with pytest.raises(ConfigError, match="observes 10 numbers"):
+        foreign_program(file, 12, craft)
+    broken = tmp_path / "broken.onnx"
+    broken.write_bytes(file.read_bytes()[:100])
+    with pytest.raises(ConfigError, match=r"broken\.onnx"):
+        foreign_program(broken, WIDTH, craft)
+
+
+def test_an_answer_that_is_no_number_stays_so_for_the_watchdog(tmp_path: Path) -> None:
+    class Root(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            return torch.log(x[:, :8])
+
+    file = written(Root(), tmp_path / "root.onnx")
+    rows = np.full((1, WIDTH), -1.0, np.float32)
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(by_numpy(file, load_spacecraft(THROTTLED), rows)).all()
+
+
+@pytest.mark.slow
+def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
+    spec = f"onnx:{TRAINERS / 'agents/sb3-sac.onnx'}:go-to-pose-2d@{THROTTLED}"
+    folder = tmp_path / "sac"
+    card = write_foreign_export(spec, folder, "numpy", episodes=16, margins=0)
+    assert card["training"] is None
+    about = json.loads((folder / "contract.json").read_text("utf-8"))
+    assert about["task"] == "go-to-pose"
+    assert "not known" in about["conditions"]["summary"]
+    names = exported(folder)
+    right, count = names["check"](folder / "golden.json")
+    assert right == count > 0
+    # Watchdogs stand around the network.
+    agent = names["Agent"](folder / "agent.npz", folder / "contract.json")
+    assert not agent.act(np.full(WIDTH, np.nan, np.float32)).any()
+    with pytest.raises(ConfigError, match="not as sb3"):
+        write_foreign_export(spec, tmp_path / "other", "sb3", episodes=16, margins=0)
