@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
@@ -114,6 +114,18 @@ def structure(table: Any, cls: type[T], where: str) -> T:
         ConfigError: a key is unknown, or a value is of the wrong type or out of range; the message names its
             position.
     """
+    try:
+        return _converter().structure(table, cls)
+    except Exception as error:  # cattrs collects the exceptions of all values in groups
+        reasons = cattrs.transform_error(error, path=where, format_exception=_say)
+        # cattrs appends the position to each reason; put it first.
+        sentences = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
+        raise ConfigError(f"{'; '.join(sentences)}.") from error
+
+
+@cache
+def _converter() -> cattrs.Converter:
+    """The one of every table: it writes a function for each class, which takes longer than any call of it."""
     converter = cattrs.Converter(forbid_extra_keys=True)
     converter.register_structure_hook_func(
         lambda kind: isinstance(kind, type) and inspect.isabstract(kind), lambda value, _: value
@@ -129,13 +141,7 @@ def structure(table: Any, cls: type[T], where: str) -> T:
     )
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
     converter.register_structure_hook_func(ranges, partial(_range, converter))
-    try:
-        return converter.structure(table, cls)
-    except Exception as error:  # cattrs collects the exceptions of all values in groups
-        reasons = cattrs.transform_error(error, path=where, format_exception=_say)
-        # cattrs appends the position to each reason; put it first.
-        sentences = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
-        raise ConfigError(f"{'; '.join(sentences)}.") from error
+    return converter
 
 
 def _accepting_former_names(kind: type, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
