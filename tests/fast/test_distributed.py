@@ -87,12 +87,20 @@ def one_of_two(rank: int, folder: Path) -> None:
             "first": world.from_first(f"from {rank}"),
         }
         torch.save(found, folder / f"{rank}-{members}.pt")
-    torch.save(told(folder / "sweep", world), folder / f"{rank}-apart.pt")
     if rank == 0:
         with pytest.raises(WorkerLost, match="another process of this command has ended"):
             world.average(torch.zeros(1))
     # Not by returning: threads of gloo that lost their peer abort a process now and then while it ends.
     os._exit(0)
+
+
+def one_of_two_apart(rank: int, folder: Path) -> None:
+    """A process of two, which work on members and flights of their own."""
+    torch.set_num_threads(1)
+    dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
+    torch.save(told(folder / "sweep", Processes(rank, 2)), folder / f"{rank}-apart.pt")
+    dist.barrier()
+    os._exit(0)  # see above
 
 
 def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
@@ -158,12 +166,13 @@ def test_two_processes_learn_what_one_does(together: Path, members: int) -> None
 
 
 @pytest.mark.slow
-def test_processes_that_work_apart_know_what_one_would(together: Path, tmp_path: Path) -> None:
+def test_processes_that_work_apart_know_what_one_would(tmp_path: Path) -> None:
     """Members and flights are divided, and what became of all is known to all."""
-    alone = told(tmp_path)
+    start_processes(one_of_two_apart, (tmp_path,), nprocs=2)
+    alone = told(tmp_path / "alone")
     assert len(alone["listed"]) == alone["flights"] == 12  # an untrained agent fails
     for rank in range(2):
-        assert torch.load(together / f"{rank}-apart.pt", weights_only=False) == alone
+        assert torch.load(tmp_path / f"{rank}-apart.pt", weights_only=False) == alone
     assert ALONE.part(7) == (0, 7)
     assert [Processes(rank, 3).part(7) for rank in range(3)] == [(0, 2), (2, 2), (4, 3)]
 
