@@ -183,17 +183,21 @@ def perturbations() -> Figure:
     names.sort(key=lambda name: -plane[name]["held"]["value"])
     figure = Figure(figsize=(7.6, 0.21 * len(names) + 0.9), layout="constrained")
     axes = figure.add_subplot()
+    least = 45.0  # of the axis: one row is below, at 1 to 2 %
     for who, colour, shift, label in (
         (plane, BLUE, -0.15, "go-to-pose-2d-robust"),
         (space, ORANGE, 0.15, "go-to-pose-3d-robust"),
     ):
         at = np.arange(len(names)) + shift
         held = [who[name]["held"] for name in names]
-        ends = [[one["low"] for one in held], [one["high"] for one in held]]
+        ends = [[max(one[end], least) for one in held] for end in ("low", "high")]
         axes.hlines(at, *ends, color=colour, linewidth=1.2)
-        axes.plot([one["value"] for one in held], at, "o", color=colour, markersize=4, label=label)
+        values = np.array([one["value"] for one in held])
+        within = values >= least
+        axes.plot(values[within], at[within], "o", color=colour, markersize=4, label=label)
+        axes.plot(np.full(sum(~within), least), at[~within], "<", color=colour, markersize=5)
     axes.set_yticks(range(len(names)), names, fontsize=7.5)
-    axes.set(xlim=(0.0, 101.0), ylim=(len(names) - 0.4, -0.6), xlabel="held, % of the flights")
+    axes.set(xlim=(least, 101.0), ylim=(len(names) - 0.4, -0.6), xlabel="held, % of the flights")
     axes.legend(loc="lower left")
     return figure
 
@@ -316,13 +320,14 @@ def events() -> Figure:
     axes.semilogy(np.arange(len(error)) * period, error, color=BLUE)
     axes.axhspan(0.1, 5.0, color=GREEN, alpha=0.15, linewidth=0)
     axes.text(0.3, 0.14, "within the tolerance of 5 cm", color=INK, fontsize=8)
+    # The name of the arrival stands above the line of the settling time.
     marks = (
-        (settling_times(flights)[k], "settling time", ORANGE, 0.2, "left"),
-        (arrival_times(flights)[k], "arrival\n(first at rest)", PURPLE, -0.2, "right"),
+        (arrival_times(flights)[k], "arrival (first at rest)", PURPLE, 1.0, 300.0),
+        (settling_times(flights)[k], "settling time", ORANGE, 0.8, 80.0),
     )
-    for time, name, colour, shift, side in marks:
-        axes.axvline(time, color=colour, linewidth=1.4)
-        axes.text(time + shift, 60.0, name, color=colour, fontsize=8.5, ha=side, va="center")
+    for time, name, colour, top, height in marks:
+        axes.axvline(time, ymax=top, color=colour, linewidth=1.4)
+        axes.text(time + 0.2, height, name, color=colour, fontsize=8.5, va="center")
     axes.axvspan(0.8 * end, end, color=GREY, alpha=0.25, linewidth=0)
     axes.text(
         0.9 * end,
