@@ -54,6 +54,10 @@ _FONTS = "Verdana, 'DejaVu Sans', sans-serif"
 """Verdana is as wide as DejaVu Sans, which few systems but Linux have."""
 
 
+_LONG = 60
+"""Words of a path from which it is a curve of a flight."""
+
+
 def flown(subject: _Subject) -> Flight:
     """Flights of a subject from the first held-out starts."""
     run = contestant(subject.who)
@@ -75,9 +79,18 @@ def picture(figure: Figure) -> str:
 
 
 def _rounded(path: str) -> str:
-    """A path with one digit after the point."""
+    """A path with one digit after the point; a long line without points within a point of the one before."""
     numbers = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.1f}", path)
-    return re.sub(r"\s+", " ", numbers.replace(".0 ", " ").replace("-0 ", "0 ")).strip()
+    words = numbers.replace(".0 ", " ").replace("-0 ", "0 ").split()
+    if len(words) < _LONG or set(re.findall("[A-Za-z]", path)) != {"M", "L"}:
+        return " ".join(words)
+    points = [tuple(words[k : k + 3]) for k in range(0, len(words), 3)]
+    kept = points[:1]
+    for point in points[1:-1]:
+        way = [float(x) - float(y) for x, y in zip(point[1:], kept[-1][1:], strict=True)]
+        if point[0] == "M" or abs(way[0]) + abs(way[1]) > 1.0:
+            kept.append(point)
+    return " ".join(" ".join(point) for point in (*kept, points[-1]))
 
 
 @dataclass(frozen=True)
