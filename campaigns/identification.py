@@ -29,6 +29,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.processes import Workers, nothing
+from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import draws
 from rans.tasks.go_to_pose import GoToPose
@@ -53,11 +54,22 @@ _HEADINGS = (
 
 
 def hidden_flights(
-    craft: Spacecraft, count: int, seconds: float, period: float, seed: int
+    craft: Spacecraft,
+    count: int,
+    seconds: float,
+    period: float,
+    seed: int,
+    conditions: Conditions | None = None,
 ) -> tuple[list[FlightLog], np.ndarray]:
-    """Logs of hidden craft, and their true parameters (count, P) in the order of `parameters_of`."""
+    """Logs of hidden craft, and their true parameters (count, P) in the order of `parameters_of`.
+
+    They are drawn from `conditions`; None: from `lab` with the mass weighed.
+    """
+    if conditions is None:
+        lab = load_conditions("lab")
+        conditions = replace(lab, body=replace(lab.body, mass=1.0))
     if not craft.wheels:
-        return _flights(craft, count, seconds, period, seed)
+        return _flights(craft, count, seconds, period, seed, conditions)
     # Conditions have no ranges of wheels: each hidden craft is another spacecraft.
     random = np.random.default_rng(seed)
     flights = []
@@ -73,16 +85,19 @@ def hidden_flights(
                 for wheel in craft.wheels
             ),
         )
-        flights.append(_flights(hidden, 1, seconds, period, seed + 1000 * (k + 1)))
+        flights.append(_flights(hidden, 1, seconds, period, seed + 1000 * (k + 1), conditions))
     return [log for logs, _ in flights for log in logs], np.concatenate([one for _, one in flights])
 
 
 def _flights(
-    craft: Spacecraft, count: int, seconds: float, period: float, seed: int
+    craft: Spacecraft,
+    count: int,
+    seconds: float,
+    period: float,
+    seed: int,
+    conditions: Conditions,
 ) -> tuple[list[FlightLog], np.ndarray]:
-    """Logs of a craft with errors drawn from `lab`, and the true parameters (count, P)."""
-    lab = load_conditions("lab")
-    conditions = replace(lab, body=replace(lab.body, mass=1.0))
+    """Logs of a craft with errors drawn from conditions, and the true parameters (count, P)."""
     steps = round(seconds / period)
     timing = Timing(control_period=period, episode_steps=steps)
     task = GoToPose().for_evaluation()

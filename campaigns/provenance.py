@@ -256,6 +256,7 @@ SOURCES: dict[str, Source] = {
         flights=(512, 48),
         tolerance=(0.05, 0.5),
         evidence=("error-sources.json",),
+        quick_seconds=302.0,
     ),
     "docking with contact": Source(
         tables=("docking with contact",),
@@ -329,6 +330,14 @@ SOURCES: dict[str, Source] = {
         uncompared=("starts", "with a landing", "one by one", "other starts"),
         evidence=("throttling.json",),
         quick_seconds=54.0,
+    ),
+    "identified agents": Source(
+        tables=("identified agents",),
+        page="identify.md",
+        commands=("python -m campaigns.identified_agents fly runs/identified --docs docs",),
+        flights=(1024, 1024),
+        evidence=("identified-agents.json",),
+        needs="runs/identified, hidden craft and 22 trainings (docs/identify.md)",
     ),
     "agents": Source(
         tables=("agents",),
@@ -444,6 +453,9 @@ expected beyond three standard deviations.
 The page of differences, `runs/reproduce/differences.md`, has every cell that differs, the time of each row,
 versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
 fails.
+
+The whole reproduction was not timed: its flights in Drake, bounds and searches run on processors, whose number decides, and
+`--executor` takes those of a cluster ([on many machines](cluster.md)). A GPU shortens only what torch flies.
 
 ## Other figures
 
