@@ -3,7 +3,8 @@
 ``python -m campaigns.any_craft train`` trains that of the plane and writes it into the package, ``train
 --dimension 3 --seed 1 --device cuda`` that of space;
 ``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts, ``dead`` that of
-a dead thruster, ``mass`` that of another mass, all of docs/any_craft.md; ``picture`` draws layouts.
+a dead thruster, ``mass`` that of another mass, all of docs/any_craft.md; ``joined`` that of two docked craft, of
+docs/any_craft_docked.md; ``picture`` draws layouts.
 ``--dimension 3`` does the same in space, of docs/any_craft_in_space.md.
 """
 
@@ -16,7 +17,7 @@ from dataclasses import asdict, replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -49,6 +50,7 @@ from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import actor_bytes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import environment, write_json, write_text
+from rans.model.joined import Effectors, joined
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
@@ -99,6 +101,31 @@ CONTESTANTS = "specialist", "any-craft", "LQR"
 """Who flies a craft; the specialist only the craft that it was trained on."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
 """Masses and moments of inertia over those of the file that the agent is given."""
+
+
+class Pair(NamedTuple):
+    """Two craft that are docked."""
+
+    first: str
+    second: str
+    position: tuple[float, ...]
+    """Of the second's frame G in that of the first, m."""
+    attitude: Any = 0.0
+    """Heading of the second's G, rad, or its quaternion (w, x, y, z)."""
+
+
+PAIRS = {
+    2: (
+        Pair("floating-platform", "floating-platform", (0.62, 0.0)),
+        Pair("atmos", "atmos", (0.4, 0.0), np.pi),
+        Pair("freeflyer2", "roboran-platform", (0.47, 0.0)),
+    ),
+    3: (
+        Pair("spheres", "spheres", (0.23, 0.0, 0.0)),
+        Pair("free-flyer", "cubesat-6u", (0.5, 0.0, 0.0)),
+    ),
+}
+"""Docked craft by dimension: they touch along x."""
 _LAYOUT_SEED = 1_000_003
 """Seed of layouts that no training has drawn: trainings draw from even seeds below."""
 Figures = dict[str, Any]
@@ -253,6 +280,53 @@ def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
             cells.append("refuses" if refused else f"{min(worst):.1f} %" if worst else "-")
         cells += [_settled(next(unknown)) if numbers else "-" for _ in CONTESTANTS[1:]]
         yield f"| {craft.name} | {len(numbers)} of {craft.thruster_count} | {' | '.join(cells)} |"
+
+
+class _Docking(NamedTuple):
+    """Number of flights of every pair, in the engine or in Drake."""
+
+    episodes: int
+    engine: Literal["fast", "drake"]
+
+    def rows(self, pair: Pair, effectors: Effectors, is_stated: bool) -> tuple[Figures | str, ...]:
+        """Figures of the agent, with the file of the joined craft or of the first alone; or why it refuses."""
+        first, second = load_spacecraft(pair.first), load_spacecraft(pair.second)
+        agent = contestant(f"pretrained:{AGENTS[first.dimension]}")
+        try:
+            both = joined(first, second, pair.position, pair.attitude, effectors)
+            run = for_spacecraft(agent, both)
+            if not is_stated:
+                run = for_spacecraft(agent, first, run.timing)._replace(craft=both)
+        except ConfigError as error:
+            return (str(error),)
+        flight = fly_episodes(
+            run.controller, run.judged, EVALUATION_SEED, self.episodes, self.engine
+        ).flight
+        return ({row.name: row for row in measure(flight).rows},)
+
+
+def docked(
+    episodes: int, dimension: int, engine: Literal["fast", "drake"] = "fast"
+) -> Iterator[str]:
+    """Rows of the table of docked craft, with thrusters of both or of the first, which the file has or has not."""
+    yield "| first, second | mass, kg | thrusters | file | settled | settling time, s | impulse, N s |"
+    yield "|---|---|---|---|---|---|---|"
+    kinds: tuple[tuple[Effectors, bool], ...] = (("both", True), ("first", True), ("first", False))
+    calls = [(pair, *kind) for pair in PAIRS[dimension] for kind in kinds]
+    workers = Workers(_Docking, (episodes, engine), work="flew docked craft")
+    for (pair, effectors, is_stated), (rows,) in zip(
+        calls, workers.ordered(_Docking.rows, calls), strict=True
+    ):
+        mass = load_spacecraft(pair.first).mass + load_spacecraft(pair.second).mass
+        file = "of both" if is_stated else "of the first alone"
+        whose = "of both" if effectors == "both" else "of the first"
+        start = f"| {pair.first}, {pair.second} | {mass:.1f} | {whose} | "
+        if isinstance(rows, str):
+            yield f"{start}{file} | refused: {rows} | | |"
+            continue
+        settled, settling, impulse = (rows[key] for key in ("solved", "settling time", "impulse"))
+        median = f"{settling.value:.1f}" if np.isfinite(settling.value) else "never"
+        yield f"{start}{file} | {settled.value:.1f} % | {median} | {impulse.value:.1f} |"
 
 
 def _spare(craft: Spacecraft) -> list[int]:
@@ -429,7 +503,9 @@ def _without(craft: Spacecraft, number: int) -> Spacecraft:
 def main() -> None:
     """Run a part of the campaign."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("part", choices=("train", "craft", "dead", "mass", "layouts", "picture"))
+    parser.add_argument(
+        "part", choices=("train", "craft", "dead", "mass", "joined", "layouts", "picture")
+    )
     parser.add_argument("--dimension", type=int, choices=(2, 3), default=2)
     parser.add_argument("--episodes", type=int, default=256)
     parser.add_argument("--layouts", type=int, default=1024)
@@ -440,6 +516,7 @@ def main() -> None:
     parser.add_argument(
         "--agent", help="run folder whose agent craft flies; by default the shipped one"
     )
+    parser.add_argument("--engine", choices=("fast", "drake"), default="fast", help="of joined")
     parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
     given = parser.parse_args()
     names = given.only or SPECIALISTS[given.dimension]
@@ -454,6 +531,7 @@ def main() -> None:
         "craft": lambda: shipped(given.episodes, names, given.start_seed, given.agent),
         "dead": lambda: dead(given.episodes, names),
         "mass": lambda: heavier(given.episodes, names),
+        "joined": lambda: docked(given.episodes, given.dimension, given.engine),
         "layouts": lambda: random_layouts(given.layouts, given.dimension),
     }
     for row in rows[given.part]():

@@ -5,7 +5,7 @@ progress on a terminal and in a notebook.
 """
 
 from rans.api.agent import Agent, load_agent
-from rans.api.drafting import init_spacecraft
+from rans.api.drafting import init_spacecraft, join_spacecraft
 from rans.api.identification import excite, identify
 from rans.api.judging import assure, benchmark, compare, evaluate, faults, follow, stress, validate
 from rans.api.limits import certify, optimal_trajectory, state
@@ -25,6 +25,7 @@ __all__ = [
     "identify",
     "excite",
     "init_spacecraft",
+    "join_spacecraft",
     "load_agent",
     "optimal_trajectory",
     "report",

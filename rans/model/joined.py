@@ -1,0 +1,163 @@
+"""Two spacecraft that are rigidly joined, such as after docking, as one spacecraft."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from rans.errors import ConfigError, brief
+from rans.model.actuators import Wheel
+from rans.model.spacecraft import Spacecraft, Thruster
+
+Effectors = Literal["both", "first"]
+"""Whose thrusters and wheels the joined craft has."""
+
+
+def joined(
+    first: Spacecraft,
+    second: Spacecraft,
+    position: Sequence[float],
+    attitude: float | Sequence[float] = 0.0,
+    effectors: Effectors = "both",
+    name: str | None = None,
+) -> Spacecraft:
+    """The rigid body of two spacecraft, in the frame G of the first.
+
+    Masses add up, the centre of mass is theirs together, and the inertia about it follows from the parallel axis
+    theorem. Thrusters and wheels of the first come first. Drawings have a sphere around both.
+
+    Args:
+        first: craft whose frame G stays.
+        second: craft of the same dimension.
+        position: origin of the second's frame G in that of the first, m: two numbers in the plane, three in space.
+        attitude: of the second's G in the first's: heading, rad, or in space a quaternion (w, x, y, z) of any
+            length; 0: axes are parallel.
+        effectors: "first" leaves out thrusters and wheels of the second, which is then a passive body.
+        name: of the joined craft; None: FIRST-SECOND.
+
+    Raises:
+        ConfigError: dimensions differ, numbers are wrong, or the effectors of both cannot belong to one craft.
+    """
+    dimension = first.dimension
+    if second.dimension != dimension:
+        raise ConfigError(
+            f"{first.name} moves in {'the plane' if dimension == 2 else 'space'} and {second.name} does not: both "
+            "must have the same dimension."
+        )
+    if effectors not in get_args(Effectors):
+        raise ConfigError(f"effectors must be both or first, got {brief(effectors)}.")
+    offset = np.zeros(3)
+    offset[:dimension] = _numbers(position, dimension, "position")
+    rotation = _rotation(attitude, dimension)
+    if effectors == "both":
+        _check_effectors(first, second)
+
+    # Mass, centre of mass and inertia.
+    mass = first.mass + second.mass
+    centres = (
+        np.array(first.centre_of_mass),
+        offset + rotation @ np.array(second.centre_of_mass),
+    )
+    centre = (first.mass * centres[0] + second.mass * centres[1]) / mass
+    own = (
+        np.array(first.inertia),
+        rotation @ np.array(second.inertia) @ rotation.T,
+    )
+    inertia = np.zeros((3, 3))
+    for craft, tensor, point in zip((first, second), own, centres, strict=True):
+        arm = point - centre
+        inertia += tensor + craft.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    inertia = 0.5 * (inertia + inertia.T)
+
+    # Effectors, those of the second turned and moved.
+    thrusters = first.thrusters
+    wheels = first.wheels
+    if effectors == "both":
+        supplies = 1 + max(thruster.supply for thruster in first.thrusters)
+        thrusters += tuple(
+            Thruster(
+                _triple(offset + rotation @ np.array(thruster.position)),
+                _triple(rotation @ np.array(thruster.direction)),
+                thruster.force,
+                supplies + thruster.supply,
+            )
+            for thruster in second.thrusters
+        )
+        wheels += tuple(
+            Wheel(
+                _triple(rotation @ np.array(wheel.axis)),
+                wheel.max_torque,
+                wheel.max_momentum,
+                wheel.inertia,
+            )
+            for wheel in second.wheels
+        )
+    reach = max(
+        float(np.linalg.norm(point - centre)) + craft.radius
+        for craft, point in zip((first, second), centres, strict=True)
+    )
+    return replace(
+        first,
+        name=name or f"{first.name}-{second.name}",
+        mass=mass,
+        inertia=tuple(_triple(row) for row in inertia),
+        centre_of_mass=_triple(centre),
+        thrusters=thrusters,
+        wheels=wheels,
+        radius=reach,
+        solids=(),
+    )
+
+
+def _check_effectors(first: Spacecraft, second: Spacecraft) -> None:
+    """Refuse (`ConfigError`) effectors of two craft that one craft cannot have."""
+    advice = "the second's can be left out (effectors first)"
+    if first.actuators != second.actuators:
+        raise ConfigError(
+            f"the thrusters of {first.name} are {first.actuators}, and those of {second.name} {second.actuators}: "
+            f"a spacecraft has thrusters of one kind, so {advice}."
+        )
+    for craft in (first, second):
+        several = craft.propellant is not None or craft.further_effectors
+        if several or craft.thrust_sharing != "none":
+            raise ConfigError(
+                f"{craft.name} has a tank, a shared supply or further effectors, which a spacecraft has once: "
+                f"{advice}."
+            )
+
+
+def _numbers(values: Sequence[float], count: int, what: str) -> np.ndarray:
+    """Numbers (count,), or `ConfigError`."""
+    found = np.atleast_1d(np.array(values, dtype=float))
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise ConfigError(f"the {what} must be {count} finite numbers, got {brief(values)}.")
+    return found
+
+
+def _rotation(attitude: float | Sequence[float], dimension: int) -> np.ndarray:
+    """Rotation matrix (3, 3) of a heading, of a quaternion, or of 0, which is none."""
+    if isinstance(attitude, int | float) and (dimension == 2 or attitude == 0):
+        angle = float(_numbers([attitude], 1, "heading")[0])
+        c, s = math.cos(angle), math.sin(angle)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    if dimension == 2:
+        raise ConfigError(
+            f"the attitude in the plane must be a heading, rad, got {brief(attitude)}."
+        )
+    quaternion = _numbers(np.atleast_1d(attitude).tolist(), 4, "attitude")
+    length = float(np.linalg.norm(quaternion))
+    if length == 0.0:
+        raise ConfigError("the attitude must not be a quaternion of zeros.")
+    w, x, y, z = quaternion / length
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
+
+
+def _triple(vector: np.ndarray) -> tuple[float, float, float]:
+    # Zeros of either sign are one number in files.
+    x, y, z = (float(u) + 0.0 for u in vector)
+    return (x, y, z)
