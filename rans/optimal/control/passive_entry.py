@@ -34,9 +34,9 @@ from rans.tasks.base import Task
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Cone
 
-_TRIES = ((4000, 0.75), (16_000, 0.92))
-"""Numbers of plans that are drawn for a start, and the largest part of the time to the deadline that their first
-coast takes: the second ones where none of the first is safe."""
+_TRIES = ((0, 4000, 0.75), (0, 16_000, 0.92), *((seed, 32_000, 0.92) for seed in range(1, 9)))
+"""Seeds and numbers of plans that are drawn for a start, and the largest part of the time to the deadline that their
+first coast takes: later ones where none of those before is safe."""
 _CHECKED = 200
 """Number of plans whose coasts are computed at once, the cheapest first."""
 _EARLIEST = 0.15
@@ -260,8 +260,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         is_unsafe_start = self._coast_distance(start) < self._radius
         best: tuple[np.ndarray, float] | None = None
         farthest = -1.0
-        for count, latest in _TRIES:
-            plans = self._sampled(start, deadline, count, latest)
+        for seed, count, latest in _TRIES:
+            plans = self._sampled(start, deadline, seed, count, latest)
             order = np.argsort(plans.price, kind="stable")
             allowed = plans.price < _OUT_OF_LIMIT
             for point in excluded:
@@ -313,10 +313,12 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             is_unsafe_start,
         )
 
-    def _sampled(self, start: np.ndarray, deadline: float, count: int, latest: float) -> _Plans:
+    def _sampled(
+        self, start: np.ndarray, deadline: float, seed: int, count: int, latest: float
+    ) -> _Plans:
         """Plans from a state (6,); the first coast takes at most a part ``latest`` of the time to the deadline."""
         n, period = self.task.mean_motion, self._period
-        random = np.random.default_rng(0)
+        random = np.random.default_rng(seed)
         # The burn acts in the middle of the first control period.
         half = 0.5 * period
         time = whole_periods(deadline * random.uniform(_EARLIEST, latest, count), period)
