@@ -35,7 +35,7 @@ from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Cone
 
 _TRIES = ((0, 4000, 0.75), (0, 16_000, 0.92), *((seed, 32_000, 0.92) for seed in range(1, 9)))
-"""Seeds and numbers of plans that are drawn for a start, and the largest part of the time to the deadline that their
+"""Seeds and numbers of plans that are drawn for a start, and the largest part of the time to its deadline that the
 first coast takes: later ones where none of those before is safe."""
 _CHECKED = 200
 """Number of plans whose coasts are computed at once, the cheapest first."""
