@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar, TypeVar
 
 from rans.errors import ConfigError, is_finite
@@ -58,6 +59,10 @@ class Drift(ABC):
     @abstractmethod
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Position (m) and velocity (m/s) in W after a time t (s), a number or a CasADi symbol."""
+
+    def kicked(self, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
+        """As `carry`, from W's origin: change of a motion by a velocity change v (m/s) a time t (s) ago."""
+        return self.carry(v.scale(0.0), v, t)
 
 
 @dataclass(frozen=True)
@@ -143,19 +148,33 @@ class ClohessyWiltshire(Drift):
         1 - cos(n t) is computed as 2 sin(n t / 2)^2, which keeps its digits at short times.
         """
         n = self.mean_motion
-        s = _sine(n * t)
-        half = _sine(0.5 * n * t)
-        rise = 2.0 * half * half
-        """1 - cos(n t)."""
-        x = p.x * (1.0 + 3.0 * rise) + v.x * (s / n) + v.y * (2.0 * rise / n)
-        y = p.y + p.x * (6.0 * (s - n * t)) - v.x * (2.0 * rise / n) + v.y * (4.0 * s / n - 3.0 * t)
+        s, rise, by_s, by_rise, along = self._transition(t)
+        x = p.x * (1.0 + 3.0 * rise) + v.x * by_s + v.y * by_rise
+        y = p.y + p.x * (6.0 * (s - n * t)) - v.x * by_rise + v.y * along
         v_x = p.x * (3.0 * n * s) + v.x * (1.0 - rise) + v.y * (2.0 * s)
         v_y = v.y * (1.0 - 4.0 * rise) - p.x * (6.0 * n * rise) - v.x * (2.0 * s)
         if isinstance(p, Vec2) or isinstance(v, Vec2):
             return Vec2(x, y), Vec2(v_x, v_y)
-        z = p.z * (1.0 - rise) + v.z * (s / n)
+        z = p.z * (1.0 - rise) + v.z * by_s
         v_z = v.z * (1.0 - rise) - p.z * (n * s)
         return Vec3(x, y, z), Vec3(v_x, v_y, v_z)
+
+    def kicked(self, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
+        """As `carry` from W's origin, without its terms of the position."""
+        s, rise, by_s, by_rise, along = self._transition(t)
+        x = v.x * by_s + v.y * by_rise
+        y = v.y * along - v.x * by_rise
+        v_x = v.x * (1.0 - rise) + v.y * (2.0 * s)
+        v_y = v.y * (1.0 - 4.0 * rise) - v.x * (2.0 * s)
+        if isinstance(v, Vec2):
+            return Vec2(x, y), Vec2(v_x, v_y)
+        return Vec3(x, y, v.z * by_s), Vec3(v_x, v_y, v.z * (1.0 - rise))
+
+    def _transition(self, t: Field) -> tuple[Field, Field, Field, Field, Field]:
+        """Coefficients of the motion over a time t (s); those of a number are computed once."""
+        if type(t) is float:
+            return _remembered_transition(self.mean_motion, t)
+        return _transition(self.mean_motion, t)
 
 
 @dataclass(frozen=True)
@@ -305,6 +324,16 @@ class EllipticOrbit(Drift):
         )
 
 
+def _transition(n: float, t: Field) -> tuple[Field, Field, Field, Field, Field]:
+    """sin(n t), 1 - cos(n t), and the coefficients of a velocity in a position, s; see `ClohessyWiltshire`."""
+    s = _sine(n * t)
+    half = _sine(0.5 * n * t)
+    rise = 2.0 * half * half
+    return s, rise, s / n, 2.0 * rise / n, 4.0 * s / n - 3.0 * t
+
+
+_remembered_transition = lru_cache(maxsize=1024)(_transition)
+"""A flight has few lengths of steps."""
 FREE = FreeFlight()
 
 

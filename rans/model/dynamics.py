@@ -399,7 +399,7 @@ def moved(
             kick = in_world(push, weight * h)
             for power, pull in enumerate(pulls):
                 kick = kick + pull.scale(weight * node**power * h)
-            q, u = drift.later(node * h).carry(kick.scale(0.0), kick, (1 - node) * h)
+            q, u = drift.later(node * h).kicked(kick, (1 - node) * h)
             p = p + q
             v = v + u
         return p, v

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -14,7 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity, step_goal
+from rans.model.drift import (
+    FREE,
+    ClohessyWiltshire,
+    Drift,
+    EllipticOrbit,
+    FreeFlight,
+    UniformGravity,
+    step_goal,
+)
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from tests.support.crafts import random_states
@@ -168,3 +177,14 @@ def test_a_goal_at_rest_stays() -> None:
 def test_wrong_ones_are_one_sentence(make: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         make()
+
+
+@pytest.mark.parametrize("vector", [Vec2, Vec3])
+def test_a_kick_is_a_coast_from_the_origin(vector: Any) -> None:
+    v = vector(*np.array([[0.3, -0.2], [0.1, 0.4], [-0.5, 0.2]])[: 2 if vector is Vec2 else 3])
+    orbits = (ClohessyWiltshire(0.00113), EllipticOrbit(0.00113, 0.2, 0.5), FreeFlight())
+    for drift, t in itertools.product(orbits, (7.5, np.array([7.5, 900.0]))):
+        changes = drift.kicked(v, t)
+        coast = drift.carry(v.scale(0.0), v, t)
+        for change, end in zip(changes, coast, strict=True):
+            np.testing.assert_array_equal(change.columns(), end.columns())
