@@ -4,7 +4,7 @@
 --dimension 3 --seed 1 --device cuda`` that of space;
 ``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts, ``dead`` that of
 a dead thruster, ``mass`` that of another mass, all of docs/any_craft.md; ``joined`` that of two docked craft, of
-docs/any_craft_docked.md; ``picture`` draws layouts.
+docs/any_craft_training.md; ``picture`` draws layouts.
 ``--dimension 3`` does the same in space, of docs/any_craft_in_space.md.
 """
 

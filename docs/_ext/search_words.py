@@ -26,6 +26,12 @@ WORDS: dict[str, tuple[str, ...]] = {
         "evaluation",
     ),
     "any_craft_in_space": ("any craft in space", "six degrees of freedom", "zero-shot in space"),
+    "any_craft_training": (
+        "docked spacecraft",
+        "joined bodies",
+        "fine-tuning",
+        "transfer learning",
+    ),
     "any_craft": ("any craft", "foundation policy", "generalist policy", "zero-shot", "set policy"),
     "assurance": (
         "failure probability",
