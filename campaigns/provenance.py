@@ -431,6 +431,9 @@ _HEAD = """# Provenance
 Where the tables of README and pages come from. `rans reproduce` flies them again in a checkout, and writes a page
 of differences. This page is made from the same list, `campaigns/provenance.py`.
 
+![A command writes a JSON file, from which a table of a page is made; two checks compare them]\
+(pictures/diagrams/provenance.svg)
+
 ```
 rans reproduce --quick                             # fewer flights of every table
 rans reproduce --only stress "dock with errors"    # these alone, with every flight
