@@ -136,20 +136,20 @@ def test_conditions_are_flown(effect: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "memory",
+    ("craft", "memory"),
     [
-        {"history": 2, "averages": (0.5,)},
-        {"history": 3, "sided": False, "zoom": 4.0},
-        {"averages": (0.5,), "commands_only": True, "zoom": 4.0},
-        {"steady": (25.0, 25.0), "sided": False},
-        {"steady": (), "history": 2, "commands_only": True},
-        {"steady": (0.0, 25.0), "response": (0.1, 0.0)},
-        {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0},
+        (PLATFORM, {"history": 2, "averages": (0.5,)}),
+        (FLYER, {"history": 3, "sided": False, "zoom": 4.0}),
+        (PLATFORM, {"averages": (0.5,), "commands_only": True, "zoom": 4.0}),
+        (FLYER, {"steady": (25.0, 25.0), "sided": False}),
+        (PLATFORM, {"steady": (), "history": 2, "commands_only": True}),
+        (FLYER, {"steady": (0.0, 25.0), "response": (0.1, 0.0)}),
+        (FLYER, {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0}),
     ],
-    ids=str,
+    ids=lambda x: getattr(x, "name", str(x)),
 )
-@both_crafts
 def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
+    """By turns of a craft in the plane and in space."""
     looked_for = {name: memory[name] for name in ("steady", "response", "gate") if name in memory}
     kind = {name: x for name, x in memory.items() if name not in looked_for}
     if looked_for:

@@ -31,11 +31,16 @@ FOLLOWED = [
 ]
 
 
-@both_crafts
 @pytest.mark.parametrize("name", FOLLOWED)
 @pytest.mark.parametrize(
-    ("drift", "steady", "response"),
-    [(1e-3, 0.0, 0.0), (10.0, 0.0, 0.1), (10.0, 25.0, 0.0), (1e-3, 25.0, 1.0)],
+    ("drift", "steady", "response", "craft"),
+    [
+        (1e-3, 0.0, 0.0, PLATFORM),
+        (10.0, 0.0, 0.1, FLYER),
+        (10.0, 25.0, 0.0, PLATFORM),
+        (1e-3, 25.0, 1.0, FLYER),
+    ],
+    ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_what_is_expected_is_what_is_seen_next(
     drift: float, steady: float, response: float, name: str, craft: Spacecraft

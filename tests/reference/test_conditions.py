@@ -151,8 +151,10 @@ def once(dimension: int) -> tuple[Flight, Random]:
     return flown(CRAFTS[dimension], EFFECTS["all"], 8)
 
 
-@pytest.mark.parametrize("name", ["numpy", "torch", "float32", "fast", "drake"])
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize(
+    ("dimension", "name"),
+    [(2, "numpy"), (3, "torch"), (2, "float32"), (2, "fast"), (3, "fast"), (3, "drake")],
+)
 def test_a_scenario_is_the_same_wherever_it_flies(dimension: int, name: str) -> None:
     """All effects at once for eight periods: states, observations and rewards."""
     craft = CRAFTS[dimension]

@@ -178,9 +178,16 @@ def stronger(craft: Spacecraft, factor: float) -> Spacecraft:
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft .* one command turns it")  # a hundred times too much
-@pytest.mark.parametrize("factor", [1.0, 100.0])
 @pytest.mark.parametrize(
-    "name", ["floating-platform", "free-flyer", "nasty planar", "nasty spatial"]
+    ("name", "factor"),
+    [
+        ("floating-platform", 1.0),
+        ("free-flyer", 1.0),
+        ("nasty planar", 1.0),
+        ("nasty spatial", 1.0),
+        ("nasty planar", 100.0),
+        ("nasty spatial", 100.0),
+    ],
 )
 def test_a_quarter_of_a_million_steps_without_nan(
     name: str, factor: float, planar_craft: Spacecraft, spatial_craft: Spacecraft
