@@ -131,7 +131,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
             _in_a_moment()
             return
         if frame.f_code.co_filename.startswith("<frozen importlib"):
-            os.write(2, b"\nrans: interrupted.\n")
+            if "RANS_SENTENCES" not in os.environ:  # one of several processes (`rans.cli.gpus`)
+                os.write(2, b"\nrans: interrupted.\n")
             by = _ended_by[0] if _ended_by else signal.SIGINT
             signal.signal(by, signal.SIG_DFL)
             signal.raise_signal(by)

@@ -293,7 +293,7 @@ def optimum() -> Figure:
         start=_START,
         goal=_ORIGIN,
         objective="time",
-        keep_out=[(1.5, 0.4, 0.5)],
+        zones=[(1.5, 0.4, 0.5)],
     )
     return found.plot()
 

@@ -45,7 +45,11 @@ from tests.support.random_flights import Random
 plugins.register()
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted({*(ROOT / "docs").glob("*.md"), *(ROOT / "docs" / "missions").rglob("*.md")}),
+]
 DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 CRAFT = load_spacecraft("floating-platform")
 
@@ -304,7 +308,8 @@ def test_what_names_a_decision_leads_to_one() -> None:
 def test_every_page_is_in_the_index() -> None:
     index = (ROOT / "docs" / "README.md").read_text("utf-8")
     for page in PAGES[2:]:
-        assert page.name == "README.md" or f"]({page.name})" in index, page.name
+        name = page.relative_to(ROOT / "docs").as_posix()
+        assert name == "README.md" or f"]({name})" in index, name
 
 
 def test_the_rooms_are_there() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from numbers import Integral
@@ -15,6 +16,7 @@ from rans.errors import ConfigError, brief, one_of, whole
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
+from rans.renamed import DEPRECATED
 from rans.scenario import EVALUATION_SEED, Endpoints, Scenario, scenarios
 from rans.tasks import Task
 
@@ -96,6 +98,7 @@ def optimal_trajectory(
     guesses: int | None = None,
     most_speed: float | None = None,
     most_spin: float | None = None,
+    zones: Sequence[Sequence[float]] = (),
     keep_out: Sequence[Sequence[float]] = (),
 ) -> OptimalTrajectory:
     """Compute an optimal trajectory from one start, with thrust between 0 and 1, and fly it in Drake.
@@ -121,11 +124,11 @@ def optimal_trajectory(
         intervals: number of control periods, for "time".
         guesses: number of initial guesses; the best solution counts, and ``trajectory.agreeing`` says how many
             led to it. None: 1; 3 for "time" in space, for tasks that leave the attitude free (in space 5) or with
-            ``keep_out``.
+            ``zones``.
         most_speed: largest speed of the trajectory, m/s.
         most_spin: largest angular speed of the trajectory, rad/s.
-        keep_out: balls that the centre of mass stays out of: the coordinates of the centre in W, then the
-            radius, m.
+        zones: keep-out zones for the centre of mass: the coordinates of the centre in W, then the radius, m.
+        keep_out: the same under its former name.
 
     Raises:
         ConfigError: one of these does not exist, or they do not go together.
@@ -140,11 +143,21 @@ def optimal_trajectory(
     craft = load_spacecraft(spacecraft)
     objective_value = objective_of(objective, horizon, control_period, ending, intervals)
     scenario = _scenario(judged, craft, seed, start, goal)
-    if isinstance(keep_out, str) or not isinstance(keep_out, Iterable):
-        raise ConfigError(
-            f"keep_out must be a list of balls, as in [(1.5, 0.0, 0.4)], got {brief(keep_out)}."
+    for name, value in (("zones", zones), ("keep_out", keep_out)):
+        if isinstance(value, str) or not isinstance(value, Iterable):
+            raise ConfigError(
+                f"{name} must be a list of zones, as in [(1.5, 0.0, 0.4)], got {brief(value)}."
+            )
+    former = [*keep_out]
+    if former:
+        if [*zones]:
+            raise ConfigError("keep_out is the former name of zones: give zones alone.")
+        warnings.warn(
+            f"keep_out of rans.optimal_trajectory {DEPRECATED}: name it zones.",
+            DeprecationWarning,
+            stacklevel=2,
         )
-    balls = tuple(tuple(_numbers("ball to keep out of", ball)) for ball in keep_out)
+    balls = tuple(tuple(_numbers("zone", zone)) for zone in former or zones)
     limits = PathLimits(most_speed, most_spin, balls)
     limits = None if limits == PathLimits() else limits
     usual = max(usual_guesses(craft, judged, objective_value), 3 if balls else 1)

@@ -15,7 +15,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rans.cli.gpus import on_gpus, without_gpus
+from rans.cli.gpus import leave_sentence, on_gpus, without_gpus
 from rans.errors import (
     EXTRAS,
     ConfigError,
@@ -92,7 +92,8 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stdout.flush()
             return code
     except RansError as error:
-        return _end(f"rans: {error}", 2)
+        sentence = f"rans: {error}"
+        return 2 if leave_sentence(sentence) else _end(sentence, 2)
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         if module not in EXTRAS:

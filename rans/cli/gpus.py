@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rans.errors import ConfigError, brief
 from rans.executors import without_option
+from rans.files import read_text, write_text
 
 DIVIDED = ("train", "sweep", "assure")
 """Commands whose processes under torchrun divide the work."""
 _FORMS = "all, or a number of GPUs"
+_FOLDER = "RANS_SENTENCES"
+"""Environment variable with the folder in which processes leave their last sentences."""
 
 
 def without_gpus(arguments: Sequence[str]) -> tuple[list[str], str | None]:
@@ -63,6 +70,31 @@ def on_gpus(arguments: Sequence[str], text: str) -> int:
     return _launched(arguments, count)
 
 
+def leave_sentence(sentence: str) -> bool:
+    """Leave the last sentence of a process of `on_gpus` to what started it; False: this process is none."""
+    folder = os.environ.get(_FOLDER)
+    if folder is None or "RANK" not in os.environ:
+        return False
+    try:
+        write_text(Path(folder, os.environ["RANK"]), sentence)
+    except ConfigError:  # a full disk must not hide the sentence
+        return False
+    return True
+
+
+@contextmanager
+def _sentences_in(folder: Path) -> Iterator[None]:
+    """Context in which processes leave their last sentences in a folder; at its end each is printed once."""
+    os.environ[_FOLDER] = str(folder)
+    try:
+        yield
+    finally:
+        del os.environ[_FOLDER]
+        texts = [read_text(file) for file in sorted(folder.iterdir())]
+        for text in dict.fromkeys(texts):
+            print(text, file=sys.stderr)
+
+
 def _launched(arguments: Sequence[str], count: int) -> int:
     """Exit code of so many processes of a command under torchrun."""
     from torch.distributed.elastic.multiprocessing.api import SignalException
@@ -76,7 +108,8 @@ def _launched(arguments: Sequence[str], count: int) -> int:
     # After "--" no option of the command is taken for one of torchrun.
     options = ["--standalone", "--nproc-per-node", str(count), "-m", "--", "rans"]
     try:
-        run(get_args_parser().parse_args([*options, *arguments]))
+        with TemporaryDirectory() as folder, _sentences_in(Path(folder)):
+            run(get_args_parser().parse_args([*options, *arguments]))
     except ChildFailedError as error:
         _, failure = error.get_first_failure()
         # A negative code is the number of the signal that ended the process.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_origin, get_type_hints
 
+from rans.errors import ConfigError
 from rans.executors import FORMS
 from rans.renamed import DEPRECATED
 
@@ -61,18 +64,54 @@ def is_in_help(hint: Any) -> bool:
     )
 
 
-def warn_of_former(name: str, command: type, arguments: Iterable[str]) -> None:
-    """Warn of every former option of a command among its arguments, with what to do instead."""
+def warn_of_former(name: str, command: type, arguments: Sequence[str]) -> None:
+    """Warn of every former option of a command among its arguments, with what to do instead.
+
+    Raises:
+        ConfigError: a former option and its present one are both among them.
+    """
     hints = get_type_hints(command, include_extras=True)
     options = {option_name(field, hint): former(hint) for field, hint in hints.items()}
     for word in arguments:
         option = word.partition("=")[0].replace("_", "-")
         if (annotation := options.get(option)) is not None:
+            if both := _present_too(annotation.advice, arguments):
+                raise ConfigError(
+                    f"{option} is the former word of {both}, and both are given: leave {option} out."
+                )
             warnings.warn(
                 f"{option} of rans {name} {DEPRECATED}: {annotation.advice}.",
                 DeprecationWarning,
                 stacklevel=2,
             )
+
+
+def _present_too(advice: str, arguments: Sequence[str]) -> str:
+    """The option that an advice names, with its value or entry, where it is among the arguments; else ""."""
+    match = re.search(r"write (--[a-z-]+)(?: ([A-Za-z_.]+)(=)?)?", advice)
+    if match is None:
+        return ""
+    option, value, is_entry = match.groups()
+    for at, word in enumerate(arguments):
+        name, equals, own = word.partition("=")
+        if name.replace("_", "-") != option:
+            continue
+        values = [own] if equals else itertools.takewhile(_is_value, arguments[at + 1 :])
+        if is_entry:
+            # One entry of several, such as --set mass=VALUE.
+            if any(text.partition("=")[0] == value for text in values):
+                return f"{option} {value}="
+        elif option in _WITH_NUMBER:
+            # The option alone goes with its former number.
+            if any(map(_is_number, values)):
+                return f"{option} NUMBER"
+        else:
+            return option
+    return ""
+
+
+def _is_value(word: str) -> bool:
+    return not word.startswith("--")
 
 
 def with_numbers_named(arguments: Sequence[str]) -> list[str]:

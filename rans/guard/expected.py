@@ -37,19 +37,22 @@ class Expected:
         The reserve of a constraint is what its margin changes by over three standard deviations of the noise of
         position and velocity, the latter also over a control period; noise that grows with range is that of the
         farthest of 64 starts. Where delays vary, the mean one is expected,
-        and the way in half of their range at the largest speed of a start is added.
+        and the way in half of their range at the largest speed of a start is added. Of a mixture the delays of all
+        parts are one range, and the noise is that of the part with most of it.
         """
         conditions = setup.conditions
         if conditions is None:
             return cls()
         period = setup.timing.control_period
-        soonest, latest = _delays(conditions, period)
-        sensors = conditions.sensors
+        parts = (conditions, *conditions.others)
+        delays = [_delays(part, period) for part in parts]
+        soonest = min(least for least, _ in delays)
+        latest = max(greatest for _, greatest in delays)
         starts = scenarios(setup.task, setup.craft, seed=0, count=_STARTS)
         # Noise that grows with range is largest at a start.
         distance = float(np.max(starts.start.p.norm()))
-        velocity = _DOUBT * sensors.velocity.largest_deviation(distance)
-        position = _DOUBT * sensors.position.largest_deviation(distance)
+        velocity = _DOUBT * max(part.sensors.velocity.largest_deviation(distance) for part in parts)
+        position = _DOUBT * max(part.sensors.position.largest_deviation(distance) for part in parts)
         position = float(np.hypot(position, velocity * period))
         speed = float(np.max((starts.start.v - starts.goal.v).norm()))
         position += 0.5 * (latest - soonest) * speed

@@ -37,7 +37,7 @@ def test_the_figure_of_an_optimum_draws_its_zones_from_the_goal() -> None:
         objective="time",
         start=rans.state((-3.0, 1.0)),
         goal=rans.state((1.0, 1.0)),
-        keep_out=[(-1.0, 1.0, 0.3)],
+        zones=[(-1.0, 1.0, 0.3)],
         guesses=1,
         intervals=20,
     )
@@ -73,7 +73,7 @@ def test_a_trajectory_keeps_out_of_a_ball_and_below_a_speed() -> None:
         horizon=20.0,
         control_period=0.5,
         most_speed=0.25,
-        keep_out=[(-1.0, 0.0, 0.4)],
+        zones=[(-1.0, 0.0, 0.4)],
     )
     assert found.status == "solved"
     flown = found.replay("drake").states
@@ -134,3 +134,12 @@ def test_an_environment_of_no_dimension() -> None:
 def test_an_export_to_nowhere() -> None:
     with pytest.raises(ConfigError, match="output, unless it is a name or a file"):
         rans.export("go-to-pose-2d", None)  # type: ignore[arg-type]
+
+
+def test_zones_have_one_name() -> None:
+    own = {"start": rans.state((2.0, 0.0)), "horizon": 8.0, "guesses": 1}
+    with pytest.warns(DeprecationWarning, match="name it zones"):
+        found = rans.optimal_trajectory(keep_out=[(9.0, 9.0, 0.3)], **own)
+    assert found.keep_out == ((9.0, 9.0, 0.3),)
+    with pytest.raises(rans.ConfigError, match="give zones alone"):
+        rans.optimal_trajectory(zones=[(9.0, 9.0, 0.3)], keep_out=[(9.0, 9.0, 0.3)], **own)

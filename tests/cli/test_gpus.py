@@ -86,3 +86,18 @@ def test_two_processes_train_on_the_cpu(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "2 processes use the CPU" in done.stdout
     assert RunFolder(tmp_path / "run").load_checkpoint("cpu")["steps"] == 512
+
+
+@pytest.mark.slow
+def test_a_wrong_setting_is_one_sentence_of_all_processes(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rans", "train", "go-to-pose", "--gpus", "2", "--set", "nonsense=1"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("nonsense") == 1
+    assert "interrupted" not in done.stderr

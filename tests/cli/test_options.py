@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rans.cli import main
+from rans.cli import _parse, main
 from rans.cli.options import with_numbers_named
 from tests.support.command_runs import tiny
 
@@ -54,3 +54,24 @@ def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
         "3",
     ]
     assert with_numbers_named(["--guard", "runs/first"]) == ["--guard", "runs/first"]
+
+
+@pytest.mark.parametrize(
+    ("command", "former"),
+    [
+        ("optimal go-to-pose --zones 1,1,0.3 --keep-out 1,1,0.2", "--keep-out"),
+        ("compare go-to-pose-2d --guard 0.01 --guard-slack 0.2", "--guard-slack"),
+        ("init mine --set size=0.3 mass=3 --mass=4", "--mass"),
+    ],
+)
+def test_a_former_option_beside_its_present_one_is_refused(
+    command: str, former: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command.split()) == 2
+    assert f"leave {former} out" in capsys.readouterr().err
+
+
+def test_a_former_number_goes_with_the_option_that_it_belongs_to() -> None:
+    with pytest.warns(DeprecationWarning, match="write --guard NUMBER"):
+        command = _parse(["compare", "go-to-pose-2d", "--guard", "--guard-slack", "0.2"])
+    assert (command.guard, command.guard_slack) == (True, 0.2)

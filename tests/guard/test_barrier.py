@@ -211,6 +211,24 @@ def test_noise_that_grows_with_range_is_that_of_the_farthest_start() -> None:
     assert min(growing.values()) > 0.1
 
 
+def test_a_mixture_is_expected_with_all_of_its_parts() -> None:
+    """As one part is that has the most noise and all delays, whichever comes first."""
+    noise = SensorsConditions(
+        position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
+    )
+    noisy = Conditions(sensors=noise)
+    late = Conditions(thrusters=ThrusterConditions(command_delay=10.0))
+    both = Conditions(sensors=noise, thrusters=ThrusterConditions(command_delay=(0.0, 10.0)))
+    task = Dock()
+
+    def expected(conditions: Conditions) -> Expected:
+        return Expected.of(Setup(DEPUTY, task, task.timing, conditions))
+
+    assert expected(replace(noisy, others=(late,))) == expected(both)
+    assert expected(replace(late, others=(noisy,))) == expected(both)
+    assert expected(noisy) != expected(both)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "conditions",
