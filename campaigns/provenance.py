@@ -202,6 +202,16 @@ SOURCES: dict[str, Source] = {
         evidence=("craft_rivals.json",),
         quick_seconds=45.0,
     ),
+    "craft bounds": Source(
+        tables=("bounds of craft",),
+        page="certificate.md",
+        commands=("python -m campaigns.craft_bounds",),
+        quick=("python -m campaigns.craft_bounds freeflyer2 --starts 1",),
+        fewer_rows=True,
+        uncompared=("starts",),
+        evidence=("craft-bounds.json",),
+        quick_seconds=10.0,
+    ),
     "avoid": _mission("avoid", "", " --episodes 64", 14.0),
     "dock port": _mission("dock-port", "", " --episodes 64", 60.0),
     "dock": _mission(

@@ -1,0 +1,223 @@
+"""Real spacecraft: bounds of least time and least impulse of a transfer to rest, beside the best flight known.
+
+``python -m campaigns.craft_bounds`` writes docs/validation/craft-bounds.json and the table of docs/certificate.md.
+Names after it measure those craft anew and keep the others. Conditions are nominal. The best flight is that of
+optimal control, within the same tolerances; its wheels are couples of thrusters without a price, and it counts only
+if wheels can give their torques, with the gyroscopic torque of their own momentum.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tyro.conf import Positional
+
+from campaigns.craft import CRAFTS
+from campaigns.markdown import Table
+from rans.evaluation.compare.bounds import goal_set
+from rans.files import read_json, write_json
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.certificate import attitude_tube, hull
+from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime, Objective
+from rans.optimal.trajectory.transcription import Trajectory, Transcription, usual_guesses
+from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
+from rans.tasks import GoToPose
+
+COMMAND = "python -m campaigns.craft_bounds"
+_FILE = "validation/craft-bounds.json"
+_ARM = 10.0
+"""Arm of the couples that stand for wheels, m."""
+_SHARES = 1.0, 0.6, 0.3
+"""Shares of the torque of wheels that optimal control may use, tried in turn until wheels can give it."""
+_INTERVALS = 50
+
+
+def with_couples(craft: Spacecraft, share: float) -> Spacecraft:
+    """The craft with two couples of thrusters for each wheel, for a share of its largest torque either way."""
+    couples = []
+    for wheel in craft.wheels:
+        axis = np.array(wheel.axis)
+        arm = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.5 else (1.0, 0.0, 0.0))
+        arm /= np.linalg.norm(arm)
+        force = 0.5 * share * wheel.max_torque / _ARM
+        for sense in (1.0, -1.0):
+            for side in (1.0, -1.0):
+                place = np.array(craft.centre_of_mass) + side * _ARM * arm
+                push = sense * side * np.cross(axis, arm)
+                couples.append(Thruster(_triple(place), _triple(push), force))
+    return replace(craft, wheels=(), thrusters=(*craft.thrusters, *couples))
+
+
+def _triple(vector: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(value) + 0.0 for value in vector)
+    return x, y, z
+
+
+def wheels_can(craft: Spacecraft, share: float, path: Trajectory) -> bool:
+    """Whether wheels at rest at first can give the torques of the couples of a trajectory, period by period."""
+    if not craft.wheels:
+        return True
+    commands = path.commands[:, craft.thruster_count :].reshape(
+        len(path.commands), craft.wheel_count, 4
+    )
+    torques = np.array([wheel.max_torque for wheel in craft.wheels])
+    given = 0.5 * share * torques * (commands[..., :2].sum(-1) - commands[..., 2:].sum(-1))
+    axes = np.array([wheel.axis for wheel in craft.wheels])
+    if craft.dimension == 2:
+        momenta = -path.control_period * np.cumsum(given, axis=0)
+        return bool((np.abs(momenta) <= [wheel.max_momentum for wheel in craft.wheels]).all())
+    # In space, for wheels along three axes: the momentum of wheels in B follows h' = -torque - w x h.
+    spin = np.stack(leaves(path.states.w), axis=1)
+    momentum = np.zeros(3)
+    for torque, w in zip(given @ axes, spin, strict=False):
+        motor = np.abs(axes @ (torque + np.cross(w, momentum)))
+        momentum = momentum - path.control_period * (torque + np.cross(w, momentum))
+        limits = [wheel.max_momentum for wheel in craft.wheels]
+        if (motor > torques).any() or (np.abs(axes @ momentum) > limits).any():
+            return False
+    return True
+
+
+def best(craft: Spacecraft, task: GoToPose, objective: Objective, start: Scenario) -> float:
+    """Least time, s, or impulse of thrusters, N s, of optimal control; infinite: none was found."""
+    for share in _SHARES if craft.wheels else (1.0,):
+        flown = with_couples(craft, share)
+        transcription = Transcription(flown, task, objective)
+        path = transcription.solve(start.start, start.goal, usual_guesses(flown, task, objective))
+        if path.solved and wheels_can(craft, share, path):
+            if isinstance(objective, MinimumTime):
+                return path.cost
+            forces = np.array([thruster.force for thruster in craft.thrusters])
+            spent = path.control_period * path.commands[:, : len(forces)].sum(axis=0) @ forces
+            return float(spent)
+    return math.inf
+
+
+def measured(name: str, count: int, distance: Sequence[float]) -> dict[str, Any]:
+    """Bounds and best flights of a craft from the first starts of an evaluation."""
+    craft = load_spacecraft(name)
+    low, high = distance
+    task = GoToPose(evaluation_distance=(low, high)).for_evaluation()
+    assert isinstance(task, GoToPose)
+    with warnings.catch_warnings():  # without its wheels, a craft may be unable to turn
+        warnings.simplefilter("ignore", UserWarning)
+        bare = replace(craft, wheels=())
+        within = replace(goal_set(task), velocity=0.0, spin=0.0)
+        starts = [*each(scenarios(task, bare, EVALUATION_SEED, count))]
+        hulls = [_hull_time(bare, within, one) for one in starts]
+        # Twice the least time, in whole seconds: neither in haste nor as slow as you like.
+        horizon = float(math.ceil(2.0 * float(np.mean(hulls))))
+        rows = []
+        for one, before in zip(starts, hulls, strict=True):
+            ends: Any = one.start, one.goal
+            fuel = MinimumFuel(horizon, horizon / _INTERVALS, "set")
+            rows.append(
+                {
+                    "hull time": before,
+                    "least time": attitude_tube.least_time(craft, *ends, within),
+                    "best time": best(craft, task, MinimumTime(_INTERVALS, "set"), one),
+                    "least impulse": attitude_tube.least_impulse(craft, *ends, horizon, within),
+                    "best impulse": best(craft, task, fuel, one),
+                }
+            )
+    return {"horizon": horizon, "starts": rows}
+
+
+def _hull_time(craft: Spacecraft, within: GoalSet, one: Scenario) -> float:
+    ends: Any = one.start, one.goal
+    return hull.least_time(craft, ("position", "velocity"), *ends, within)
+
+
+@dataclass(frozen=True)
+class CraftBounds:
+    """Bound transfers of real craft to rest."""
+
+    names: Positional[tuple[str, ...]] = ()
+    """Names of craft; by default all."""
+    starts: int = 2
+    """Starts of each."""
+
+    def run(self) -> int:
+        """Write the file and the table; 1 if a flight is below its bound."""
+        docs = Path("docs")
+        file = docs / _FILE
+        distances = read_json(docs / "validation/craft.json")
+        failed = 0
+        for name in self.names or CRAFTS:
+            result = measured(name, self.starts, distances[name]["distance"])
+            for row in result["starts"]:
+                for kind in ("time", "impulse"):
+                    failed += row[f"best {kind}"] < row[f"least {kind}"] * (1.0 - 1e-6)
+            found = read_json(file) if file.exists() else {}
+            found[name] = result
+            write_json(file, {one: found[one] for one in CRAFTS if one in found})
+            table(docs).write(docs)
+        return int(failed > 0)
+
+
+def table(docs: Path) -> Table:
+    """Bounds over best flights of every craft, the mean and the lowest of its starts."""
+    rows = []
+    for name, one in read_json(docs / _FILE).items():
+        cells = [_ratio(one["starts"], *pair) for pair in _PAIRS]
+        least, flown = (
+            np.mean([row[key] for row in one["starts"]]) for key in ("least time", "best time")
+        )
+        spent = [
+            np.mean([row[key] for row in one["starts"]])
+            for key in ("least impulse", "best impulse")
+        ]
+        rows.append(
+            (
+                f"`{name}`",
+                str(len(one["starts"])),
+                f"{least:.1f}, {flown:.1f} s",
+                *cells[:2],
+                f"{one['horizon']:g} s: {spent[0]:.3g}, {spent[1]:.3g} N s",
+                cells[2],
+            )
+        )
+    headings = (
+        "spacecraft",
+        "starts",
+        "least time: bound, best flight",
+        "hull bound over best",
+        "tube bound over best",
+        "least impulse: bound, best flight",
+        "tube bound over best (impulse)",
+    )
+    return Table("certificate.md", COMMAND, headings, rows, "")
+
+
+_PAIRS = (
+    ("hull time", "best time"),
+    ("least time", "best time"),
+    ("least impulse", "best impulse"),
+)
+
+
+def _ratio(rows: Sequence[dict[str, float]], bound: str, flight: str) -> str:
+    ratios = [row[bound] / row[flight] for row in rows]
+    return f"{np.mean(ratios):.2f} (≥ {math.floor(100.0 * min(ratios)) / 100.0:.2f})"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Parse and run."""
+    import tyro
+
+    return tyro.cli(CraftBounds, args=arguments).run()
+
+
+if __name__ == "__main__":
+    from campaigns.command import ended
+
+    raise SystemExit(ended(COMMAND, main))
