@@ -322,7 +322,7 @@ def docked(
         whose = "of both" if effectors == "both" else "of the first"
         start = f"| {pair.first}, {pair.second} | {mass:.1f} | {whose} | "
         if isinstance(rows, str):
-            yield f"{start}{file} | refused: {rows} | | |"
+            yield f"{start}{file} | refuses | | |"
             continue
         settled, settling, impulse = (rows[key] for key in ("solved", "settling time", "impulse"))
         median = f"{settling.value:.1f}" if np.isfinite(settling.value) else "never"
