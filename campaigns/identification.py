@@ -9,7 +9,7 @@ lab's noise. `rans.identify` begins from the data sheet. The mass is weighed: mo
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from rans.evaluation.identify.fit import fit, parameters_of
 from rans.evaluation.identify.log import FlightLog
 from rans.evaluation.identify.result import SPREAD, Identification
 from rans.files import environment, read_json, write_json
+from rans.model.actuators import Wheel
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -116,7 +117,7 @@ def _flights(
         readings.append(np.stack([np.broadcast_to(x, count) for x in columns], axis=-1))
         speeds.append(
             [
-                momentum / wheel.inertia - wheel.axis[-1] * episode.state.spin()[-1]
+                momentum / wheel.inertia - _about(wheel, episode.state.spin())
                 for momentum, wheel in zip(episode.state.stores, craft.wheels, strict=True)
             ]
         )
@@ -149,6 +150,11 @@ def _flights(
     for wheel in craft.wheels:
         fields += [wheel.max_torque, wheel.inertia]
     return logs, np.stack([np.broadcast_to(x, count) for x in fields], axis=-1)
+
+
+def _about(wheel: Wheel, spin: Sequence[Any]) -> Any:
+    """Turn rate of the craft about a wheel's axis, rad/s."""
+    return sum(a * w for a, w in zip(wheel.axis[3 - len(spin) :], spin, strict=True))
 
 
 def _measured(speeds: list[Any], number: int, random: np.random.Generator) -> np.ndarray:

@@ -44,8 +44,8 @@ def identify(
         window: the log is predicted over windows of this length, s.
 
     Raises:
-        ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has wheels in space,
-            propellant or effectors of other kinds.
+        ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has propellant or
+            effectors of other kinds.
     """
     from rans.evaluation.identify.fit import fit
     from rans.evaluation.identify.log import FlightLog

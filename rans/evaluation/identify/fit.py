@@ -85,7 +85,7 @@ class Fit:
     noise: dict[str, float]
     """Standard deviation of the readings' errors, in m, rad, m/s and rad/s, of what was measured."""
     residuals: tuple[np.ndarray, ...]
-    """Readings minus prediction of each log, (M, 6 + W or 12); in space the attitude's is a rotation vector."""
+    """Readings minus prediction of each log, (M, 6 + W or 12 + W); in space the attitude's is a rotation vector."""
     nominal_residuals: tuple[np.ndarray, ...]
     """Readings minus the prediction of the data sheet, of each log, with windows' starts fitted."""
     logs: tuple[FlightLog, ...]
@@ -169,7 +169,7 @@ class _Problem:
         self.craft = craft
         self.parameters = parameters_of(craft)
         self.planar = craft.dimension == 2
-        self.width = 6 + craft.wheel_count if self.planar else 12
+        self.width = (6 if self.planar else 12) + craft.wheel_count
         """Entries of a residual, and of the change of a start."""
         self.groups: list[_Group] = []
         for number, log in enumerate(logs):
@@ -247,7 +247,7 @@ def _rotation_vector(path: np.ndarray, readings: np.ndarray) -> np.ndarray:
 
 
 def channel_columns(craft: Spacecraft) -> dict[str, slice]:
-    """Columns of each measured quantity in a residual of 6 entries and one a wheel, or 12 in space."""
+    """Columns of each measured quantity in a residual of 6 entries, or 12 in space, and one a wheel."""
     ends = (0, 2, 3, 5, 6) if craft.dimension == 2 else (0, 3, 6, 9, 12)
     if craft.wheels:
         ends = (*ends, ends[-1] + craft.wheel_count)

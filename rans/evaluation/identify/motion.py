@@ -142,17 +142,16 @@ def check_identifiable(craft: Spacecraft) -> None:
     """Refuse craft whose motion this module does not predict.
 
     Raises:
-        ConfigError: the craft burns propellant, has wheels in space, or effectors of other kinds.
+        ConfigError: the craft burns propellant, or has effectors of other kinds.
     """
     reasons = {
         "burns propellant": craft.propellant is not None,
-        "has reaction wheels in space": bool(craft.wheels) and craft.dimension == 3,
         "has effectors of other kinds": bool(craft.further_effectors),
     }
     for reason, holds in reasons.items():
         if holds:
             raise ConfigError(
-                f"{craft.name!r} {reason}, and only spacecraft with thrusters, and in the plane wheels, can be "
+                f"{craft.name!r} {reason}, and only spacecraft with thrusters and reaction wheels can be "
                 "identified from a log."
             )
 
@@ -182,15 +181,15 @@ def predicted(
     begin: np.ndarray,
     times: np.ndarray,
 ) -> np.ndarray:
-    """States at the readings of K windows of M readings each: columns (K, M, 6 + W or 13).
+    """States at the readings of K windows of M readings each: columns (K, M, 6 + W or 13 + W).
 
-    They are x, y, heading, vx, vy, spin and the speeds of wheels, or p, quaternion, v, w.
+    They are x, y, heading, vx, vy, spin, or p, quaternion, v, w, and the speeds of wheels.
 
     Args:
         craft: spacecraft as designed.
         thrusts: forces that were commanded.
         physics: parameters.
-        start: (K, 6 + W or 13), states at the beginnings of the windows.
+        start: (K, 6 + W or 13 + W), states at the beginnings of the windows.
         begin: (K,), s, the beginnings.
         times: (K, M), s, times of the readings, ascending.
     """
@@ -206,11 +205,11 @@ def predicted(
     fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
     wrenches = fractions @ np.array(craft.wrench_map)
 
+    motors = np.diff(thrusts.spun(grid), axis=1) / step[..., None]
     if craft.dimension == 2:
-        motors = np.diff(thrusts.spun(grid), axis=1) / step[..., None]
         path = _planar(craft, physics, start, wrenches, step, motors)
     else:
-        path = _spatial(craft, physics, start, wrenches, step)
+        path = _spatial(craft, physics, start, wrenches, step, motors)
 
     return path[:, np.cumsum(counts)]
 
@@ -275,9 +274,14 @@ def _summed(start: np.ndarray, changes: np.ndarray) -> np.ndarray:
 
 
 def _spatial(
-    craft: Spacecraft, physics: Physics, start: np.ndarray, wrench: np.ndarray, step: np.ndarray
+    craft: Spacecraft,
+    physics: Physics,
+    start: np.ndarray,
+    wrench: np.ndarray,
+    step: np.ndarray,
+    motors: np.ndarray,
 ) -> np.ndarray:
-    """States (K, S + 1, 13) in space, by the midpoint rule, on whole arrays as is fastest in NumPy."""
+    """States (K, S + 1, 13 + W) in space, by the midpoint rule, on whole arrays as is fastest in NumPy."""
     body = physics.body
     force = wrench[..., :3]
     torque = wrench[..., 3:] - np.cross(_stacked(body.centre)[:, None], force)
@@ -289,25 +293,44 @@ def _spatial(
     push = _stacked(physics.disturbance.force.columns()) / craft.mass
     twist = _stacked(physics.disturbance.torque.columns())
 
-    def rate(spin: np.ndarray, attitude: np.ndarray, thrust: np.ndarray) -> np.ndarray:
-        """Angular acceleration in B: Euler's equations."""
+    # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
+    axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
+    turns = motors
+    momenta = np.zeros((len(start), wrench.shape[1] + 1, len(axes)))
+    about = np.ones((len(start), len(axes)))
+    if craft.wheels:
+        turns = motors * _stacked(physics.wheel_torques)[:, None]
+        about = _stacked(physics.wheel_inertias)
+        momenta[:, 0] = about * (start[:, 13:] + start[:, 10:13] @ axes.T)
+        momenta[:, 1:] = momenta[:, :1] + np.cumsum(turns * step[..., None], axis=1)
+        torque = torque - turns @ axes
+    stored = momenta @ axes
+
+    def rate(
+        spin: np.ndarray, attitude: np.ndarray, thrust: np.ndarray, wheels: np.ndarray
+    ) -> np.ndarray:
+        """Angular acceleration in B: Euler's equations, with the momentum of wheels."""
         outside = rotate(attitude * _CONJUGATE, twist)
-        gyroscopic = np.cross(spin, np.matmul(inertia, spin[..., None])[..., 0])
+        gyroscopic = np.cross(spin, np.matmul(inertia, spin[..., None])[..., 0] + wheels)
         return np.matmul(inverse, (thrust + outside - gyroscopic)[..., None])[..., 0]
 
     path = np.empty((len(start), wrench.shape[1] + 1, 13))
-    path[:, 0] = start
+    path[:, 0] = start[:, :13]
     for k in range(wrench.shape[1]):
         h = step[:, k, None]
         p, q, v, w = np.split(path[:, k], (3, 7, 10), axis=1)
-        w_half = w + 0.5 * h * rate(w, q, torque[:, k])
+        w_half = w + 0.5 * h * rate(w, q, torque[:, k], stored[:, k])
+        middle = 0.5 * (stored[:, k] + stored[:, k + 1])
         q_half = quaternion_products(q, quaternions_of(0.25 * h * (w + w_half)))
         acceleration = rotate(q_half, force[:, k]) / craft.mass + push
         path[:, k + 1, :3] = p + h * (v + 0.5 * h * acceleration)
         path[:, k + 1, 3:7] = quaternion_products(q, quaternions_of(h * w_half))
         path[:, k + 1, 7:10] = v + h * acceleration
-        path[:, k + 1, 10:] = w + h * rate(w_half, q_half, torque[:, k])
-    return path
+        path[:, k + 1, 10:] = w + h * rate(w_half, q_half, torque[:, k], middle)
+    if not craft.wheels:
+        return path
+    speeds = momenta / about[:, None] - path[..., 10:] @ axes.T
+    return np.concatenate([path, speeds], axis=-1)
 
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
