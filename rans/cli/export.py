@@ -66,6 +66,8 @@ class Export:
         name = ContestantName.parse(with_spacecraft(self.run_folder, self.spacecraft))
         is_foreign = name.kind == "policy"
         folder = name.policy_file if is_foreign else name.folder
+        if folder is None and name.name.startswith("onnx:"):
+            raise ConfigError(f"there is no file {name.name.removeprefix('onnx:')}.")
         if folder is None:
             raise ConfigError(
                 f"{brief(self.run_folder)} is no ONNX file, and an export needs the operations of one. Let its own "

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans.cli import main
 from rans.deploy.c_file import FLAGS, write_c
 from rans.deploy.foreign import write_foreign_export
 from rans.deploy.foreign_program import foreign_program
@@ -188,6 +189,20 @@ def test_what_no_file_can_have_is_refused_by_operator_and_node(tmp_path: Path) -
     broken.write_bytes(file.read_bytes()[:100])
     with pytest.raises(ConfigError, match=r"broken\.onnx"):
         foreign_program(broken, WIDTH, craft)
+
+
+@pytest.mark.parametrize(
+    ("policy", "sentence"),
+    [
+        ("onnx:missing.onnx:go-to-pose-2d", "there is no file missing.onnx"),
+        ("python:mine:act:go-to-pose-2d", "is no ONNX file"),
+    ],
+)
+def test_a_policy_that_cannot_be_exported_is_a_sentence(
+    policy: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", policy, "--format", "c"]) == 2
+    assert sentence in capsys.readouterr().err
 
 
 def test_an_answer_that_is_no_number_stays_so_for_the_watchdog(tmp_path: Path) -> None:
