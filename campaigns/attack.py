@@ -1,0 +1,288 @@
+"""Attacks on the safety filter by gradients and by search: ``python -m campaigns.attack``.
+
+- gradient: in every control period the commands of the next periods are optimized by gradients through the engine's
+  step, so that the least margin of the constraints becomes as small as possible. The first command is flown.
+- cem: the cross-entropy method searches the commands of whole flights behind the filter for the least margin. Every
+  flight of the search counts.
+
+Both fly from the same starts without and with the filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+import tyro
+
+from campaigns.command import ended
+from campaigns.guard import MISSIONS, SEED
+from rans.episode import Setup, World, step
+from rans.fast.stepping.step import Backend
+from rans.guard import safety_filter
+from rans.guard.ahead import Ahead
+from rans.model.fields import map_leaves, where
+from rans.model.random import Draws, seed_words
+from rans.model.spacecraft_file import load_spacecraft
+from rans.processes import Workers
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.tasks import load_task
+from rans.terminal import Terminal
+
+_HORIZON = 10
+"""Number of control periods whose commands are optimized by gradients: as many as a platform needs to stop."""
+_ITERATIONS = 6
+"""Number of steps of the gradient; they move commands by at most their whole range."""
+_STEP = 0.35
+"""Change of a command, from 0 to 1, in a step of the gradient."""
+_POPULATION = 64
+"""Number of flights that the cross-entropy method compares from each start."""
+_ELITE = 8
+"""Number of the best flights of a generation, from which the next one is drawn."""
+_KNOTS = 16
+"""Parts of a flight in which a command is constant, at most."""
+_LEAST_CHANCE = 0.05
+"""Bounds of the chance that a thruster is open, so that every generation tries something."""
+Commands = Callable[[int, Any, Any], tuple[Any, ...]]
+"""Commands in a control period, by its number, the state and the goal."""
+
+
+class Flights(NamedTuple):
+    """What became of N flights, arrays (N,)."""
+
+    safe: np.ndarray
+    """Whether the filter holds from the start."""
+    least: np.ndarray
+    """Least margin of all constraints until the end, m or m/s."""
+
+
+@torch.no_grad()
+def flown(
+    setup: Setup, plan: Plan, numbers: np.ndarray, filtered: bool, commands: Commands
+) -> Flights:
+    """Fly the starts of these numbers, (N,), in single precision, with commands (thrusters of (N,))."""
+    guard: Any = safety_filter(setup)
+    backend = Backend.of(plan.device, torch.float32, None)
+    world = World(setup._replace(guard=guard if filtered else None), backend.nodes)
+    draws = Draws(
+        *seed_words(SEED), backend.put(numbers.astype(np.int32), torch.int32), 0, backend.fields
+    )
+    clock = draws.first * 0
+    now = world.begin(*world.scenario(clock, draws), clock, draws)
+    zero = now.state.p.columns()[0] * 0.0
+    safe = guard.safe(world, now.state, now.goal) | (zero > 1.0)
+    finished = zero > 1.0
+    least = zero + np.float32(1e30)
+    for k in range(plan.steps(setup)):
+        wanted = tuple(backend.put(x, torch.float32) for x in commands(k, now.state, now.goal))
+        outcome = step(world, now, wanted, draws)
+        now = outcome.episode
+        for margin in outcome.margins.values():
+            least = where(~finished & (margin < least), margin, least)
+        finished = finished | outcome.terminated
+        if bool(finished.all()):
+            break
+    return Flights(*(torch.as_tensor(x).cpu().numpy() for x in (safe, least)))
+
+
+class Plan(NamedTuple):
+    """How flights are attacked."""
+
+    device: str = "cpu"
+    """Torch device of the flights."""
+    periods: int | None = None
+    """Number of control periods of a flight; None: the whole episode."""
+    generations: int = 6
+    """Of the cross-entropy method."""
+
+    def steps(self, setup: Setup) -> int:
+        """Number of control periods of a flight."""
+        return min(self.periods or setup.timing.episode_steps, setup.timing.episode_steps)
+
+
+class GradientAttack:
+    """Commands that reduce the least margin of the next control periods, by projected gradients.
+
+    Args:
+        setup: craft, task and timing; the attack knows the true state.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        backend = Backend.of("cpu", torch.float32, None, plain=True)
+        self._ahead = Ahead(World(Setup(*setup[:3]), backend.nodes))
+        self._levels: torch.Tensor | None = None
+        """(periods, thrusters, N)"""
+        self._steady = setup.craft.is_continuous
+
+    def __call__(self, k: int, state: Any, goal: Any) -> tuple[Any, ...]:
+        """See `Commands`."""
+        size = len(state.p.columns()[0])
+        state, goal = map_leaves(lambda x: _tensor(x, size), (state, goal))
+        count = len(self._ahead.world.craft.commands)
+        if self._levels is None:
+            generator = torch.Generator().manual_seed(0)
+            self._levels = torch.rand((_HORIZON, count, size), generator=generator)
+        else:
+            # The plan goes on, with its last command once more.
+            self._levels = torch.cat([self._levels[1:], self._levels[-1:]])
+        levels = self._levels
+        for _ in range(_ITERATIONS):
+            levels = levels.detach().requires_grad_()
+            with torch.enable_grad():
+                self._least(state, goal, levels).sum().backward()
+            assert levels.grad is not None
+            levels = (levels - _STEP * levels.grad.sign()).clamp(0.0, 1.0)
+        self._levels = levels.detach()
+        first = self._levels[0].numpy()
+        return tuple(first if self._steady else np.round(first))
+
+    def _least(self, state: Any, goal: Any, levels: torch.Tensor) -> torch.Tensor:
+        """Least margin (N,) while these commands are flown."""
+        result: Any = None
+        for command in levels.unbind():
+            predicted = self._ahead.fly(state, goal, command.unbind())
+            state, goal = predicted.state, predicted.goal
+            result = predicted.least if result is None else torch.minimum(result, predicted.least)
+        return result
+
+
+def _tensor(x: Any, size: int) -> torch.Tensor:
+    values = np.broadcast_to(np.asarray(x, np.float32), size)
+    return torch.from_numpy(np.array(values))
+
+
+def by_gradients(
+    _: int, mission: str, conditions: Conditions | None, plan: Plan, first: int, count: int
+) -> tuple[Flights, ...]:
+    """Flights without and with the filter from so many starts; a job of a worker."""
+    torch.set_num_threads(1)
+    setup = _setup(mission, conditions)
+    numbers = np.arange(first, first + count)
+    return tuple(
+        flown(setup, plan, numbers, filtered, GradientAttack(setup)) for filtered in (False, True)
+    )
+
+
+def by_search(
+    _: int, mission: str, conditions: Conditions | None, plan: Plan, first: int, count: int
+) -> tuple[Flights, ...]:
+    """Flights of all generations from so many starts, without and with the filter; a job of a worker."""
+    setup = _setup(mission, conditions)
+    period = -(-plan.steps(setup) // _KNOTS)
+    numbers = np.repeat(np.arange(first, first + count), _POPULATION)
+    thrusters = len(setup.craft.commands)
+    result = []
+    for filtered in (False, True):
+        random = np.random.default_rng(first)
+        chances = np.full((_KNOTS, thrusters, count), 0.5)
+        flights = []
+        for _ in range(plan.generations):
+            opened = random.random((_KNOTS, thrusters, count, _POPULATION)) < chances[..., None]
+            levels = opened.reshape(_KNOTS, thrusters, -1).astype(np.float32)
+
+            def commands(k: int, state: Any, goal: Any, levels: Any = levels) -> tuple[Any, ...]:
+                return tuple(levels[k // period])
+
+            flight = flown(setup, plan, numbers, filtered, commands)
+            flights.append(flight)
+            order = np.argsort(flight.least.reshape(count, _POPULATION), axis=1)[:, :_ELITE]
+            elite = np.take_along_axis(opened, order[None, None], axis=3).mean(axis=3)
+            chances = np.clip(elite, _LEAST_CHANCE, 1.0 - _LEAST_CHANCE)
+            Terminal().say(
+                f"  {mission}: {'filtered' if filtered else 'unfiltered'}, generation {len(flights)}: "
+                f"{int((flight.least[flight.safe] < 0.0).sum())} of {int(flight.safe.sum())} violated, "
+                f"least margin {flight.least[flight.safe].min():.5f}"
+            )
+        result.append(Flights(*(np.concatenate(x) for x in zip(*flights, strict=True))))
+    return tuple(result)
+
+
+ATTACKS = {"gradient": by_gradients, "cem": by_search}
+
+
+def _setup(mission: str, conditions: Conditions | None) -> Setup:
+    task_name, craft_name = MISSIONS[mission]
+    task = load_task(task_name).for_evaluation()
+    return Setup(load_spacecraft(craft_name), task, task.timing, conditions)
+
+
+@dataclass(frozen=True)
+class Attack:
+    """Attack the filter of missions, and print a row of each."""
+
+    missions: tuple[str, ...] = ("avoid-2d", "dock-port-2d-atmos", "dock", "hold")
+    """Of `campaigns.guard.MISSIONS`."""
+    attacks: tuple[str, ...] = tuple(ATTACKS)
+    """gradient and cem."""
+    starts: int = 256
+    """Number of starts."""
+    noise: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of measured positions, m, and velocities, m/s, which the filter knows."""
+    delay: float = 0.0
+    """Time from a decision until the command arrives, in control periods, which the filter knows."""
+    periods: int | None = None
+    """Control periods of a flight; None: the whole episode."""
+    generations: int = 6
+    """Of the cross-entropy method."""
+    device: str = "cpu"
+    """Torch device: cpu or cuda."""
+    job: int = 16
+    """Starts that a process attacks together; on a GPU all of them."""
+    workers: int | None = None
+    """Number of processes; None: one per processor."""
+
+    def run(self) -> int:
+        """Attack and print."""
+        plan = Plan(self.device, self.periods, self.generations)
+        for mission in self.missions:
+            conditions = self._conditions(mission)
+            for attack in self.attacks:
+                jobs = [
+                    (mission, conditions, plan, first, min(self.job, self.starts - first))
+                    for first in range(0, self.starts, self.job)
+                ]
+                parts = [
+                    *Workers(int, (), self.workers, "flew attacks").ordered(ATTACKS[attack], jobs)
+                ]
+                Terminal().say(_line(mission, attack, parts))
+        return 0
+
+    def _conditions(self, mission: str) -> Conditions | None:
+        """Noise and delay in a mission; None: neither."""
+        if not (any(self.noise) or self.delay):
+            return None
+        period = load_task(MISSIONS[mission][0]).timing.control_period
+        position, velocity = (SensorConditions(noise=sigma) for sigma in self.noise)
+        return Conditions(
+            thrusters=ThrusterConditions(command_delay=self.delay * period),
+            sensors=SensorsConditions(position=position, velocity=velocity),
+        )
+
+
+def _line(mission: str, attack: str, parts: list[tuple[Flights, ...]]) -> str:
+    """Counts of all jobs, of the starts from which the filter holds."""
+    free, filtered = (
+        Flights(*(np.concatenate(x) for x in zip(*flights, strict=True)))
+        for flights in zip(*parts, strict=True)
+    )
+    least = filtered.least[filtered.safe]
+    return (
+        f"{mission:13} {attack:9} {len(least):,} flights from safe starts: violated "
+        f"{int((free.least[free.safe] < 0.0).sum()):,} unfiltered, {int((least < 0.0).sum()):,} filtered "
+        f"(least margin {least.min():.4f})"
+    )
+
+
+if __name__ == "__main__":
+    # Jobs of other processes are in the module of its own name.
+    from campaigns import attack
+
+    raise SystemExit(ended("attack", lambda: tyro.cli(attack.Attack).run()))

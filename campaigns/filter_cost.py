@@ -1,0 +1,89 @@
+"""Processor time of a filtered step of one spacecraft: ``python -m campaigns.filter_cost``.
+
+Random commands fly first, so that the predictions of a mission are traced before the adversary is timed.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import tyro
+
+from campaigns.guard import MISSIONS, SEED, adversary
+from rans.episode import Setup, World
+from rans.guard import safety_filter
+from rans.guard.ahead import Ahead
+from rans.model.fields import map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenario
+from rans.tasks import load_task
+from rans.terminal import Terminal
+
+_PERIODS = 120
+"""Control periods of a flight, in which the adversary reaches a boundary."""
+
+
+@dataclass(frozen=True)
+class FilterCost:
+    """Fly one spacecraft after the other behind the filter, and print what a step costs."""
+
+    missions: tuple[str, ...] = tuple(MISSIONS)
+    """Of `campaigns.guard.MISSIONS`."""
+    seconds: float = 25.0
+    """Time for the random commands of a mission, and for its adversary."""
+
+    def run(self) -> None:
+        """Print a line of each mission and pilot."""
+        for mission in self.missions:
+            task_name, craft_name = MISSIONS[mission]
+            craft = load_spacecraft(craft_name)
+            task = load_task(task_name).for_evaluation()
+            setup = Setup(craft, task, task.timing)
+            for who in ("random", "adversary"):
+                costs = 1e3 * np.array(_costs(setup, who, self.seconds))
+                Terminal().say(
+                    f"{mission:18} {who:9} {len(costs):6,} steps of {1e3 * task.timing.control_period:6,.0f} ms: "
+                    f"median {np.median(costs):.1f} ms, 99 % {np.percentile(costs, 99):.1f} ms, "
+                    f"largest {costs.max():.1f} ms"
+                )
+
+
+def _costs(setup: Setup, who: str, seconds: float) -> list[float]:
+    """Processor time of each filtered step, s."""
+    guard = safety_filter(setup)
+    world = World(setup)
+    ahead = Ahead(world)
+    attack = adversary(world)
+    random = np.random.default_rng(0)
+    costs: list[float] = []
+    end = time.perf_counter() + seconds
+    episode = 0
+    while time.perf_counter() < end:
+        start = scenario(setup.task, setup.craft.dimension, seed=SEED, episode=episode)
+        episode += 1
+        now: Any = start.start, start.goal
+        for _ in range(_PERIODS):
+            arrays = map_leaves(lambda x: np.array([x], dtype=np.float64), now)
+            if who == "random":
+                levels = random.random(len(setup.craft.commands))
+                desired = levels if setup.craft.is_continuous else np.round(levels)
+            else:
+                desired = attack(*arrays, ())
+            command = tuple(float(np.asarray(x).ravel()[0]) for x in desired)
+            before = time.thread_time()
+            admitted, _ = guard.admitted(world, *now, command)
+            costs.append(time.thread_time() - before)
+            end_state = ahead.fly(*arrays, tuple(np.array([x]) for x in admitted))
+            now = map_leaves(
+                lambda x: float(np.asarray(x).ravel()[0]), (end_state.state, end_state.goal)
+            )
+            if time.perf_counter() > end:
+                break
+    return costs
+
+
+if __name__ == "__main__":
+    tyro.cli(FilterCost).run()
