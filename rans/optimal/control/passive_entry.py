@@ -34,9 +34,15 @@ from rans.tasks.base import Task
 from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Cone
 
-_TRIES = ((0, 4000, 0.75), (0, 16_000, 0.92), *((seed, 32_000, 0.92) for seed in range(1, 9)))
+_TRIES = ((0, 4000, 0.75), (0, 16_000, 0.92), (1, 32_000, 0.92))
 """Seeds and numbers of plans that are drawn for a start, and the largest part of the time to its deadline that the
 first coast takes: later ones where none of those before is safe."""
+_TURNS = tuple((seed, 32_000, 0.92) for seed in range(2, 10))
+"""The same of plans whose first coast turns on the way, where none of those without a turn is safe."""
+_TURN_SPEEDS = (0.003, 0.3)
+"""Least and largest change of velocity with which such a plan begins, m/s: the largest is about a speed limit."""
+_TURN = (0.05, 0.5)
+"""Least and largest part of the time to the deadline before the turn."""
 _CHECKED = 200
 """Number of plans whose coasts are computed at once, the cheapest first."""
 _EARLIEST = 0.15
@@ -63,19 +69,19 @@ class _Plans(NamedTuple):
     """Plans from one start: arrays of K."""
 
     points: np.ndarray
-    """(K, 3) ends of the first coasts, m."""
+    """(K, 2, 3) where the first coast turns and where it ends, m; both equal: it does not turn."""
     ends: np.ndarray
-    """(K,) their instants, s."""
+    """(K, 2) instants of both, s."""
     before: np.ndarray
-    """(K, 6) states before the burn."""
+    """(K, B, 6) states before the burn at once, and before the turn."""
     after: np.ndarray
-    """(K, 6) states after the burn."""
+    """(K, B, 6) states after these burns."""
     price: np.ndarray
     """(K,) impulse to the target over mass, m/s."""
 
-    def first_coast(self, row: int) -> tuple[np.ndarray, float]:
-        """End of the first coast of a plan, m, and its instant, s."""
-        return self.points[row], float(self.ends[row])
+    def first_coast(self, row: int) -> tuple[np.ndarray, np.ndarray]:
+        """Turn and end (2, 3) of the first coast of a plan, m, and their instants (2,), s."""
+        return self.points[row], self.ends[row]
 
 
 class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
@@ -88,8 +94,9 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     point from where it would pass beside the zone. There `rans.MissionGuidance` takes over, and flies to the
     target. Plans, that is points and times, are drawn at random, with the same random numbers for every start. In
     the order of their prices their coasts are computed (`rans.model.passive_safety`), first of impulses and then of
-    burns as they are flown. The cheapest plan whose coasts keep out of the zone is flown; without one, that whose
-    coasts keep the largest distance. Of a mission with a cone the whole flight is predicted, and the cheapest of
+    burns as they are flown. The cheapest plan whose coasts keep out of the zone is flown. Without one, the first
+    coast may turn on the way by one more burn; without a safe plan of these, that is flown whose coasts keep the
+    largest distance. Of a mission with a cone the whole flight is predicted, and the cheapest of
     these plans is flown that stays inside the cone.
 
     It knows the state exactly, and expects no errors of sensors and thrusters.
@@ -139,10 +146,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         """See `rans.flight.Controller`; forgets plans."""
         super().reset(count)
         self._guidance.reset(count)
-        self._points = np.zeros((0, 3))
-        """(N, 3) ends of the first coasts, m."""
-        self._ends = np.zeros(0)
-        """(N,) their instants, s."""
+        self._points = np.zeros((0, 2, 3))
+        """(N, 2, 3) turns and ends of the first coasts, m."""
+        self._ends = np.zeros((0, 2))
+        """(N, 2) their instants, s."""
         self._entered = np.zeros(count, bool)
         """(N,) whether mission guidance flies."""
         self._arrivals = np.zeros(count)
@@ -171,7 +178,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             self._ends = np.array([end for _, end in plans])
         # Within the approach mission guidance makes a plan of its own.
         near = np.linalg.norm(states[:, :3], axis=1) < self._zone.approach
-        enters = (near | (now > self._ends)) & ~self._entered
+        enters = (near | (now > self._ends[:, 1])) & ~self._entered
         if enters.any():
             replanned = self.task.plan(state, goal, goal.notes[0])
             self._arrivals = np.where(enters, now + replanned.notes[1], self._arrivals)
@@ -187,6 +194,9 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     ) -> np.ndarray:
         """(N, 3) change of velocity in W, m/s, of this period, which acts in its middle and keeps its direction."""
         half = 0.5 * self._period
+        turned = now > ends[:, 0] - 0.75 * self._period
+        points = np.where(turned[:, None], points[:, 1], points[:, 0])
+        ends = np.where(turned, ends[:, 1], ends[:, 0])
         middle = carried(self.task.mean_motion, states, np.full(len(states), half))
         left = np.maximum(ends - now - half, self._period)
         change = self._coast_velocity(middle[:, :3], points, left) - middle[:, 3:]
@@ -194,7 +204,9 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         change = change * np.minimum(1.0, self._largest_change / np.maximum(largest, 1e-12))
         return np.where((largest > _TRIM) & (ends - now > self._period)[:, None], change, 0.0)
 
-    def _planned(self, states: np.ndarray, state: Any, goal: Any) -> list[tuple[np.ndarray, float]]:
+    def _planned(
+        self, states: np.ndarray, state: Any, goal: Any
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Plans of all starts, of states (N, 6): see `_plan`.
 
         Where the mission has a cone, all plans are flown ahead to the target. A start whose flight leaves the cone
@@ -222,7 +234,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
                 attempts[k] = self._plan(states[k], deadlines[k], excluded[k])
         return plans
 
-    def _begin(self, plans: list[tuple[np.ndarray, float]]) -> None:
+    def _begin(self, plans: list[tuple[np.ndarray, np.ndarray]]) -> None:
         """Forget everything, in objects of its own, and fly these plans."""
         self._guidance = MissionGuidance(self.craft, self.task, self._timing)
         self._rounding = copy(self._rounding)
@@ -255,17 +267,18 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
 
     def _plan(
         self, start: np.ndarray, deadline: float, excluded: Sequence[np.ndarray] = ()
-    ) -> tuple[np.ndarray, float]:
-        """End of the first coast from a state (6,), m, and its instant, s; another one than those excluded."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`_Plans.first_coast` of the plan from a state (6,); another one than those excluded."""
         is_unsafe_start = self._coast_distance(start) < self._radius
-        best: tuple[np.ndarray, float] | None = None
+        best: tuple[np.ndarray, np.ndarray] | None = None
         farthest = -1.0
-        for seed, count, latest in _TRIES:
-            plans = self._sampled(start, deadline, seed, count, latest)
+        for number, (seed, count, latest) in enumerate(_TRIES + _TURNS):
+            turns = number >= len(_TRIES)
+            plans = self._sampled(start, deadline, seed, count, latest, turns)
             order = np.argsort(plans.price, kind="stable")
             allowed = plans.price < _OUT_OF_LIMIT
             for point in excluded:
-                allowed &= (plans.points != point).any(axis=1)
+                allowed &= (plans.points != point).any(axis=(1, 2))
             plan = self._cheapest_safe(
                 order[allowed[order]],
                 _CHECKED,
@@ -288,10 +301,14 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         after = plans.after[rows]
         flight = np.arange(len(rows))
         zero = np.zeros(len(rows))
-        pieces = [single_coasts(after, orbit + plans.ends[rows], flight)]
-        if not is_unsafe_start:
-            # Thrusters may shut after any part of the burn.
-            pieces.append(Pieces(plans.before[rows], after, zero + orbit, zero, flight))
+        pieces = []
+        for burn in range(after.shape[1]):
+            lasting = orbit + plans.ends[rows, burn if after.shape[1] == 2 else 1]
+            pieces.append(single_coasts(after[:, burn], lasting, flight))
+            if burn or not is_unsafe_start:
+                # Thrusters may shut after any part of the burn.
+                before = plans.before[rows, burn]
+                pieces.append(Pieces(before, after[:, burn], zero + orbit, zero, flight))
         return keep_away(n, joined(pieces), len(rows), self._radius + _CLEAR)
 
     def _distance_of_flights(
@@ -309,12 +326,18 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             np.tile(start, (len(rows), 1)),
             law,
             math.ceil(ends.max() / self._period) + 1,
-            self._orbit + ends + self._period,
+            self._orbit + ends[:, 1] + self._period,
             is_unsafe_start,
         )
 
     def _sampled(
-        self, start: np.ndarray, deadline: float, seed: int, count: int, latest: float
+        self,
+        start: np.ndarray,
+        deadline: float,
+        seed: int,
+        count: int,
+        latest: float,
+        turns: bool = False,
     ) -> _Plans:
         """Plans from a state (6,); the first coast takes at most a part ``latest`` of the time to the deadline."""
         n, period = self.task.mean_motion, self._period
@@ -328,15 +351,28 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         direction = self._within_cone(direction, random)
         points = direction * self._zone.approach * random.uniform(*_DEPTHS, (count, 1))
-        # The first coast.
+        # The first coast, from the start or from the turn on.
         before = carried(n, np.tile(start, (count, 1)), np.full(count, half))
+        to_turn = np.zeros(count)
+        begins, begun = [], []
+        if turns:
+            to_turn = whole_periods(deadline * random.uniform(*_TURN, count), period)
+            to_turn = np.clip(to_turn, 2.0 * period, np.maximum(time - 2.0 * period, 2.0 * period))
+            away = random.normal(size=(count, 3))
+            away /= np.linalg.norm(away, axis=1, keepdims=True)
+            speed = np.exp(random.uniform(*np.log(_TURN_SPEEDS), (count, 1)))
+            begins.append(before)
+            begun.append(before + np.concatenate([np.zeros((count, 3)), away * speed], axis=1))
+            before = carried(n, begun[0], to_turn)
+        end = time + half
+        time = np.maximum(time - to_turn, period)
         after = before.copy()
         after[:, 3:] = self._coast_velocity(before[:, :3], points, time)
         at_point = carried(n, after, time)
         # The remaining way by two impulses, in the cheapest of a few times.
         remaining = np.full(count, np.inf)
         for part in _REST:
-            left = np.maximum((deadline - half - time - 2.0 * period) * part, period)
+            left = np.maximum((deadline - end - 2.0 * period) * part, period)
             velocity = self._coast_velocity(points, np.zeros((count, 3)), left)
             arrival = carried(n, np.concatenate([points, velocity], axis=1), left)[:, 3:]
             brake = np.maximum(np.abs(arrival).sum(axis=1) - self.task.velocity_tolerance, 0.0)
@@ -348,7 +384,24 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             price = np.where(
                 self._keeps_speed(carried(n, after, time * part)), price, price + _OUT_OF_LIMIT
             )
-        return _Plans(points, time + half, before, after, price)
+        begins.append(before)
+        begun.append(after)
+        if turns:
+            price += np.abs(begun[0] - begins[0])[:, 3:].sum(axis=1)
+            for part in np.linspace(0.0, 1.0, 9):
+                keeps = self._keeps_speed(carried(n, begun[0], to_turn * part))
+                price = np.where(keeps, price, price + _OUT_OF_LIMIT)
+            late = to_turn + time + half > end
+            price = np.where(late, price + _OUT_OF_LIMIT, price)
+        turn = before[:, :3] if turns else points
+        ends = np.stack([to_turn + half if turns else end, end], axis=1)
+        return _Plans(
+            np.stack([turn, points], axis=1),
+            ends,
+            np.stack(begins, axis=1),
+            np.stack(begun, axis=1),
+            price,
+        )
 
     def _within_cone(self, direction: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """Directions (K, 3), or as many within the cone of the mission if it has one."""

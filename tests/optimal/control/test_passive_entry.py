@@ -77,6 +77,35 @@ def test_coasts_miss_the_target_until_it_docks_on_purpose() -> None:
         assert nearest.min() > 5.0
 
 
+@pytest.mark.slow
+def test_a_first_coast_may_turn_where_no_other_is_safe() -> None:
+    """From this start, of evaluation start 226, one burn leads into the zone or breaks the speed limit."""
+    pilot = PassiveEntry("afrl-deputy", "dock")
+    start = np.array([-9.906, 21.243, 135.843, -0.008, -0.017, -0.172])
+    points, ends = pilot._plan(start, 607.66)
+    assert np.linalg.norm(points[0]) > 20.0 > np.linalg.norm(points[1])
+    assert 0.0 < ends[0] < ends[1] < 607.66
+    # The plan by itself: impulses, and coasts of an orbit from a hundred instants and eleven parts of a burn.
+    state, least = start, math.inf
+    instants = [5.0, *ends]
+    orbit = 2.0 * math.pi / pilot.task.mean_motion
+    matrices = [transition(pilot.task.mean_motion, t)[:6, :6] for t in np.linspace(0, orbit, 400)]
+    for k, point in enumerate(points):
+        state = (
+            transition(pilot.task.mean_motion, instants[k] - (instants[k - 1] if k else 0.0))[
+                :6, :6
+            ]
+            @ state
+        )
+        response = transition(pilot.task.mean_motion, instants[k + 1] - instants[k])[:3, :6]
+        velocity = np.linalg.solve(response[:, 3:], point - response[:, :3] @ state[:3])
+        for part in np.linspace(0.0, 1.0, 11):
+            shut = np.concatenate([state[:3], state[3:] + part * (velocity - state[3:])])
+            least = min(least, *(float(np.linalg.norm((m @ shut)[:3])) for m in matrices))
+        state = np.concatenate([state[:3], velocity])
+    assert least > 5.0
+
+
 def test_it_flies_to_targets_only() -> None:
     with pytest.raises(ConfigError, match="Hold is not one"):
         PassiveEntry("vbar-chaser", "hold")
@@ -90,18 +119,18 @@ def test_each_start_flies_its_cheapest_plan_that_stays_inside_the_cone(
     ends = {-1.0: [600.0, 700.0, 400.0], -2.0: [300.0], -3.0: [900.0] * 20}
     asked = []
 
-    def plan(start: Any, deadline: float, excluded: Any = ()) -> tuple[np.ndarray, float]:
-        return np.full(3, float(len(excluded))), ends[start[0]][len(excluded)]
+    def plan(start: Any, deadline: float, excluded: Any = ()) -> tuple[np.ndarray, np.ndarray]:
+        return np.full((2, 3), float(len(excluded))), np.full(2, ends[start[0]][len(excluded)])
 
     def stays_inside(self: PassiveEntry, states: Any, state: Any, goal: Any) -> np.ndarray:
         asked.append(state.p.x.tolist())
-        return self._ends <= 500.0
+        return self._ends[:, 1] <= 500.0
 
     monkeypatch.setattr(pilot, "_plan", plan)
     monkeypatch.setattr(PassiveEntry, "_stays_inside", stays_inside)
     x = np.repeat([[-1.0], [-2.0], [-3.0]], 6, axis=1)
     goal = replace(state_of(x), notes=(np.full(3, 5000.0),))
     plans = pilot._planned(x, state_of(x), goal)
-    assert [end for _, end in plans] == [400.0, 300.0, 900.0]
+    assert [end[1] for _, end in plans] == [400.0, 300.0, 900.0]
     assert asked[:3] == [[-1.0, -2.0, -3.0], [-1.0, -3.0], [-1.0, -3.0]]
     assert set(map(tuple, asked[3:])) == {(-3.0,)}
