@@ -127,7 +127,7 @@ class Fly:
             period = foreign.timing.control_period
             task = {
                 "name": registered_name(foreign.task) or name.setup.partition("@")[0],
-                "settings": asdict(foreign.task),
+                "settings": asdict(foreign.task),  # pyright: ignore[reportArgumentType]
             }
         elif name.kind == "run folder" and all((source / file).exists() for file in AGENT_FILES):
             if not self.trust:

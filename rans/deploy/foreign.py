@@ -18,7 +18,7 @@ from rans.deploy.contract import (
     flights_of_policy,
     golden_of_policy,
 )
-from rans.deploy.export import check_alone, evaluated
+from rans.deploy.export import Form, check_alone, evaluated
 from rans.deploy.foreign_program import foreign_program
 from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
@@ -64,7 +64,7 @@ class _Exported(NamedTuple):
 def write_foreign_export(
     spec: str,
     folder: Path,
-    form: str = "c",
+    form: Form = "c",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
     margins: int = 256,

@@ -170,7 +170,7 @@ class _Reader:
 
     def _follow(self, node: Any) -> None:
         """The values of one node."""
-        operands = [self._values[name] if name else None for name in node.input]
+        operands: list[Any] = [self._values[name] if name else None for name in node.input]
         attributes = _attributes(node)
         try:
             if not any(isinstance(value, _Numbers | _Choice) for value in operands):
