@@ -87,12 +87,16 @@ def wheels_can(craft: Spacecraft, share: float, path: Trajectory) -> bool:
     return True
 
 
-def best(craft: Spacecraft, task: GoToPose, objective: Objective, start: Scenario) -> float:
+def best(
+    craft: Spacecraft, task: GoToPose, objective: Objective, start: Scenario, guesses: int
+) -> float:
     """Least time, s, or impulse of thrusters, N s, of optimal control; infinite: none was found."""
     for share in _SHARES if craft.wheels else (1.0,):
         flown = with_couples(craft, share)
         transcription = Transcription(flown, task, objective)
-        path = transcription.solve(start.start, start.goal, usual_guesses(flown, task, objective))
+        path = transcription.solve(
+            start.start, start.goal, guesses or usual_guesses(flown, task, objective)
+        )
         if path.solved and wheels_can(craft, share, path):
             if isinstance(objective, MinimumTime):
                 return path.cost
@@ -102,7 +106,7 @@ def best(craft: Spacecraft, task: GoToPose, objective: Objective, start: Scenari
     return math.inf
 
 
-def measured(name: str, count: int, distance: Sequence[float]) -> dict[str, Any]:
+def measured(name: str, count: int, distance: Sequence[float], guesses: int = 0) -> dict[str, Any]:
     """Bounds and best flights of a craft from the first starts of an evaluation."""
     craft = load_spacecraft(name)
     low, high = distance
@@ -124,9 +128,9 @@ def measured(name: str, count: int, distance: Sequence[float]) -> dict[str, Any]
                 {
                     "hull time": before,
                     "least time": attitude_tube.least_time(craft, *ends, within),
-                    "best time": best(craft, task, MinimumTime(_INTERVALS, "set"), one),
+                    "best time": best(craft, task, MinimumTime(_INTERVALS, "set"), one, guesses),
                     "least impulse": attitude_tube.least_impulse(craft, *ends, horizon, within),
-                    "best impulse": best(craft, task, fuel, one),
+                    "best impulse": best(craft, task, fuel, one, guesses),
                 }
             )
     return {"horizon": horizon, "starts": rows}
@@ -145,6 +149,8 @@ class CraftBounds:
     """Names of craft; by default all."""
     starts: int = 2
     """Starts of each."""
+    guesses: int = 0
+    """Guesses of optimal control; 0: as usual, 3 for least times in space."""
 
     def run(self) -> int:
         """Write the file and the table; 1 if a flight is below its bound."""
@@ -153,7 +159,7 @@ class CraftBounds:
         distances = read_json(docs / "validation/craft.json")
         failed = 0
         for name in self.names or CRAFTS:
-            result = measured(name, self.starts, distances[name]["distance"])
+            result = measured(name, self.starts, distances[name]["distance"], self.guesses)
             for row in result["starts"]:
                 for kind in ("time", "impulse"):
                     failed += row[f"best {kind}"] < row[f"least {kind}"] * (1.0 - 1e-6)
@@ -169,20 +175,17 @@ def table(docs: Path) -> Table:
     rows = []
     for name, one in read_json(docs / _FILE).items():
         cells = [_ratio(one["starts"], *pair) for pair in _PAIRS]
-        least, flown = (
-            np.mean([row[key] for row in one["starts"]]) for key in ("least time", "best time")
-        )
-        spent = [
-            np.mean([row[key] for row in one["starts"]])
-            for key in ("least impulse", "best impulse")
-        ]
+        times = [_mean(one["starts"], key) for key in ("least time", "best time")]
+        spent = [_mean(one["starts"], key) for key in ("least impulse", "best impulse")]
         rows.append(
             (
                 f"`{name}`",
                 str(len(one["starts"])),
-                f"{least:.1f}, {flown:.1f} s",
+                f"{times[0]:.1f}, {times[1]:.1f} s".replace("inf s", "none"),
                 *cells[:2],
-                f"{one['horizon']:g} s: {spent[0]:.3g}, {spent[1]:.3g} N s",
+                f"{one['horizon']:g} s: {spent[0]:.3g}, {spent[1]:.3g} N s".replace(
+                    "inf N s", "none"
+                ),
                 cells[2],
             )
         )
@@ -206,8 +209,15 @@ _PAIRS = (
 
 
 def _ratio(rows: Sequence[dict[str, float]], bound: str, flight: str) -> str:
-    ratios = [row[bound] / row[flight] for row in rows]
+    ratios = [float(row[bound]) / float(row[flight]) for row in rows]
+    if min(ratios) == 0.0:  # optimal control found no flight that the wheels can fly
+        return "-"
     return f"{np.mean(ratios):.2f} (≥ {math.floor(100.0 * min(ratios)) / 100.0:.2f})"
+
+
+def _mean(rows: Sequence[dict[str, float]], key: str) -> float:
+    """Mean of the starts; files have infinite numbers as text."""
+    return float(np.mean([float(row[key]) for row in rows]))
 
 
 def main(arguments: list[str] | None = None) -> int:
