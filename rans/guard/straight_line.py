@@ -159,6 +159,8 @@ def _expression(operation: str, args: Sequence[str], choices: dict[str, str]) ->
         return f" {operation} ".join(args)
     if operation == "neg":
         return f"-{args[0]}"
+    if operation not in _NUMBERS and operation not in _CHOICES:
+        raise Untraceable(f"numbers have no operation {operation!r}.")
     if operation == "/":
         return f"over({', '.join(args)})"
     return f"{operation}({', '.join(args)})"
