@@ -19,10 +19,10 @@ import numpy as np
 import tyro
 from tyro.conf import Positional
 
-import rans
 from campaigns.command import ended
 from campaigns.identification import hidden_flights
 from campaigns.markdown import Table
+from rans.api.training import train
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.identify.fit import fit, parameters_of
@@ -89,8 +89,8 @@ def _hidden(sheet: Spacecraft, truth: np.ndarray) -> tuple[Spacecraft, Condition
     torque = abs(value["torque z"])
     conditions = Conditions(
         thrusters=ThrusterConditions(
-            latency=(value["latency"],) * 2,
-            rise=(value["rise"],) * 2,
+            latency=(value["latency"], value["latency"]),
+            rise=(value["rise"], value["rise"]),
         ),
         disturbances=DisturbanceConditions(force=(force, force), torque=(torque, torque)),
         sensors=load_conditions("lab").sensors,
@@ -115,7 +115,7 @@ def _trained(
 ) -> float:
     """Train one agent, and return its seconds."""
     began = time.monotonic()
-    rans.train(
+    train(
         _RECIPE,
         craft,
         conditions=conditions,
