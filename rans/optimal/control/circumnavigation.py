@@ -174,10 +174,18 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             state, position_deviation, velocity_deviation = self._estimated(self._filter, state)
             listens = now < _LISTENING * self._period
         if self._plans is None:
+            unplanned, nothing = np.full(size, -1.0), np.zeros(size)
+            # Each array is one of its own, since plans are set row by row.
             self._plans = _Plans(
-                *(np.full(size, -1.0) for _ in range(5)),
-                np.zeros(size, bool),
-                *(np.zeros(size) for _ in range(3)),
+                first=unplanned,
+                second=unplanned.copy(),
+                x=unplanned.copy(),
+                y=unplanned.copy(),
+                finish=unplanned.copy(),
+                detours=np.zeros(size, bool),
+                via_x=nothing,
+                via_y=nothing.copy(),
+                via_z=nothing.copy(),
             )
 
         # Plan where no plan has been made, and where one has ended too soon.
@@ -300,7 +308,8 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         random = np.random.default_rng(0)
         direction = random.normal(size=(_DETOURS, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        size = np.exp(random.uniform(*np.log(_DETOUR_SPEEDS), (_DETOURS, 1)))
+        least, largest_speed = map(math.log, _DETOUR_SPEEDS)
+        size = np.exp(random.uniform(least, largest_speed, (_DETOURS, 1)))
         burn = np.concatenate([np.zeros((_DETOURS, 3)), direction * size], axis=1)
         middle = carried(n, start[None], np.array([half])) + burn
         states = carried(n, middle, np.full(_DETOURS, -half))
@@ -344,7 +353,8 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
                 i = j[chosen]
                 x, y = map(float, target[:, i])
                 end = now + float(finish[chosen])
-                self._set(row, now + first[i], now + second[i], x, y, end, via[chosen])
+                begin, arrival = now + float(first[i]), now + float(second[i])
+                self._set(row, begin, arrival, x, y, end, via[chosen])
                 return True
         return False
 
@@ -503,9 +513,18 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         if not count:
             return np.zeros(0, bool)
         start = np.array([*state_now.p.columns(), *state_now.v.columns()])
-        nothing = np.zeros(count)
-        columns = (nothing, nothing, nothing) if via is None else via.T
-        plans = _Plans(first, second, *target, nothing, np.full(count, via is not None), *columns)
+        where = np.zeros((count, 3)) if via is None else via
+        plans = _Plans(
+            first=first,
+            second=second,
+            x=target[0],
+            y=target[1],
+            finish=np.zeros(count),
+            detours=np.full(count, via is not None),
+            via_x=where[:, 0],
+            via_y=where[:, 1],
+            via_z=where[:, 2],
+        )
 
         def law(states: np.ndarray, time: float) -> np.ndarray:
             change = self._change_by_plan(_moved(state_now, states), time, plans).T
