@@ -122,14 +122,17 @@ def measured(name: str, count: int, distance: Sequence[float], guesses: int = 0)
         horizon = float(math.ceil(2.0 * float(np.mean(hulls))))
         rows = []
         for one, before in zip(starts, hulls, strict=True):
-            ends: Any = one.start, one.goal
+            start: Any = one.start
+            goal: Any = one.goal
             fuel = MinimumFuel(horizon, horizon / _INTERVALS, "set")
             rows.append(
                 {
                     "hull time": before,
-                    "least time": attitude_tube.least_time(craft, *ends, within),
+                    "least time": attitude_tube.least_time(craft, start, goal, within),
                     "best time": best(craft, task, MinimumTime(_INTERVALS, "set"), one, guesses),
-                    "least impulse": attitude_tube.least_impulse(craft, *ends, horizon, within),
+                    "least impulse": attitude_tube.least_impulse(
+                        craft, start, goal, horizon, within
+                    ),
                     "best impulse": best(craft, task, fuel, one, guesses),
                 }
             )
@@ -137,8 +140,9 @@ def measured(name: str, count: int, distance: Sequence[float], guesses: int = 0)
 
 
 def _hull_time(craft: Spacecraft, within: GoalSet, one: Scenario) -> float:
-    ends: Any = one.start, one.goal
-    return hull.least_time(craft, ("position", "velocity"), *ends, within)
+    start: Any = one.start
+    goal: Any = one.goal
+    return hull.least_time(craft, ("position", "velocity"), start, goal, within)
 
 
 @dataclass(frozen=True)

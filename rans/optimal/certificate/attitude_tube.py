@@ -93,7 +93,8 @@ class _Transfer:
         """(count,) linear part of the bound: of multipliers of velocity, of position over the time, and so on."""
         parts = [self.mass * self.change, self.mass * self.way / self.time]
         if self.turns:
-            parts.append([self.moment * self.spin_change, self.moment * self.turn / self.time])
+            angles = np.array([self.spin_change, self.turn / self.time])
+            parts.append(self.moment * angles)
         return np.concatenate(parts)
 
     def radii(self) -> np.ndarray:
