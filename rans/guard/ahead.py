@@ -46,21 +46,25 @@ class Ahead:
     world: World
     reserve: Reserve = ()
     """See `rans.guard.expected.Expected`."""
-    _traced: dict[tuple[str, int], StraightLine | None] = field(
+    _traced: dict[tuple[str, int], StraightLine | None] | None = field(
         default_factory=dict, compare=False, repr=False
     )
-    """Functions that were traced, by name and number of fields; None: one that cannot be."""
+    """Functions that were traced, by name and number of fields, with None for one that cannot be. None in place of
+    all: nothing is traced."""
 
     @staticmethod
     def of(world: World, reserve: Reserve = ()) -> Ahead:
         """Predictor of a world, the same one at every step."""
         try:
             return _remembered(world, reserve)
-        except TypeError:  # a task of somebody's own that has no hash
-            return Ahead(world, reserve)
+        except TypeError:
+            # A task of somebody's own that has no hash. To trace at every step takes longer than it saves.
+            return Ahead(world, reserve, None)
 
     def traced(self, name: str, function: Callable[..., Any], *trees: Any) -> StraightLine | None:
-        """A function as straight-line Python, traced once; None: it does more than arithmetic."""
+        """A function as straight-line Python, traced once; None: it does more than arithmetic, or is not traced."""
+        if self._traced is None:
+            return None
         key = name, len(leaves(trees))
         if key not in self._traced:
             try:

@@ -23,10 +23,8 @@ _INFIX = ("+", "-", "*", "<", "<=", ">", ">=", "==", "!=", "&", "|", "^")
 
 
 def _over(a: float, b: float) -> float:
-    """Quotient as NumPy's: infinite or not a number over zero."""
-    if b:
-        return a / b
-    return math.copysign(math.inf, a) if a else math.nan
+    """Quotient as NumPy's: infinite or not a number over zero, which has a sign."""
+    return a / b if b else a * math.copysign(math.inf, b)
 
 
 def _root(x: float) -> float:
@@ -50,10 +48,10 @@ _NUMBERS: dict[str, Callable[..., Any]] = {
 }
 _CHOICES = {
     "where": "{1} if {0} else {2}",
-    "minimum": "{0} if {0} < {1} else {1}",
-    "maximum": "{0} if {0} > {1} else {1}",
+    "minimum": "{0} if {0} < {1} or {0} != {0} else {1}",
+    "maximum": "{0} if {0} > {1} or {0} != {0} else {1}",
 }
-"""Of numbers, without a call."""
+"""Of numbers, without a call. As in NumPy what is not a number stays so: a filter must not take it for a margin."""
 _ARRAYS: dict[str, Callable[..., Any]] = {
     "real": np.asarray,
     "/": np.divide,

@@ -12,7 +12,18 @@ from rans.guard import FlownBackup
 from rans.guard.ahead import Ahead
 from rans.guard.backup import _Search
 from rans.guard.straight_line import StraightLine, few
-from rans.model.fields import Vec2, absolute, floor, leaves, log, map_leaves, sqrt, where
+from rans.model.fields import (
+    Vec2,
+    absolute,
+    at_least,
+    floor,
+    leaves,
+    log,
+    map_leaves,
+    sqrt,
+    where,
+    within,
+)
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.trace import Untraceable
 from rans.scenario import scenarios
@@ -44,6 +55,7 @@ def test_a_few_spacecraft_are_predicted_as_by_the_engine(task_name: str, craft_n
     # The same operations but for divisions by constants, so that only rounding differs.
     fast = ahead.fly(state, goal, command)
     slow = ahead._predicted(state, goal, command)
+    assert ahead._traced is not None
     assert [*ahead._traced.values()] != [None]
     for a, b in zip(leaves(fast), leaves(slow), strict=True):
         if isinstance(b, dict):
@@ -77,6 +89,29 @@ def test_numbers_answer_as_numpy_does_over_zero_and_below_it() -> None:
         want = leaves(function(v, x))
     got = StraightLine(function, v, x).of_rows(v, x)
     np.testing.assert_array_equal(leaves(got), want)
+
+
+def test_what_is_not_a_number_stays_so() -> None:
+    # A least margin that forgets it would be taken for a safe one; zeros have signs.
+    def function(x: Any, y: Any) -> Any:
+        return at_least(x, 0.5), within(x, -1.0, 1.0), x / y
+
+    x = np.array([np.nan, np.nan, 2.0, -3.0, 0.0])
+    y = np.array([0.0, 1.0, -0.0, -0.0, 0.0])
+    with np.errstate(all="ignore"):
+        want = function(x, y)
+    got = StraightLine(function, x, y).of_rows(x, y)
+    np.testing.assert_array_equal(got, want)
+
+
+def test_a_world_without_a_hash_is_not_traced_at_every_step() -> None:
+    task = load_task("avoid")
+    world = World(Setup(load_spacecraft("free-flyer"), task, task.timing))
+    reserve: Any = [("clearance", 0.1)]  # a list has no hash
+    ahead = Ahead.of(world, reserve)
+    assert ahead.traced("half", lambda x: 0.5 * x, 1.0) is None
+    assert Ahead.of(world).traced("half", lambda x: 0.5 * x, 1.0) is not None
+    assert Ahead.of(world) is Ahead.of(world)
 
 
 def test_what_has_no_value_among_numbers_is_left_to_arrays() -> None:
