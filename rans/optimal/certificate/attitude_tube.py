@@ -12,6 +12,7 @@ and linear programs. Whatever multipliers a solver returns, the bound is compute
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from functools import cache
@@ -39,6 +40,8 @@ _CLOSE = 1e-3
 """Relative distance between bound and linear program at which rounds end, and accuracy of a least time."""
 _ROUNDING = 1e-8
 """Relative part of a bound that is subtracted for rounding: wrenches count as one where they agree to 1e-9."""
+_LONGEST = 1e6
+"""Time, s, beyond which nothing is excluded: a craft that needs longer has nearly no thrust in some direction."""
 _LARGEST = 30.0
 """Largest multiplier of an impulse; those of optimal flights are below 5."""
 
@@ -258,8 +261,8 @@ def least_time(craft: Spacecraft, start: State, goal: State, tolerances: GoalSet
     while _excluded(craft, start, goal, high, tolerances):
         low = high
         high *= 2.0
-        if high > 1e6:
-            return math.inf
+        if high > _LONGEST:
+            return low
     while high - low > _CLOSE * high:
         middle = 0.5 * (low + high)
         if _excluded(craft, start, goal, middle, tolerances):
@@ -274,7 +277,7 @@ def least_impulse(
 ) -> float:
     """Impulse without which nothing is within the tolerances of the goal at the horizon, N s.
 
-    It is infinite if nothing can be.
+    It is infinite if the torque cannot turn the craft so far in this time.
 
     Args:
         craft: see `least_time`.
@@ -344,10 +347,13 @@ def _corners(craft: Spacecraft) -> tuple[_Corners, float]:
     _, first = np.unique(np.round(points[order, :-1] / scale[:-1], 9), axis=0, return_index=True)
     points = points[order[first]]
     if len(points) > _MANY and size == 3:  # what is worth most is at a corner of the convex hull
-        from scipy.spatial import ConvexHull
+        from scipy.spatial import ConvexHull, QhullError
 
         used = points[:, [0, 1, 2, 4]]
-        points = points[ConvexHull(used / used.max(axis=0)).vertices]
+        scale = np.maximum(np.abs(used).max(axis=0), 1e-300)
+        # Flat hulls, as of thrusters that all push along a plane, have no corners: all points are kept.
+        with contextlib.suppress(QhullError):
+            points = points[ConvexHull(used / scale).vertices]
     return _Corners(points[:, :size], points[:, size], points[:, size + 1]), largest
 
 
@@ -378,11 +384,15 @@ def _transfer(
         centre = np.stack([np.stack([cos, -sin], 1), np.stack([sin, cos], 1)], axis=1)
         wheels = float(np.abs(np.array(craft.wheel_map)).sum())
     else:
-        momenta = [float(np.linalg.norm(tensor @ np.array(x.spin()))) for x in (start, goal)]
+        # The root of w . I w changes by at most the torque over that of the least moment, whatever wheels store.
+        roots = [
+            math.sqrt(float(w @ tensor @ w)) for w in (np.array(x.spin()) for x in (start, goal))
+        ]
+        slack = math.sqrt(float(np.linalg.eigvalsh(tensor)[-1])) * tolerances.spin
+        speeds = roots[0] / math.sqrt(least), (roots[1] + slack) / math.sqrt(least)
         angle = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude))))
-        ahead = (momenta[0] * edges + 0.5 * largest * edges**2) / least
-        slack = float(np.linalg.eigvalsh(tensor)[-1]) * tolerances.spin
-        back = ((momenta[1] + slack) * left + 0.5 * largest * left**2) / least + tolerances.heading
+        ahead = speeds[0] * edges + 0.5 * largest / least * edges**2
+        back = speeds[1] * left + 0.5 * largest / least * left**2 + tolerances.heading
         if float((ahead + back).min()) < angle * (1.0 - 1e-12):
             return None
         narrow = ahead[1:] < back[:-1]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
 
 from campaigns import bounds as random_craft
 from rans.errors import ConfigError
@@ -104,6 +105,53 @@ def test_half_turn_in_space_is_in_the_tube() -> None:
     free = hull.least_time(craft, ("position", "velocity"), start, goal, EXACT)
     fixed = 2.0 * math.sqrt(4.616 * 1.0 / 0.224)  # each axis by itself, without turning
     assert free * (1.0 - CLOSE) < bound < fixed
+
+
+def test_spinning_wheels_do_not_turn_a_craft_out_of_its_tube() -> None:
+    """Unequal moments and fast wheels: |J w| of the body grows faster than by the torque, and the angle does not.
+
+    The equations are the same backwards in time, so that this is also the way to the goal.
+    """
+    moments = np.array([1.0, 3.0, 3.5])
+    craft = load_spacecraft("cubesat-3u")
+    craft = replace(craft, inertia=_diagonal(moments))
+    largest = attitude_tube._corners(craft)[1]
+    time, steps = 1.0 / math.sqrt(largest), 1200  # turns by half a radian at most
+    h = time / steps
+    torque = largest * np.array([1.0, 0.0, 0.0])
+    # Momentum that exchanges the spins about x and y once in five quarters of the time.
+    wheels = np.array([0.0, 0.0, 2.5 * math.sqrt(moments[0] * moments[1]) / time])
+
+    def rate(w: np.ndarray) -> np.ndarray:
+        return (torque - np.cross(w, moments * w + wheels)) / moments
+
+    w = np.zeros(3)
+    attitudes = [Rotation.identity()]
+    growth = 0.0
+    for k in range(steps):
+        half = w + 0.5 * h * rate(w)
+        attitudes.append(attitudes[-1] * Rotation.from_rotvec(h * half))
+        w = w + h * rate(half)
+        growth = max(growth, float(np.linalg.norm(moments * w)) / (largest * h * (k + 1)))
+    assert growth > 1.2
+    # Forwards and backwards: every attitude is in the tubes of the intervals on both sides.
+    start = SpatialState(Vec3(0, 0, 0), Quat(1, 0, 0, 0), Vec3(0, 0, 0), Vec3(0, 0, 0))
+    x, y, z, real = map(float, attitudes[-1].as_quat())
+    goal: Any = replace(start, attitude=Quat(real, x, y, z), w=Vec3(*map(float, w)))
+    back: Any = replace(goal, w=goal.w.scale(-1.0))
+    edges = attitudes[:: steps // attitude_tube._INTERVALS]
+    for ends, way in (((start, goal), edges), ((back, start), edges[::-1])):
+        transfer = attitude_tube._transfer(craft, *ends, time, EXACT, 0)
+        assert transfer is not None
+        for centre, width, *both in zip(
+            transfer.centre, transfer.width, way[:-1], way[1:], strict=True
+        ):
+            middle = Rotation.from_matrix(centre).inv()
+            assert max((middle * one).magnitude() for one in both) <= width * (1.0 + 1e-6) + 1e-6
+
+
+def _diagonal(moments: np.ndarray) -> Any:
+    return tuple(tuple(row) for row in np.diag(moments).tolist())
 
 
 def test_what_is_not_covered_is_refused() -> None:
