@@ -263,7 +263,7 @@ def join_spacecraft(
         second: likewise, of the same dimension.
         position: origin of the second's frame G in that of the first, m: two numbers in the plane, three in space.
         attitude: of the second's G in that of the first: heading, rad, or in space a quaternion (w, x, y, z).
-        effectors: "both", or "first": the second is a passive body, without its thrusters and wheels.
+        effectors: "both", or "first": the second is a passive body, without its thrusters, with locked wheels.
         name: of the joined craft; None: FIRST-SECOND.
 
     Raises:

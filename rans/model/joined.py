@@ -36,7 +36,8 @@ def joined(
         position: origin of the second's frame G in that of the first, m: two numbers in the plane, three in space.
         attitude: of the second's G in the first's: heading, rad, or in space a quaternion (w, x, y, z) of any
             length; 0: axes are parallel.
-        effectors: "first" leaves out thrusters and wheels of the second, which is then a passive body.
+        effectors: "first" leaves out thrusters and wheels of the second, which is then a passive body: its wheels
+            are locked.
         name: of the joined craft; None: FIRST-SECOND.
 
     Raises:
@@ -63,10 +64,12 @@ def joined(
         offset + rotation @ np.array(second.centre_of_mass),
     )
     centre = (first.mass * centres[0] + second.mass * centres[1]) / mass
-    own = (
-        np.array(first.inertia),
-        rotation @ np.array(second.inertia) @ rotation.T,
-    )
+    passive = np.array(second.inertia)
+    if effectors == "first":
+        # The inertia of a craft is without that of its wheels about their axes; locked wheels turn with it.
+        for wheel in second.wheels:
+            passive = passive + wheel.inertia * np.outer(wheel.axis, wheel.axis)
+    own = (np.array(first.inertia), rotation @ passive @ rotation.T)
     inertia = np.zeros((3, 3))
     for craft, tensor, point in zip((first, second), own, centres, strict=True):
         arm = point - centre

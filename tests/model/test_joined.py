@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
+from rans.model.actuators import Wheel
 from rans.model.joined import joined
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -64,6 +65,16 @@ def test_thrusters_of_the_second_stand_where_they_are() -> None:
     passive = joined(first, second, (1.0, 0.0), effectors="first")
     assert passive.thrusters == first.thrusters
     assert passive.mass == 40.0
+
+
+def test_wheels_that_are_left_out_are_locked() -> None:
+    """Their moments about their axes, which the file leaves out, turn with the craft: 1 + 2 + 0.3 kg m^2."""
+    first = Spacecraft.planar("first", 10.0, 1.0, RING)
+    wheel = Wheel((0.0, 0.0, -1.0), 0.1, 0.5, 0.3)
+    second = Spacecraft.planar("second", 30.0, 2.0, RING, wheels=(wheel,))
+    locked = joined(first, second, (0.0, 0.0), effectors="first")
+    assert locked.inertia[2][2] == pytest.approx(3.3)
+    assert joined(first, second, (0.0, 0.0)).inertia[2][2] == pytest.approx(3.0)
 
 
 RING: list[Any] = [
