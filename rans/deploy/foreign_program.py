@@ -178,7 +178,7 @@ class _Reader:
             elif node.op_type == "Shape":
                 results = [np.array(operands[0].places.shape, dtype=np.int64)]
             elif any(isinstance(value, _Choice) for value in operands):
-                results = [self._of_choice(node.op_type, operands)]
+                results = [self._of_choice(node.op_type, operands, attributes)]
             elif node.op_type in _MOVES:
                 results = self._moved(node, operands)
             else:
@@ -195,13 +195,13 @@ class _Reader:
         from onnx import helper
         from onnx.reference import ReferenceEvaluator
 
-        given = [name for name in node.input if name]
-        inputs = [helper.make_empty_tensor_value_info(name) for name in dict.fromkeys(given)]
+        names = dict.fromkeys(name for name in node.input if name)
+        inputs = [helper.make_empty_tensor_value_info(name) for name in names]
         outputs = [helper.make_empty_tensor_value_info(name) for name in node.output if name]
         graph = helper.make_graph([node], "node", inputs, outputs)
         model = helper.make_model(graph, opset_imports=self._model.opset_import)
         arrays = {name: value for name, value in zip(node.input, operands, strict=True) if name}
-        if node.op_type not in _MOVES and node.op_type.startswith(("Random", "Bernoulli", "Multi")):
+        if node.op_type.startswith(("Random", "Bernoulli", "Multinomial")):
             raise _Refused("whose results are random: export the deterministic policy")
         try:
             return [np.asarray(value) for value in ReferenceEvaluator(model).run(None, arrays)]
@@ -210,22 +210,28 @@ class _Reader:
 
     def _moved(self, node: Any, operands: Sequence[Any]) -> list[_Numbers]:
         """Places after an operation that moves numbers; constants between them get places of their own."""
-        is_index = 1 if node.op_type == "Concat" else 0
+        # Concat alone takes numbers in all of its operands; those of the others after the first are indices.
+        joins = node.op_type == "Concat"
         places = [
             value.places
             if isinstance(value, _Numbers)
             else self._constants(value)
-            if is_index and value is not None
+            if joins and value is not None
             else value
             for value in operands
         ]
-        if any(isinstance(value, _Numbers) for value in operands[1:]) and not is_index:
+        if any(isinstance(value, _Numbers) for value in operands[1:]) and not joins:
             raise _Refused("whose indices depend on the observation, which no exported file knows")
         return [_Numbers(value.astype(np.int64)) for value in self._computed(node, places)]
 
     def _applied(self, operator: str, operands: Sequence[Any], attributes: dict[str, Any]) -> Any:
         """Numbers after an operation that computes some."""
         first = operands[0]
+        if operator == "Div" and any(
+            isinstance(value, np.ndarray) and value.dtype.kind in "iu" for value in operands
+        ):
+            # ONNX leaves out the fraction there, and a program has no whole numbers.
+            raise _Refused("of whole numbers, which exported files do not know")
         if operator in _SAME:
             return self._each(_SAME[operator], *operands)
         if operator in _TRUTHS:
@@ -268,7 +274,7 @@ class _Reader:
                 return self._reduced(operator, first.places, *_axis(operands, attributes))
             case "LayerNormalization":
                 return self._layer_norm(operands, attributes)
-            case "BatchNormalization":
+            case "BatchNormalization" if first.places.ndim <= 2:
                 scale, shift, mean, variance = (np.asarray(x, dtype=float) for x in operands[1:5])
                 factor = scale / np.sqrt(variance + attributes.get("epsilon", 1e-5))
                 return self._each("Add", self._each("Mul", first, factor), shift - mean * factor)
@@ -361,7 +367,7 @@ class _Reader:
         """Truths as 0 and 1, and numbers without their fraction where they become whole."""
         from onnx import TensorProto
 
-        if self._row(x.places) in self._truths:
+        if {self._places[k][0] for k in x.places.ravel()} <= self._truths:
             return x if to == TensorProto.BOOL else self._each("Cast", x)
         if to in (TensorProto.FLOAT, TensorProto.DOUBLE, TensorProto.FLOAT16):
             return x
@@ -442,13 +448,14 @@ class _Reader:
             )
         return _Choice(self._row(places))
 
-    def _of_choice(self, operator: str, operands: Sequence[Any]) -> Any:
+    def _of_choice(self, operator: str, operands: Sequence[Any], attributes: dict[str, Any]) -> Any:
         """The chosen row of a constant table."""
         choice = next(value for value in operands if isinstance(value, _Choice))
         if operator in ("Reshape", "Squeeze", "Unsqueeze", "Flatten", "Identity", "Cast"):
             return choice
         table = operands[0]
-        if operator == "Gather" and isinstance(table, np.ndarray) and table.ndim == 2:
+        is_table = isinstance(table, np.ndarray) and table.ndim == 2
+        if operator == "Gather" and is_table and attributes.get("axis", 0) == 0:
             index = self._program.apply("ArgMax", choice.row, axis=1, keepdims=0)
             rows = self._program.constant(np.asarray(table, dtype=float))
             chosen = self._program.apply("Gather", rows, index, axis=0)

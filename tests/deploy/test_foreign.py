@@ -216,6 +216,42 @@ def test_an_answer_that_is_no_number_stays_so_for_the_watchdog(tmp_path: Path) -
         assert np.isnan(by_numpy(file, load_spacecraft(THROTTLED), rows)).all()
 
 
+def test_truths_that_were_moved_count_as_numbers(tmp_path: Path) -> None:
+    """A half of each of two comparisons: both are true in a quarter of the rows, which is 1 and not a half."""
+
+    class Halves(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            truths = x > 0.0
+            half = 0.5 * (truths[:, :4].float() + truths[:, 4:8].float())
+            return torch.cat([half, half], dim=1)
+
+    file = written(Halves(), tmp_path / "halves.onnx")
+    rows = observations()
+    expected = judged(file, rows)
+    assert {*np.unique(expected)} == {0.0, 0.5, 1.0}
+    np.testing.assert_array_equal(by_numpy(file, load_spacecraft(THROTTLED), rows), expected)
+
+
+def test_whole_numbers_are_not_divided_and_columns_of_tables_not_chosen(tmp_path: Path) -> None:
+    class Digits(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            whole = x[:, :8].to(torch.int64)
+            return torch.div(whole, 2, rounding_mode="trunc").float()
+
+    class Column(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            table = torch.arange(80.0).reshape(8, WIDTH)
+            return table.index_select(1, x[:1].argmax(dim=1)).T
+
+    craft = load_spacecraft(THROTTLED)
+    file = written(Digits(), tmp_path / "digits.onnx")
+    with pytest.raises(ConfigError, match="is the operator Div, of whole numbers"):
+        foreign_program(file, WIDTH, craft)
+    file = written(Column(), tmp_path / "column.onnx")
+    with pytest.raises(ConfigError, match="is the operator Gather, which computes with the number"):
+        foreign_program(file, WIDTH, craft)
+
+
 @pytest.mark.slow
 def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
     spec = f"onnx:{TRAINERS / 'agents/sb3-sac.onnx'}:go-to-pose-2d@{THROTTLED}"
