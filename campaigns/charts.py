@@ -195,10 +195,17 @@ def perturbations() -> Figure:
         values = np.array([one["value"] for one in held])
         within = values >= least
         axes.plot(values[within], at[within], "o", color=colour, markersize=4, label=label)
-        axes.plot(np.full(sum(~within), least), at[~within], "<", color=colour, markersize=5)
+        axes.plot(
+            np.full(sum(~within), least),
+            at[~within],
+            "<",
+            color=colour,
+            markersize=5,
+            clip_on=False,  # arrows stand on the axis
+        )
     axes.set_yticks(range(len(names)), names, fontsize=7.5)
     axes.set(xlim=(least, 101.0), ylim=(len(names) - 0.4, -0.6), xlabel="held, % of the flights")
-    axes.legend(loc="lower left")
+    axes.legend(loc="upper left")
     return figure
 
 
@@ -292,7 +299,7 @@ def multiples() -> Figure:
     """Time and impulse until the first rest over the certified bounds: the table of the page."""
     page = read_text(_DOCS / "measured.md")
     rows = re.findall(r"^\| `([a-z0-9-]+)` \|(.*)\|$", page, re.MULTILINE)
-    figure = Figure(figsize=(7.2, 3.4), layout="constrained")
+    figure = Figure(figsize=(4.8, 3.6), layout="constrained")
     axes = figure.add_subplot()
     for k, (name, rest) in enumerate(rows):
         cells = [cell.strip() for cell in rest.split("|")]
@@ -302,7 +309,7 @@ def multiples() -> Figure:
     axes.set_yscale("log")
     axes.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
     axes.set(xlabel="time until first at rest / bound", ylabel="impulse / bound")
-    axes.legend(loc="best")
+    axes.legend(loc="upper right")
     return figure
 
 

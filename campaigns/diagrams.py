@@ -334,7 +334,7 @@ def passive_safety() -> Figure:
 @styled
 def guard() -> Figure:
     """LQR, which knows no zones, without and with the safety filter."""
-    figure = Figure(figsize=(8.6, 3.6), layout="constrained")
+    figure = Figure(figsize=(8.6, 2.4), layout="constrained")
     grid = figure.subplots(1, 2, sharex=True, sharey=True)
     zone = (1.5, 0.4, 0.5)
     start = state((3.0, 1.0), attitude=0.7)
