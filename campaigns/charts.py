@@ -19,7 +19,7 @@ from rans.api.agent import load_agent
 from rans.evaluation.assure.bounds import lower, upper
 from rans.evaluation.measure.metrics import arrival_times, impulses, settling_times
 from rans.files import read_json, read_text
-from rans.model.drift import ClohessyWiltshire, EllipticOrbit
+from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft import wrenches_either_way
 from rans.model.spacecraft_file import load_spacecraft
@@ -160,7 +160,7 @@ def elliptic() -> Figure:
     n = 6.6e-4
     times = np.linspace(0.0, 2.0 * np.pi / n, 240)
     p, v = Vec3(0.0, 150.0, 0.0), Vec3(0.0, 0.0, 0.0)
-    drifts = {"circle": ClohessyWiltshire(n)}
+    drifts: dict[str, Drift] = {"circle": ClohessyWiltshire(n)}
     for eccentricity in (0.1, 0.3):
         drifts[f"eccentricity {eccentricity}"] = EllipticOrbit(n, eccentricity, 0.6)
     for k, (name, drift) in enumerate(drifts.items()):
@@ -190,8 +190,8 @@ def perturbations() -> Figure:
     ):
         at = np.arange(len(names)) + shift
         held = [who[name]["held"] for name in names]
-        ends = [[max(one[end], least) for one in held] for end in ("low", "high")]
-        axes.hlines(at, *ends, color=colour, linewidth=1.2)
+        low, high = ([max(one[end], least) for one in held] for end in ("low", "high"))
+        axes.hlines(at, low, high, color=colour, linewidth=1.2)
         values = np.array([one["value"] for one in held])
         within = values >= least
         axes.plot(values[within], at[within], "o", color=colour, markersize=4, label=label)

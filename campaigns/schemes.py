@@ -90,7 +90,7 @@ def boxes(
         axes.add_patch(patch)
         axes.text(box.x, box.y, box.text, ha="center", va="center", color=INK, fontsize=10)
     for one in ways:
-        way = Way(*one)
+        way = one if isinstance(one, Way) else Way(*one)
         a, b = drawn[way.first], drawn[way.second]
         along = np.array([b.x - a.x, b.y - a.y])
         begin = np.array([a.x, a.y]) + along * _reach(along, a.half)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import repeat
 from typing import Any
 
@@ -53,7 +54,7 @@ _CHOICES = {
 }
 """Of numbers, without a call. As in NumPy what is not a number stays so: a filter must not take it for a margin."""
 _ARRAYS: dict[str, Callable[..., Any]] = {
-    "real": np.asarray,
+    "real": partial(np.asarray, dtype=np.float64),
     "/": np.divide,
     **{
         name: getattr(np, name)

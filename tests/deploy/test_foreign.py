@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ class _Everything(torch.nn.Module):
             *(nn.Hardtanh(), nn.Linear(24, 8)),
             nn.Softmax(dim=-1),
         )
-        norm = self.layers[0]
+        norm: Any = self.layers[0]
         norm.running_mean += torch.linspace(-1.0, 1.0, WIDTH + 1)
         norm.running_var *= torch.linspace(0.5, 2.0, WIDTH + 1)
 
@@ -153,8 +154,9 @@ def test_sb3s_own_recipe_for_its_export(kind: str, tmp_path: Path) -> None:
     }[kind]
     torch.manual_seed(1)
     policy = ActorCriticPolicy(spaces.Box(-10.0, 10.0, (WIDTH,)), action, lambda _: 1e-3)
+    last: Any = policy.action_net
     with torch.no_grad():  # so that commands differ
-        policy.action_net.weight *= 100.0
+        last.weight *= 100.0
 
     class Onnxable(torch.nn.Module):
         """https://stable-baselines3.readthedocs.io/en/master/guide/export.html"""

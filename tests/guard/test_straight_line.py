@@ -104,6 +104,16 @@ def test_what_is_not_a_number_stays_so() -> None:
     np.testing.assert_array_equal(got, want)
 
 
+def test_truths_are_counted_as_numbers() -> None:
+    def function(x: Any) -> Any:
+        return sum((x > bound).to(None) for bound in (0.0, 1.0, 2.0))
+
+    program = StraightLine(function, 1.0)
+    x = np.array([-0.5, 0.5, 1.5, 2.5])
+    np.testing.assert_array_equal(program.of_arrays(x), [0.0, 1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(program.of_rows(x), [0.0, 1.0, 2.0, 3.0])
+
+
 def test_a_world_without_a_hash_is_not_traced_at_every_step() -> None:
     task = load_task("avoid")
     world = World(Setup(load_spacecraft("free-flyer"), task, task.timing))
