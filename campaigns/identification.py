@@ -107,6 +107,7 @@ def _flights(
     drawn = draws(seed, count, 0)
     start, goal = task.sample(drawn.random(craft.dimension, drawn.first))
     episode = world.begin(start, goal, np.zeros(count, np.int32), drawn)
+    # Readings, wheel speeds and commands of every period; a command is held for a while.
     width = 6 if craft.dimension == 2 else 13
     readings = []
     speeds = []
@@ -125,6 +126,7 @@ def _flights(
             command = _calming(craft, episode.state, random, _HELD * period)
         commands.append(command)
         episode = step(world, episode, tuple(command.T), drawn).episode
+    # A log of each craft.
     times = np.arange(steps) * period
     d = craft.dimension
     logs = [
@@ -142,6 +144,7 @@ def _flights(
         for i in range(count)
         for rows in [np.array([row[i] for row in readings])]
     ]
+    # The truth, which is constant during a flight.
     parameters: Any = episode.parameters
     body = parameters.body
     forces = [thruster.force * g for thruster, g in zip(craft.thrusters, body.gain, strict=True)]

@@ -148,7 +148,7 @@ class ClohessyWiltshire(Drift):
         1 - cos(n t) is computed as 2 sin(n t / 2)^2, which keeps its digits at short times.
         """
         n = self.mean_motion
-        s, rise, by_s, by_rise, along = self._transition(t)
+        s, rise, by_s, by_rise, along = self._transition(t, v.x)
         x = p.x * (1.0 + 3.0 * rise) + v.x * by_s + v.y * by_rise
         y = p.y + p.x * (6.0 * (s - n * t)) - v.x * by_rise + v.y * along
         v_x = p.x * (3.0 * n * s) + v.x * (1.0 - rise) + v.y * (2.0 * s)
@@ -161,7 +161,7 @@ class ClohessyWiltshire(Drift):
 
     def kicked(self, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """As `carry` from W's origin, without its terms of the position."""
-        s, rise, by_s, by_rise, along = self._transition(t)
+        s, rise, by_s, by_rise, along = self._transition(t, v.x)
         x = v.x * by_s + v.y * by_rise
         y = v.y * along - v.x * by_rise
         v_x = v.x * (1.0 - rise) + v.y * (2.0 * s)
@@ -170,9 +170,10 @@ class ClohessyWiltshire(Drift):
             return Vec2(x, y), Vec2(v_x, v_y)
         return Vec3(x, y, v.z * by_s), Vec3(v_x, v_y, v.z * (1.0 - rise))
 
-    def _transition(self, t: Field) -> tuple[Field, Field, Field, Field, Field]:
-        """Coefficients of the motion over a time t (s); those of a number are computed once."""
-        if type(t) is float:
+    def _transition(self, t: Field, v: Field) -> tuple[Field, Field, Field, Field, Field]:
+        """Coefficients of the motion of fields such as v over a time t (s); those of a number are computed once."""
+        # The compiler of torch warns of what remembers results, and computes numbers once by itself.
+        if type(t) is float and not type(v).__module__.startswith("torch"):
             return _remembered_transition(self.mean_motion, t)
         return _transition(self.mean_motion, t)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -188,3 +189,19 @@ def test_a_kick_is_a_coast_from_the_origin(vector: Any) -> None:
         coast = drift.carry(v.scale(0.0), v, t)
         for change, end in zip(changes, coast, strict=True):
             np.testing.assert_array_equal(change.columns(), end.columns())
+
+
+@pytest.mark.slow
+def test_torch_compiles_a_coast_without_a_warning() -> None:
+    """Warnings are errors here, and torch has one for functions that remember results."""
+    drift = ClohessyWiltshire(LOW_ORBIT)
+
+    def coast(x: Any) -> Any:
+        p, v = drift.carry(Vec3(x, x, x), Vec3(x, x, x), 5.0)
+        q, _ = drift.kicked(v, 2.5)
+        return p.x + q.y
+
+    x = torch.linspace(-1.0, 1.0, 5)
+    torch.compiler.reset()
+    compiled = torch.compile(coast, fullgraph=True, backend="eager")
+    torch.testing.assert_close(compiled(x), coast(x))
