@@ -8,7 +8,8 @@ import sys
 import tempfile
 import tomllib
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -172,6 +173,13 @@ def test_every_hidden_word_is_of_one_page() -> None:
     found_nothing = "sim2real PWM PID hyperparameter rosbag TorchScript Docker conda URDF MATLAB"
     found_records = ["docking", "reward function", "ROS 2", "early stopping", "limitations"]
     assert {word.lower() for word in (*found_nothing.split(), *found_records)} <= set(words)
+
+
+def test_pages_with_hidden_words_are_read_again_when_any_page_changes() -> None:
+    """Sphinx keeps the index entries of the pages alone that a build reads."""
+    env: Any = SimpleNamespace(found_docs={"index", "stress", "sweep"})
+    assert SEARCH._outdated(None, env, set(), {"index"}, set()) == ["stress", "sweep"]
+    assert SEARCH._outdated(None, env, set(), set(), set()) == []
 
 
 def test_decisions_are_not_searched() -> None:

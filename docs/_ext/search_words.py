@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from docutils import nodes
     from sphinx.application import Sphinx
+    from sphinx.environment import BuildEnvironment
 
 WORDS: dict[str, tuple[str, ...]] = {
     "agents": (
@@ -316,6 +317,17 @@ def _add(app: Sphinx, doctree: nodes.document) -> None:
         doctree.insert(0, addnodes.index(entries=entries))
 
 
+def _outdated(
+    app: Sphinx, env: BuildEnvironment, added: set[str], changed: set[str], removed: set[str]
+) -> list[str]:
+    """Pages with such words, to be read again with any other page.
+
+    A build that reads some pages keeps titles and texts of all pages in the search, but not their index entries.
+    """
+    del app
+    return sorted(WORDS.keys() & env.found_docs) if added or changed or removed else []
+
+
 def _check(app: Sphinx, error: Exception | None) -> None:
     """Fail a build in which a word does not find its page first."""
     from sphinx.errors import ExtensionError
@@ -336,6 +348,7 @@ def _check(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
+    app.connect("env-get-outdated", _outdated)
     app.connect("doctree-read", _add)
     app.connect("build-finished", _check)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
