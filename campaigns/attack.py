@@ -21,6 +21,7 @@ import tyro
 from campaigns.command import ended
 from campaigns.guard import MISSIONS, SEED
 from rans.episode import Setup, World, step
+from rans.errors import one_of
 from rans.fast.stepping.step import Backend
 from rans.guard import safety_filter
 from rans.guard.ahead import Ahead
@@ -241,6 +242,10 @@ class Attack:
 
     def run(self) -> int:
         """Attack and print."""
+        for mission in self.missions:
+            one_of("a mission", mission, MISSIONS)
+        for attack in self.attacks:
+            one_of("an attack", attack, ATTACKS)
         plan = Plan(self.device, self.periods, self.generations)
         for mission in self.missions:
             conditions = self._conditions(mission)

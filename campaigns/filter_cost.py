@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import tyro
 
+from campaigns.command import ended
 from campaigns.guard import MISSIONS, SEED, adversary
 from rans.episode import Setup, World
+from rans.errors import one_of
 from rans.guard import safety_filter
 from rans.guard.ahead import Ahead
 from rans.model.fields import map_leaves
@@ -35,9 +37,10 @@ class FilterCost:
     seconds: float = 25.0
     """Time for the random commands of a mission, and for its adversary."""
 
-    def run(self) -> None:
+    def run(self) -> int:
         """Print a line of each mission and pilot."""
         for mission in self.missions:
+            one_of("a mission", mission, MISSIONS)
             task_name, craft_name = MISSIONS[mission]
             craft = load_spacecraft(craft_name)
             task = load_task(task_name).for_evaluation()
@@ -49,6 +52,7 @@ class FilterCost:
                     f"median {np.median(costs):.1f} ms, 99 % {np.percentile(costs, 99):.1f} ms, "
                     f"largest {costs.max():.1f} ms"
                 )
+        return 0
 
 
 def _costs(setup: Setup, who: str, seconds: float) -> list[float]:
@@ -86,4 +90,4 @@ def _costs(setup: Setup, who: str, seconds: float) -> list[float]:
 
 
 if __name__ == "__main__":
-    tyro.cli(FilterCost).run()
+    raise SystemExit(ended("filter_cost", lambda: tyro.cli(FilterCost).run()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -121,8 +121,8 @@ def _check_effectors(first: Spacecraft, second: Spacecraft) -> None:
     advice = "the second's can be left out (effectors first)"
     if first.actuators != second.actuators:
         raise ConfigError(
-            f"the thrusters of {first.name} are {first.actuators}, and those of {second.name} {second.actuators}: "
-            f"a spacecraft has thrusters of one kind, so {advice}."
+            f"the thrusters of {first.name} are {_mode(first)}, and those of {second.name} {_mode(second)}: a "
+            f"spacecraft has thrusters of one kind, so {advice}."
         )
     for craft in (first, second):
         several = craft.propellant is not None or craft.further_effectors
@@ -133,11 +133,21 @@ def _check_effectors(first: Spacecraft, second: Spacecraft) -> None:
             )
 
 
+def _mode(craft: Spacecraft) -> str:
+    """Command mode of its thrusters as in its file, such as "pulsed (counts 20, least 1)"."""
+    settings = ", ".join(f"{key} {value:g}" for key, value in asdict(craft.actuators).items())
+    return f"{craft.actuators.kind} ({settings})" if settings else craft.actuators.kind
+
+
 def _numbers(values: Sequence[float], count: int, what: str) -> np.ndarray:
     """Numbers (count,), or `ConfigError`."""
-    found = np.atleast_1d(np.array(values, dtype=float))
+    sentence = f"the {what} must be {count} finite numbers, got {brief(values)}."
+    try:
+        found = np.atleast_1d(np.array(values, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ConfigError(sentence) from error
     if found.shape != (count,) or not np.isfinite(found).all():
-        raise ConfigError(f"the {what} must be {count} finite numbers, got {brief(values)}.")
+        raise ConfigError(sentence)
     return found
 
 
@@ -151,7 +161,8 @@ def _rotation(attitude: float | Sequence[float], dimension: int) -> np.ndarray:
         raise ConfigError(
             f"the attitude in the plane must be a heading, rad, got {brief(attitude)}."
         )
-    quaternion = _numbers(np.atleast_1d(attitude).tolist(), 4, "attitude")
+    values = np.atleast_1d(attitude).tolist() if isinstance(attitude, int | float) else attitude
+    quaternion = _numbers(values, 4, "attitude")
     length = float(np.linalg.norm(quaternion))
     if length == 0.0:
         raise ConfigError("the attitude must not be a quaternion of zeros.")

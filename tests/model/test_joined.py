@@ -110,7 +110,14 @@ def test_either_craft_may_come_first() -> None:
     ("first", "second", "arguments", "says"),
     [
         ("atmos", "spheres", ((1.0, 0.0),), "atmos moves in the plane and spheres does not"),
-        ("atmos", "floating-platform", ((1.0, 0.0),), "thrusters of one kind"),
+        (
+            "atmos",
+            "floating-platform",
+            ((1.0, 0.0),),
+            "atmos are pulsed (counts 10000, least 0), and those of floating-platform on-off: a",
+        ),
+        ("atmos", "atmos", ("ab",), "position must be 2 finite numbers, got 'ab'"),
+        ("spheres", "spheres", ((1, 0, 0), "ab"), "attitude must be 4 finite numbers, got 'ab'"),
         (
             "floating-platform",
             "floating-platform-shared",
