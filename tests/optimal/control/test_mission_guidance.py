@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
@@ -184,14 +185,21 @@ def test_a_mission_with_limits_that_are_not_kept_is_refused() -> None:
         MissionGuidance("arpod-chaser", Gated())
 
 
+@functools.cache
+def approached(deadline: float) -> Row:
+    """Approaches from four starts, which several tests look at."""
+    task = Rendezvous(deadline=(deadline, deadline))
+    starts = scenarios(task, APPROACHING, 7, 4)
+    return row_of(
+        "", fly(APPROACHING, task, MissionGuidance(APPROACHING, task), starts, task.timing)
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("deadline", [4000.0, 10000.0])
 def test_it_docks_inside_the_cone(deadline: float) -> None:
     """Whoever takes the cheapest transfer leaves the cone from a tenth to a half of the starts."""
-    task = Rendezvous(deadline=(deadline, deadline))
-    starts = scenarios(task, APPROACHING, 7, 4)
-    guidance = MissionGuidance(APPROACHING, task)
-    row = row_of("", fly(APPROACHING, task, guidance, starts, task.timing))
+    row = approached(deadline)
     assert row.docked.all()
     assert not row.violated.any()
 
@@ -199,12 +207,11 @@ def test_it_docks_inside_the_cone(deadline: float) -> None:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* does not know the constraints")
 def test_inside_the_cone_it_spends_less_than_two_burns() -> None:
-    task = Rendezvous(deadline=(5000.0, 5000.0))
-    starts = scenarios(task, APPROACHING, 7, 8)
-    ours, theirs = (
-        row_of("", fly(APPROACHING, task, kind(APPROACHING, task), starts, task.timing))
-        for kind in (MissionGuidance, VelocityToGain)
-    )
+    task = Rendezvous(deadline=(4000.0, 4000.0))
+    starts = scenarios(task, APPROACHING, 7, 4)
+    two = VelocityToGain(APPROACHING, task)
+    ours = approached(4000.0)
+    theirs = row_of("", fly(APPROACHING, task, two, starts, task.timing))
     both = ours.docked & theirs.docked
     assert ours.impulse[both].mean() < 0.9 * theirs.impulse[both].mean()
 
@@ -214,10 +221,10 @@ def test_drake_docks_inside_the_cone() -> None:
     task = Rendezvous(deadline=(4000.0, 4000.0))
     starts = scenarios(task, APPROACHING, 7, 1)
     guidance = MissionGuidance(APPROACHING, task)
-    ours = row_of("", fly(APPROACHING, task, guidance, starts, task.timing))
+    ours = approached(4000.0)
     drake = row_of("", fly_in_drake(APPROACHING, task, guidance, starts, task.timing))
     assert drake.docked.all()
-    np.testing.assert_allclose(drake.impulse, ours.impulse, rtol=1e-5)
+    np.testing.assert_allclose(drake.impulse, ours.impulse[:1], rtol=1e-5)
 
 
 @pytest.mark.slow
