@@ -11,8 +11,11 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 _NEW_OBJECTS = 50_000
 """Between looks for garbage; Python's default is 700 to 2,000."""
@@ -35,7 +38,8 @@ def run() -> NoReturn:
     os.environ.setdefault(
         "PYTHONSAFEPATH", "1"
     )  # no process of ours looks for modules in this folder first
-    code = main()
+    with says_that_it_loads(sys.argv[1:]):
+        code = main()
     if any(
         not thread.daemon
         for thread in threading.enumerate()
@@ -62,6 +66,50 @@ def fill_closed_streams() -> None:
         if getattr(sys, name) is None:
             mode = "r" if number == 0 else "w"
             setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
+
+
+@contextmanager
+def says_that_it_loads(words: list[str]) -> Iterator[None]:
+    """Context with a line on the terminal, as "rans train: loading ...", until anything else is printed.
+
+    Torch and the other libraries of a command take seconds to import. Nothing is printed in a pipe or log,
+    nor for help and versions, JSON, and processes that another command started (`rans.cli.gpus`).
+
+    Args:
+        words: that follow ``rans``.
+    """
+    if (
+        not sys.stderr.isatty()
+        or not words
+        or not (words[0].isascii() and words[0].isalpha())
+        or words[0] in ("help", "version")
+        or not {"-h", "--help", "--json"}.isdisjoint(words)
+        or "RANS_SENTENCES" in os.environ
+    ):
+        yield
+        return
+    line = f"rans {words[0][:20]}: loading ..."
+    streams = (sys.stdout, sys.stderr)
+
+    def erase() -> None:
+        for stream in streams:
+            vars(stream).pop("write", None)
+        sys.stderr.write(f"\r{' ' * len(line)}\r")
+        sys.stderr.flush()
+
+    def first_write(stream: TextIO, text: str) -> int:
+        erase()
+        return stream.write(text)
+
+    sys.stderr.write(line)
+    sys.stderr.flush()
+    for stream in streams:
+        stream.write = partial(first_write, stream)
+    try:
+        yield
+    finally:
+        if "write" in vars(sys.stderr):
+            erase()
 
 
 def restart_in_utf8() -> None:

@@ -51,7 +51,11 @@ def meant(name: str, known: Iterable[str]) -> str:
         (candidate for candidate in names if candidate.startswith(f"{name}-")), key=len
     )[:3]
     alike = 0.6 if len(name) <= 3 else 0.7  # of three letters, one slip leaves two thirds
-    near = longer or difflib.get_close_matches(name, names, 1, alike)
+    near = (
+        longer
+        or difflib.get_close_matches(name, names, 1, alike)
+        or difflib.get_close_matches(plain, names, 1, alike)
+    )
     return f" (did you mean {' or '.join(near)}?)" if near else ""
 
 
@@ -79,6 +83,8 @@ def meant_file(name: str | Path) -> str:
         if not path.suffix or Path(neighbour).suffix == path.suffix
     ]
     near = difflib.get_close_matches(path.name, alike, 1, 0.75)
+    if not near and not path.suffix:
+        near = difflib.get_close_matches(f"{path.name}.toml", neighbours, 1, 0.75)
     return f" (did you mean {path.parent / near[0]}?)" if near else ""
 
 

@@ -7,12 +7,12 @@ import importlib
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, wraps
 from importlib import resources
 from importlib.metadata import EntryPoint, distributions, entry_points
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
 
 from rans.errors import ConfigError, brief, meant, meant_file
@@ -81,6 +81,7 @@ class Registry(Mapping[str, T]):
             cannot replace them.
         checked: converts and checks a loaded object.
         or_else: other forms that a user may give, for messages.
+        elsewhere: names by what such objects are called elsewhere, for messages.
 
     Raises:
         ConfigError: by ``registry[name]``: there is no such object, it is not valid (the message names its
@@ -94,12 +95,14 @@ class Registry(Mapping[str, T]):
         built_in: Mapping[str, str],
         checked: Callable[[Any], T],
         or_else: str = "",
+        elsewhere: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._kind = kind
         self._group = group
         self.built_in = built_in
         self._checked = checked
         self._or_else = or_else
+        self._elsewhere = elsewhere
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
         self.announce: Callable[[str], object] = lambda _: None
@@ -155,6 +158,16 @@ class Registry(Mapping[str, T]):
             "rans.trust_files() first."
         )
 
+    def meant(self, name: str, others: Iterable[str] = ()) -> str:
+        """Suggestion " (did you mean ...?)" by the name elsewhere or a similar name; else an empty text.
+
+        Args:
+            name: that the user wrote.
+            others: names of other objects that the user may have meant.
+        """
+        known = self._elsewhere.get(name.lower())
+        return f" (did you mean {known}?)" if known else meant(name, (*self, *others))
+
     def package(self, name: str) -> str:
         """Installed package that provides a name; empty for names of RANS and of `register`."""
         offered = () if name in self.built_in else self._offered.get(name, ())
@@ -170,7 +183,7 @@ class Registry(Mapping[str, T]):
     def _load(self, name: str) -> T:
         package = self.package(name)
         if name not in self and ":" not in name:
-            near = meant(name, self) or (meant_file(name) if self._or_else else "")
+            near = self.meant(name) or (meant_file(name) if self._or_else else "")
             if self._or_else and "=" in name:
                 near = " (write the line into a file, such as mine.toml, and name that)"
             raise ConfigError(

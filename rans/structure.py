@@ -139,6 +139,9 @@ def _converter() -> cattrs.Converter:
         lambda kind: kind == Number,
         lambda value, _: _strict(value, int if type(value) is int else float),
     )
+    converter.register_structure_hook_factory(
+        lambda kind: get_origin(kind) is tuple and get_args(kind)[1:] == (...,), _refusing_texts
+    )
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
     converter.register_structure_hook_func(ranges, partial(_range, converter))
     return converter
@@ -150,6 +153,21 @@ def _accepting_former_names(kind: type, converter: cattrs.Converter) -> Callable
 
     def hook(value: Any, _: Any) -> Any:
         return usual(with_present_names(kind, value) if isinstance(value, Mapping) else value, kind)
+
+    return hook
+
+
+def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
+    """Hook of cattrs for a tuple of any length, which would take a text for the list of its characters."""
+    of = list[get_args(kind)[0]]
+    usual = converter.get_structure_hook(of)
+
+    def hook(value: Any, _: Any) -> Any:
+        if isinstance(value, str | Mapping):
+            raise ConfigError(
+                f"expected a list, such as [0.5, 4.5], with texts and keys in double quotes, got {brief(value)}"
+            )
+        return tuple(usual(value, of))
 
     return hook
 

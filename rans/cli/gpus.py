@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, counted
 from rans.executors import without_option
 from rans.files import read_text, write_text
 
@@ -65,7 +65,9 @@ def on_gpus(arguments: Sequence[str], text: str) -> int:
         raise ConfigError(f"--gpus must be {_FORMS}; got {brief(text)}.")
     if available and count > available:
         raise ConfigError(f"--gpus must be at most the {available} GPUs here, got {count}.")
-    if not available:
+    if available:
+        Terminal(stderr=True).say(f"Starting a process on each of {counted(count, 'GPU')}.")
+    else:
         Terminal().say(f"There is no GPU here: {count} processes use the CPU.")
     return _launched(arguments, count)
 

@@ -171,6 +171,8 @@ class Init:
         def number(text: str) -> float:
             return numbers_of_text(text, "this", (1,))[0]
 
+        # `input` prints past the stream: this ends the line "rans init: loading ..." before a question.
+        sys.stdout.write("")
         # Mass properties; what a base or an imported file says is not asked for.
         if self.name is None:
             answers["name"] = ask("Name", str, self.file.stem)

@@ -12,6 +12,7 @@ import tyro
 
 from rans.cli.options import ExecutorText
 from rans.errors import ConfigError
+from rans.terminal import Terminal
 
 _CHECKOUT = Path(__file__).parents[2]
 """Folder of the sources, if this package is used from there: campaigns are not installed."""
@@ -47,4 +48,5 @@ class Reproduce:
             options += ["--only", *self.only]
         workers = ["--executor", self.executor] if self.executor else []
         command = [sys.executable, "-m", "campaigns", *workers, "reproduce", *options]
+        Terminal(stderr=True).say("Starting the campaign reproduce, whose output follows.")
         return subprocess.run(command, cwd=_CHECKOUT, check=False).returncode

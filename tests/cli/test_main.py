@@ -20,6 +20,7 @@ import pytest
 import torch
 from torch._inductor.exc import InductorError
 
+import rans_command
 from rans import cli
 from rans.cli import COMMANDS, check_count, main
 from rans.errors import ConfigError
@@ -198,6 +199,54 @@ def test_a_misspelt_command_is_a_sentence(capsys: pytest.CaptureFixture[str]) ->
 def test_a_task_needs_no_option(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of([command, "--task", "go-to-pose"]) == 2
     assert f"as in `rans {command} go-to-pose`" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["compare", "x"], True),
+        (["list"], True),
+        (["list", "--json"], False),
+        (["train", "--help"], False),
+        (["help", "train"], False),
+        (["--version"], False),
+        (["version"], False),
+        ([], False),
+    ],
+)
+@pytest.mark.parametrize("to", ["stdout", "stderr", "nothing"])
+def test_on_a_terminal_the_command_says_that_it_loads(
+    words: list[str], says: bool, to: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before anything is imported; the first output replaces the line, which leaves nothing behind."""
+    master, slave = os.openpty()
+    with open(slave, "w", closefd=False) as terminal, open(slave, "w") as other:
+        monkeypatch.setattr(sys, "stdout", other)
+        monkeypatch.setattr(sys, "stderr", terminal)
+        with rans_command.says_that_it_loads(words):
+            begun = os.read(master, 4096).decode() if says else ""
+            other.reconfigure(errors="replace")  # as `main` does; that is no output
+            if to != "nothing":
+                for word in ("one", "two"):
+                    getattr(sys, to).write(f"{word}\n")
+                    getattr(sys, to).flush()
+        terminal.write("end\n")
+        terminal.flush()
+        rest = ""
+        while not rest.endswith("end\r\n"):
+            rest += os.read(master, 4096).decode()
+        monkeypatch.undo()
+    os.close(master)
+    assert begun == (f"rans {words[0]}: loading ..." if says else "")
+    erased = f"\r{' ' * len(begun)}\r" if says else ""
+    assert rest == erased + ("" if to == "nothing" else "one\r\ntwo\r\n") + "end\r\n"
+
+
+def test_in_a_pipe_nothing_says_that_it_loads(capfd: pytest.CaptureFixture[str]) -> None:
+    with rans_command.says_that_it_loads(["train"]):
+        sys.stdout.write("one")
+    assert capfd.readouterr() == ("one", "")
 
 
 def test_on_a_terminal_sentences_break_between_words(

@@ -11,6 +11,7 @@ from rans.cli import COMMANDS, main
 from rans.cli.mistakes import COMMAND_NAMES, check_options
 from rans.cli.train import Train, _has_solved, _train_on
 from rans.errors import ConfigError, meant, meant_file
+from rans.evaluation.fly.contestant_name import ContestantName
 from rans.fast.learn.member import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
 from rans.randomization.conditions import Conditions
@@ -100,12 +101,30 @@ def test_options_that_there_are_pass(words: list[str]) -> None:
 def test_names_of_other_forms_are_near() -> None:
     assert meant("GoToPose2D", ["go-to-pose-2d", "lqr"]) == " (did you mean go-to-pose-2d?)"
     assert meant("rans/LQR-v0", ["go-to-pose-2d", "lqr"]) == " (did you mean lqr?)"
+    assert meant("GoToPos2D", ["go-to-pose-2d", "lqr"]) == " (did you mean go-to-pose-2d?)"
+    assert meant("rans/GoToPse2D-v0", ["go-to-pose-2d"]) == " (did you mean go-to-pose-2d?)"
+
+
+@pytest.mark.parametrize("spec", ["pid", "PID:go-to-pose-2d"])
+def test_controllers_of_other_programs_are_near(spec: str) -> None:
+    with pytest.raises(ConfigError, match=r"\(did you mean lqr\?\)"):
+        ContestantName.parse(spec)
+
+
+def test_a_list_that_is_not_json_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each of its characters once had a clause."""
+    ramp = "[{setting=spawn_distance,start=0.1,duration=1000}]"
+    assert main(["train", "go-to-pose-2d", "--set", f"curriculum={ramp}"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("config.curriculum") == 1
+    assert ramp in said
 
 
 def test_a_file_that_is_near(tmp_path: Path) -> None:
     for name in ("slider6.toml", "flight.csv"):
         (tmp_path / name).touch()
     assert meant_file(tmp_path / "slider6") == f" (did you mean {tmp_path / 'slider6.toml'}?)"
+    assert meant_file(tmp_path / "slidr6") == f" (did you mean {tmp_path / 'slider6.toml'}?)"
     assert meant_file(tmp_path / "flights.csv") == f" (did you mean {tmp_path / 'flight.csv'}?)"
     assert meant_file(tmp_path / "flights.toml") == ""
     assert meant_file(tmp_path / "nowhere" / "x") == ""

@@ -21,7 +21,6 @@ from rans.model.timing import Timing
 from rans.optimal.convex.landing import Descent, Lander, Landing, best_landing
 from rans.progress import Progress, unseen
 from rans.randomization.parameters import StepInputs
-from rans.reference.flight import DrakeMover
 from rans.scenario import Scenario, each
 from rans.tasks.land import Land
 
@@ -131,6 +130,8 @@ def replay_landing(
     timing = Timing(plan.period, None, len(plan.acceleration))
     move: Mover
     if drake:
+        from rans.reference.flight import DrakeMover
+
         move = DrakeMover(craft, timing, task.drift)
     else:
         move = World(Setup(craft, task, timing)).move

@@ -28,7 +28,6 @@ from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import solve_all
 from rans.optimal.trajectory.transcription import START_IS_GOAL, Trajectory
 from rans.progress import Progress, unseen
-from rans.reference.flight import replay
 from rans.scenario import Scenario, each
 from rans.scenario import scenario as example
 from rans.tasks import TASKS
@@ -170,6 +169,8 @@ def episode(
     The length is that of the timing, the control period that of the trajectory. Fields of the scenario are floats.
     Thrust is constant over each period, as in the optimisation, even if the craft's valves give it in pulses.
     """
+    from rans.reference.flight import replay
+
     steady = craft.actuators.steady()
     if steady != craft.actuators:
         craft = replace(craft, actuators=steady)

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from rans.errors import ConfigError, brief, meant, meant_file
+from rans.errors import ConfigError, brief, meant_file
 from rans.evaluation.fly.any_craft import write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
 from rans.evaluation.fly.flights_file import is_flights_file
@@ -109,7 +109,7 @@ class ContestantName:
             own, _, setup = rest.partition(":")
             if own and setup:
                 return cls(text, "controller", f"{first}:{own}", setup, part=part)
-            near = meant(first, ("pretrained", PREFIX, *CONTROLLERS))
+            near = CONTROLLERS.meant(first, ("pretrained", PREFIX))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
         # Names alone: a folder, an agent, or a mistake.
         agents = (*pretrained_names(), *missing_agents())
@@ -120,7 +120,7 @@ class ContestantName:
             raise ConfigError(
                 f"{whole} is a task, and a contestant is who flies it: type {_who_flies(task, agents)}."
             )
-        if not _exists(whole) and (near := meant(whole, (*CONTROLLERS, *agents))):
+        if not _exists(whole) and (near := CONTROLLERS.meant(whole, agents)):
             raise ConfigError(
                 f"{whole} has no task; add one, as in {whole}:go-to-pose-2d."
                 if whole in CONTROLLERS

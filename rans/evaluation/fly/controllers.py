@@ -77,6 +77,13 @@ CONTROLLERS: Registry[Maker] = Registry(
         "visiting": "rans.optimal.control.visiting:Visiting",
     },
     _checked,
+    elsewhere={
+        "pid": "lqr",
+        "pd": "lqr",
+        "lqg": "lqr",
+        "nmpc": "mpc",
+        "bang-bang": "switching",
+    },
 )
 """Makers of controllers by name, with default settings; `controller` makes one with tuned settings."""
 
