@@ -467,8 +467,8 @@ The page of differences, `runs/reproduce/differences.md`, has every cell that di
 versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
 fails.
 
-The whole reproduction was not timed: flights in Drake, bounds and searches run on processors, and
-`--executor` takes those of a cluster ([on many machines](cluster.md)). A GPU shortens what torch flies alone.
+The whole reproduction was not timed. Flights in Drake, bounds and searches run on processors, and with
+`--executor` on those of a cluster ([on many machines](cluster.md)). A GPU shortens only the flights in torch.
 
 ## Other figures
 
