@@ -6,6 +6,7 @@ import io
 import os
 import random
 import re
+import select
 import subprocess
 import sys
 import warnings
@@ -227,6 +228,7 @@ def test_on_a_terminal_the_command_says_that_it_loads(
         with rans_command.says_that_it_loads(words):
             begun = os.read(master, 4096).decode() if says else ""
             other.reconfigure(errors="replace")  # as `main` does; that is no output
+            assert not select.select([master], [], [], 0.0)[0]
             if to != "nothing":
                 for word in ("one", "two"):
                     getattr(sys, to).write(f"{word}\n")
