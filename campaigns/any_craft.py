@@ -28,6 +28,7 @@ from campaigns.any_craft_training import (
     DemandNetwork,
     DemandSettings,
     Law,
+    Layers,
     Stage,
     as_policy,
     demanded,
@@ -55,8 +56,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Weights
-from rans.policy.any_craft import AGENTS
-from rans.policy.authority import Authority, columns, rotation_vector
+from rans.policy.any_craft import AGENTS, COAST
+from rans.policy.authority import Authority, coasting, columns, rotation_vector
 from rans.pretrained import FOLDER
 from rans.processes import Workers
 from rans.randomization.conditions import Conditions, FaultConditions
@@ -347,12 +348,10 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
     # Starts are as far away as the training's; a regulator needs longer from there.
     steps = 2 * settings.steps
     pool = draw_pool(count, _LAYOUT_SEED, dimension, workers=None)
-    contestants: dict[str, Callable[[], Law]] = {
-        "any-craft": lambda: (
-            lambda *known: demanded(layers, torch.stack(columns(*known[:-1]), dim=1))
-        ),
-        "LQR": LinearLaw,
-        "braking": lambda: lambda *known: stopping_law(*known[:-1]),
+    contestants: dict[str, Callable[[bool], Law]] = {
+        "any-craft": lambda continuous: _law(layers, 0.0 if continuous else COAST[dimension]),
+        "LQR": lambda _: LinearLaw(),
+        "braking": lambda _: lambda *known: stopping_law(*known[:-1]),
     }
     kinds = [(continuous, by) for continuous in (False, True) for by in contestants]
     titles = [f"{'continuous' if continuous else 'on/off'}: {by}" for continuous, by in kinds]
@@ -364,7 +363,7 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
         generator = torch.Generator().manual_seed(EVALUATION_SEED)
         batch = draw_batch(pool, settings, generator, continuous, perturbed=False)
         with torch.no_grad():
-            outcome = fly(contestants[by](), batch, settings, generator, steps)
+            outcome = fly(contestants[by](continuous), batch, settings, generator, steps)
         parts.append((batch.pool.margin.numpy(), outcome.settled.numpy()))
     for low, high in pairwise(_BINS):
         cells = []
@@ -374,6 +373,18 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
         number = int(((pool.margin >= low) & (pool.margin < high)).sum())
         bound = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
         yield f"| {bound} | {number} | {' | '.join(cells)} |"
+
+
+def _law(layers: Layers, periods: float) -> Law:
+    """Demands of a network that coasts for some control periods near the goal, or for 0 never."""
+
+    def demand(*known: Any) -> Tensor:
+        *state, own, _ = known
+        if periods:
+            state = coasting(*state, own, periods)
+        return demanded(layers, torch.stack(columns(*state, own), dim=1))
+
+    return demand
 
 
 class LinearLaw:

@@ -25,7 +25,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.twists import balanced, directions, thrust
 from rans.policy.allocation import PRICE, in_order, subsets
-from rans.policy.any_craft import RANGES, authority, columns_of, effects, last_layer
+from rans.policy.any_craft import RANGES, authority, coast, columns_of, effects, last_layer
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.authority import (
     SCALARS,
@@ -888,6 +888,7 @@ def as_policy(network: DemandNetwork, craft: Spacecraft, task: Task, period: flo
         backbone="allocated",
         tokens=effects(craft, period),
         authority=authority(craft, period),
+        coast=coast(craft),
     )
     first, second, last = ((w.detach().cpu(), b.detach().cpu()) for w, b in network.layers())
     tensors = last_layer(architecture, *last) | {

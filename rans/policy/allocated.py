@@ -13,7 +13,7 @@ from torch import Tensor
 
 from rans.model.fields import Field
 from rans.model.twists import balanced, directions
-from rans.policy.allocation import Subsets, shares, subsets
+from rans.policy.allocation import Subsets, in_order, shares, subsets
 from rans.policy.backbones import Backbone, product
 from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program, inputs
@@ -152,8 +152,9 @@ def continuous(demand: list[Field], tokens: Tokens) -> list[Field]:
     if turning and throttled and spans(np.array(throttled)[:, :-1]):
         commands = _allocated(demand, throttled)
         left = demand
-        for command, column in zip(commands, throttled, strict=True):
-            left = [e - x * command for e, x in zip(left, column[:-1], strict=True)]
+        # In an order of the columns, so that the bits do not depend on the numbers of the thrusters.
+        for k in in_order(np.array(throttled)[:, :-1]):
+            left = [e - x * commands[k] for e, x in zip(left, throttled[k][:-1], strict=True)]
         return commands + _allocated(left, turning)
     return _allocated(demand, tokens)
 

@@ -58,6 +58,11 @@ RANGES = {
 """Ranges of the craft that the shipped agents were trained on (`campaigns.any_craft_training`), by dimension."""
 AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
 """Agents for any craft that come with RANS, by dimension."""
+COAST = {2: 3.0, 3: 5.0}
+"""Control periods for which a craft with on/off thrusters coasts near the goal, by dimension: of 0, 2, 3, 5 and 8 that
+which saves impulse on random layouts and costs no time (docs/decisions/policies.md)."""
+_COAST_PULSED = 5.0
+"""The same with pulsed thrusters, whose shortest pulse is of part of a period."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
@@ -107,6 +112,12 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
     return tuple(rows)
 
 
+def coast(craft: Spacecraft) -> float:
+    """Control periods of `rans.policy.authority.coasting` for a craft; 0 with throttled thrusters."""
+    own: dict[str, float] = {"on-off": COAST[craft.dimension], "pulsed": _COAST_PULSED}
+    return own.get(craft.actuators.kind, 0.0)
+
+
 def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     """Policy for one craft and control period (s) by a network for any; warns outside of `RANGES`.
 
@@ -143,6 +154,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         head="gaussian" if craft.is_continuous else "on-off",
         tokens=effects(craft, period),
         authority=numbers,
+        coast=coast(craft),
     )
     tensors = {
         name: x

@@ -60,6 +60,9 @@ class Architecture:
     authority: tuple[float, ...] = ()
     """Control period (s), and largest accelerations along +x, -x, +y, -y (m/s^2) and about +z, -z (rad/s^2), of a
     network for any craft, whose columns are those of `rans.policy.authority`; empty for others."""
+    coast: float = 0.0
+    """Control periods for which such a network coasts near the goal (`rans.policy.authority.coasting`); 0: it never
+    does, as networks of earlier versions."""
     history: int = 0
     """How many last columns and commands the network is shown."""
     commands_only: bool = False
@@ -123,7 +126,7 @@ class Architecture:
         """Columns of a network, of those of an observation."""
         if self.authority:
             own = of_authority.Authority.of_numbers(self.authority)
-            return of_authority.of_observation(self.layout, observation, own)
+            return of_authority.of_observation(self.layout, observation, own, self.coast)
         return self.layout.in_body(observation)
 
     def ahead(self, columns: Columns) -> Columns | None:

@@ -34,6 +34,10 @@ _BRAKING = 0.7
 """Part of the acceleration that the braking curve counts on: the rest is for steering."""
 _PERIODS = 3.0
 """Time in which the braking curve lets a small error vanish, control periods."""
+_COAST_DISTANCE = 0.9 * 0.05
+_COAST_ANGLE = 0.9 * math.radians(5.0)
+"""Distance, m, and angle, rad, from the goal within which a craft may coast: nine tenths of the tolerances of
+go-to-pose, so that the delay of a command does not carry it out."""
 
 
 _POSE = {
@@ -154,6 +158,60 @@ def columns(
     return [x for vector in (*vectors, *turns) for x in vector] + scalars + ratios
 
 
+def coasting(
+    error: Sequence[Field],
+    turn: tuple[Field, Sequence[Field]],
+    velocity: Sequence[Field],
+    spin: Sequence[Field],
+    authority: Authority,
+    periods: float,
+) -> tuple[Sequence[Field], tuple[Field, Sequence[Field]], Sequence[Field], Sequence[Field]]:
+    """The state, or rest at the goal where the craft may coast.
+
+    It may if it is within 4.5 cm and 4.5 degrees of the goal, and would come to rest there if it coasted for some
+    periods and then braked. A network demands nothing at rest at the goal, so that the thrusters stay shut: on/off
+    thrusters would otherwise push the craft to and fro around it.
+
+    Args:
+        error: see `columns`, as for the others.
+        turn: see `columns`.
+        velocity: see `columns`.
+        spin: see `columns`.
+        authority: of the craft.
+        periods: control periods for which the craft would coast.
+    """
+    cosine, sines = turn
+    angles = rotation_vector(cosine, sines)
+    time = periods * authority.period
+    place = _place_of_rest(error, velocity, authority.linear, time)
+    attitude = _place_of_rest(angles, spin, authority.angular, time)
+    stays = 0.0 * spin[0] + 1.0
+    for vector, bound in (
+        (error, _COAST_DISTANCE),
+        (place, _COAST_DISTANCE),
+        (angles, _COAST_ANGLE),
+        (attitude, _COAST_ANGLE),
+    ):
+        stays = where(_square(vector) < bound * bound, stays, 0.0 * stays)
+    moves = 1.0 - stays
+    return (
+        [moves * x for x in error],
+        (moves * cosine + stays, [moves * x for x in sines]),
+        [moves * x for x in velocity],
+        [moves * x for x in spin],
+    )
+
+
+def _place_of_rest(
+    error: Sequence[Field], speed: Sequence[Field], ways: Sequence[Field], time: Field
+) -> list[Field]:
+    """Error along each axis after a time without thrust and then a braking, whose accelerations are ``ways``."""
+    return [
+        e - v * time - 0.5 * v * absolute(v) / where(v > 0.0, back + 0.0 * v, forth + 0.0 * v)
+        for e, v, forth, back in zip(error, speed, ways[::2], ways[1::2], strict=True)
+    ]
+
+
 def layout(observed: Layout) -> Layout:
     """Layout of the columns, of observations of go-to-pose.
 
@@ -174,8 +232,10 @@ def _dimension(observed: Layout) -> int:
     )
 
 
-def of_observation(observed: Layout, row: Sequence[Field], authority: Authority) -> list[Field]:
-    """Columns of an observation."""
+def of_observation(
+    observed: Layout, row: Sequence[Field], authority: Authority, coast: float = 0.0
+) -> list[Field]:
+    """Columns of an observation; ``coast`` are the control periods of `coasting`, 0: without it."""
     dimension = _dimension(observed)
     axes = 2 * dimension - 3
     body = observed.in_body(row)
@@ -184,6 +244,8 @@ def of_observation(observed: Layout, row: Sequence[Field], authority: Authority)
     start = dimension + axes + 1
     error, rotation = body[start : start + dimension], body[start + dimension :]
     turn = (rotation[0], [rotation[1]]) if dimension == 2 else _cosine_and_sines(rotation)
+    if coast:
+        error, turn, velocity, spin = coasting(error, turn, velocity, spin, authority, coast)
     return columns(error, turn, velocity, spin, authority)
 
 

@@ -40,23 +40,27 @@ def network(dimension: int = 2) -> Network:
 
 
 def observations(count: int, seed: int = 0, dimension: int = 2) -> torch.Tensor:
-    """Observations of go-to-pose, from centimetres to metres."""
+    """Observations of go-to-pose, from centimetres to metres; every fourth is near the attitude."""
     random = np.random.default_rng(seed)
     size = 10.0 ** random.uniform(-2.0, 0.5, (count, 1))
+    turned = np.where(np.arange(count) % 4 == 0, 0.02, 1.0)[:, None]
     if dimension == 3:
-        own, turn = (Rotation.random(count, rng=random).as_matrix()[:, :2] for _ in range(2))
+        own = Rotation.random(count, rng=random).as_matrix()[:, :2]
+        whole = Rotation.random(count, rng=random).as_rotvec()
+        turn = Rotation.from_rotvec(turned * whole).as_matrix()[:, :2]
         parts = [
             own.reshape(count, 6),
             0.2 * size * random.normal(size=(count, 3)),
-            0.3 * random.normal(size=(count, 3)),
+            0.3 * turned * random.normal(size=(count, 3)),
             np.ones((count, 1)),
             size * random.normal(size=(count, 3)),
             turn.reshape(count, 6),
         ]
         return torch.tensor(np.concatenate(parts, axis=1), dtype=torch.float32)
     heading, turn = random.uniform(-np.pi, np.pi, (2, count))
+    turn = turn * turned[:, 0]
     velocity = 0.2 * size * random.normal(size=(count, 2))
-    spin = 0.3 * random.normal(size=count)
+    spin = 0.3 * turned[:, 0] * random.normal(size=count)
     way = size * random.normal(size=(count, 2))
     rows = [np.cos(heading), np.sin(heading), *velocity.T, spin, np.ones(count), *way.T]
     return torch.tensor(np.stack([*rows, np.cos(turn), np.sin(turn)], axis=1), dtype=torch.float32)
@@ -134,6 +138,41 @@ def test_the_traced_program_gives_the_same_commands(name: str) -> None:
         off += not np.allclose(np.array(found, dtype=float), command, atol=2e-3)
     # Double and single precision may choose different subsets that are equally good.
     assert off <= 1
+
+
+def near(position: float, speed: float, angle: float = 0.0, spin: float = 0.0) -> torch.Tensor:
+    """Observation of a planar craft that moves along +x, with the goal ahead (m, m/s) and to its left (degrees)."""
+    turn = np.radians(angle)
+    row = [1.0, 0.0, speed, 0.0, np.radians(spin), 1.0, position, 0.0, np.cos(turn), np.sin(turn)]
+    return torch.tensor([row], dtype=torch.float32)
+
+
+@pytest.mark.parametrize(
+    ("seen", "coasts"),
+    [
+        # In three periods of 0.2 s the craft moves by 0.6 s times its speed; then it brakes at 0.188 m/s^2.
+        (near(0.02, 0.0), True),
+        (near(0.02, 0.05), True),
+        (near(0.02, -0.05), False),  # 0.02 + 0.03 + 0.007 m are more than 0.045
+        (near(0.046, 0.0), False),
+        (near(0.0, 0.0, 4.0), True),
+        (near(0.0, 0.0, 4.0, -2.0), False),  # 4 + 1.2 degrees are more than 4.5
+        (near(0.0, 0.0, 4.0, 2.0), True),
+        (near(0.0, 0.0, 4.6), False),
+    ],
+)
+def test_a_craft_coasts_where_it_stays_at_the_goal(seen: torch.Tensor, coasts: bool) -> None:
+    made = for_craft(network(), load_spacecraft("floating-platform"), 0.2)
+    always = Network(replace(made.architecture, coast=0.0), made.tensors)
+    at_rest, without = (
+        x.architecture.preprocessed(near(0.0, 0.0).unbind(1)) for x in (made, always)
+    )
+    columns = made.architecture.preprocessed(seen.unbind(1))
+    expected = at_rest if coasts else always.architecture.preprocessed(seen.unbind(1))
+    assert torch.equal(torch.stack(columns), torch.stack(expected))
+    assert torch.equal(torch.stack(at_rest), torch.stack(without))
+    if coasts:
+        assert not made.deterministic_action(seen, None)[0].any()
 
 
 def test_a_turned_frame_gets_turned_commands() -> None:

@@ -361,6 +361,7 @@ def _check_numbers(architecture: Architecture) -> None:
         "zoom": architecture.zoom,
         "tokens": architecture.tokens,
         "authority": architecture.authority,
+        "coast": architecture.coast,
         "levers": architecture.levers,
         "clip": architecture.clip,
     }

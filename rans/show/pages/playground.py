@@ -288,6 +288,7 @@ class _Traced:
                 architecture.layout,
                 observation,
                 Authority(period, authority[:4], authority[4:], least_linear, least_angular),
+                architecture.coast,
             )
             if architecture.authority
             else architecture.preprocessed(observation)
