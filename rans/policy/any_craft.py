@@ -59,8 +59,8 @@ RANGES = {
 AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
 """Agents for any craft that come with RANS, by dimension."""
 COAST = {2: 3.0, 3: 5.0}
-"""Control periods for which a craft with on/off thrusters coasts near the goal, by dimension: of 0, 2, 3, 5 and 8 that
-which saves impulse on random layouts and costs no time (docs/decisions/policies.md)."""
+"""Control periods for which a craft with on/off thrusters coasts near the goal, by dimension. Of 0, 2, 3, 5 and 8
+these save impulse on random layouts and cost no time (docs/decisions/policies.md)."""
 _COAST_PULSED = 5.0
 """The same with pulsed thrusters, whose shortest pulse is of part of a period."""
 _LEEWAY = 1e-3
