@@ -110,9 +110,9 @@ def test_states_that_are_none(ask: Any, said: str) -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"keep_out": 5}, r"keep_out must be a list of balls, .* got 5"),
-        ({"keep_out": (1.0, 0.0, 0.4)}, "the ball to keep out of must be numbers, got 1.0"),
-        ({"keep_out": [("a", 0.0, 0.4)]}, "the ball to keep out of must be numbers"),
+        ({"zones": 5}, r"zones must be a list of zones, .* got 5"),
+        ({"zones": (1.0, 0.0, 0.4)}, "the zone must be numbers, got 1.0"),
+        ({"zones": [("a", 0.0, 0.4)]}, "the zone must be numbers"),
         ({"most_speed": "1"}, "the largest speed must be finite and > 0, got '1'"),
         ({"most_speed": 0.0}, "the largest speed must be finite and > 0, got 0.0"),
         ({"most_spin": 0}, "the largest spin must be finite and > 0, got 0"),
