@@ -378,8 +378,15 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
 def _law(layers: Layers, periods: float) -> Law:
     """Demands of a network that coasts for some control periods near the goal, or for 0 never."""
 
-    def demand(*known: Any) -> Tensor:
-        *state, own, _ = known
+    def demand(
+        error: Sequence[Tensor],
+        turn: tuple[Tensor, Sequence[Tensor]],
+        velocity: Sequence[Tensor],
+        spin: Sequence[Tensor],
+        own: Authority,
+        before: Tensor,
+    ) -> Tensor:
+        state = error, turn, velocity, spin
         if periods:
             state = coasting(*state, own, periods)
         return demanded(layers, torch.stack(columns(*state, own), dim=1))
