@@ -62,7 +62,7 @@ COAST = {2: 3.0, 3: 5.0}
 """Control periods for which a craft with on/off thrusters coasts near the goal, by dimension. Of 0, 2, 3, 5 and 8
 these save impulse on random layouts and cost no time (docs/decisions/policies.md)."""
 _COAST_PULSED = 5.0
-"""The same with pulsed thrusters, whose shortest pulse is of part of a period."""
+"""The same with pulsed thrusters: of 2, 3 and 5 the best on the craft that come with RANS."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
