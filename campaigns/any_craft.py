@@ -110,7 +110,7 @@ class Pair(NamedTuple):
     first: str
     second: str
     position: tuple[float, ...]
-    """Of the second's frame G in that of the first, m."""
+    """Origin of the second craft's frame G in the frame G of the first, m."""
     attitude: Any = 0.0
     """Heading of the second's G, rad, or its quaternion (w, x, y, z)."""
 

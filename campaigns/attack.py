@@ -102,7 +102,7 @@ class Plan(NamedTuple):
     periods: int | None = None
     """Number of control periods of a flight; None: the whole episode."""
     generations: int = 6
-    """Of the cross-entropy method."""
+    """Number of generations of the cross-entropy method."""
 
     def steps(self, setup: Setup) -> int:
         """Number of control periods of a flight."""
@@ -220,7 +220,7 @@ class Attack:
     """Attack the filter of missions, and print a row of each."""
 
     missions: tuple[str, ...] = ("avoid-2d", "dock-port-2d-atmos", "dock", "hold")
-    """Of `campaigns.guard.MISSIONS`."""
+    """Names of the missions that are attacked, keys of `campaigns.guard.MISSIONS`."""
     attacks: tuple[str, ...] = tuple(ATTACKS)
     """gradient and cem."""
     starts: int = 256
@@ -232,7 +232,7 @@ class Attack:
     periods: int | None = None
     """Control periods of a flight; None: the whole episode."""
     generations: int = 6
-    """Of the cross-entropy method."""
+    """Number of generations of the cross-entropy method."""
     device: str = "cpu"
     """Torch device: cpu or cuda."""
     job: int = 16

@@ -33,7 +33,7 @@ class FilterCost:
     """Fly one spacecraft after the other behind the filter, and print what a step costs."""
 
     missions: tuple[str, ...] = tuple(MISSIONS)
-    """Of `campaigns.guard.MISSIONS`."""
+    """Names of the missions that are flown, keys of `campaigns.guard.MISSIONS`."""
     seconds: float = 25.0
     """Time for the random commands of a mission, and for its adversary."""
 

@@ -167,7 +167,7 @@ class Train:
     """Train an agent on each identified craft, and two on the data sheet, one process each."""
 
     folder: Positional[Path]
-    """That of ``prepare``."""
+    """Folder that ``prepare`` has written, with the identified craft."""
     steps: int = 200_000_000
     """Environment steps of each training."""
     device: str | None = None
@@ -201,7 +201,7 @@ class Fly:
     """Fly all agents on the hidden craft."""
 
     folder: Positional[Path]
-    """That of the trainings."""
+    """Folder of the identified craft and of the agents that were trained for them."""
     episodes: int = 1024
     """Flights of an agent on each craft."""
     docs: Path | None = None

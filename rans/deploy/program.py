@@ -29,7 +29,7 @@ class Ports(NamedTuple):
 
     @classmethod
     def of(cls, architecture: Architecture) -> Ports:
-        """Those of an agent of RANS."""
+        """Names of the inputs and outputs of the network of an agent of RANS."""
         return cls(architecture.layout.width, architecture.thrusters, architecture.memory)
 
 

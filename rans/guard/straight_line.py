@@ -52,7 +52,8 @@ _CHOICES = {
     "minimum": "{0} if {0} < {1} or {0} != {0} else {1}",
     "maximum": "{0} if {0} > {1} or {0} != {0} else {1}",
 }
-"""Of numbers, without a call. As in NumPy what is not a number stays so: a filter must not take it for a margin."""
+"""Expressions of operations on Python numbers, without a call. A NaN stays one, as in NumPy: a filter must not take
+it for a margin."""
 _ARRAYS: dict[str, Callable[..., Any]] = {
     "real": partial(np.asarray, dtype=np.float64),
     "/": np.divide,

@@ -24,7 +24,7 @@ PRECISION = 0.01
 _INTERVALS = 64
 """Parts of a coast with which the search in time begins: 6 degrees of an orbit each."""
 _FEW_INTERVALS = 16
-"""The same where a distance is only compared: few coasts need more."""
+"""Parts of a coast with which the search begins where its distance is only compared: few coasts need more."""
 _VELOCITY_RESPONSE = math.sqrt(50.0)
 """Upper bound of how much a velocity change grows: the Frobenius norm of the response of the velocity to it,
 [[c, 2 s], [-2 s, 4 c - 3]] in the orbital plane, is largest half an orbit later, where c = -1."""

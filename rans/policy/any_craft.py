@@ -59,10 +59,8 @@ RANGES = {
 AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
 """Agents for any craft that come with RANS, by dimension."""
 COAST = {2: 3.0, 3: 5.0}
-"""Control periods for which a craft with on/off thrusters coasts near the goal, by dimension. Of 0, 2, 3, 5 and 8
-these save impulse on random layouts and cost no time (docs/decisions/policies.md)."""
-_COAST_PULSED = 5.0
-"""The same with pulsed thrusters: of 2, 3 and 5 the best on the craft that come with RANS."""
+"""Control periods for which a craft coasts near the goal, by dimension. Of 0, 2, 3, 5 and 8 these save impulse on
+random layouts of on/off thrusters and cost no time; throttled thrusters lose by it (docs/decisions/policies.md)."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
@@ -114,8 +112,7 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
 
 def coast(craft: Spacecraft) -> float:
     """Control periods of `rans.policy.authority.coasting` for a craft; 0 with throttled thrusters."""
-    own: dict[str, float] = {"on-off": COAST[craft.dimension], "pulsed": _COAST_PULSED}
-    return own.get(craft.actuators.kind, 0.0)
+    return 0.0 if craft.actuators.kind == "throttle" else COAST[craft.dimension]
 
 
 def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:

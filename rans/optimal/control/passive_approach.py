@@ -26,7 +26,7 @@ from rans.tasks.hold import Hold
 _LEGS = ((1, 24), (2, 6000), (3, 8000))
 """Numbers of coasts of plans, and how many of these are drawn first: one has only its time to choose."""
 _MORE_LEGS = ((2, 6000), (3, 24_000), (4, 24_000))
-"""The same of every further draw: with little time until the deadline few plans are safe, of many coasts."""
+"""Numbers of coasts and of plans of every further draw: near the deadline few plans of many coasts are safe."""
 _DRAWS = 12
 """Largest number of draws for a start; four found a plan for every start of 1,024 that had none in the first."""
 _CHECKED = 256
