@@ -83,7 +83,7 @@ class Filtered:
 
 def corrected(expected: SpatialState, told: SpatialState, gain: np.ndarray) -> SpatialState:
     """The state expected, moved towards that told by these gains (2, 2) of pose and velocity."""
-    turn = expected.attitude.conjugate().times(told.attitude)
+    turn = expected.attitude.inverse().times(told.attitude)
     side = np.where(
         np.asarray(turn.w) < 0.0, -2.0, 2.0
     )  # twice the vector part, the short way round

@@ -24,7 +24,7 @@ from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.contestants import contestant
 from rans.files import write_json
 from rans.model.actuators import ON_OFF
-from rans.model.fields import Heading, map_leaves
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import SELECTION_SEED
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN
@@ -257,9 +257,7 @@ def _relative(entry: Entry, instant: int, episode: int) -> tuple[np.ndarray, np.
         for one in (entry.flight.states, entry.flight.goals)
     )
     attitude: Any = state.attitude
-    into_body: Any = (
-        Heading(-attitude.angle) if isinstance(attitude, Heading) else attitude.conjugate()
-    )
+    into_body: Any = attitude.inverse()
     position, velocity = (
         np.array(into_body.rotate(vector).columns()) for vector in (state.p - goal.p, state.v)
     )

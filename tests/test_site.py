@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import importlib.util
 import re
 import sys
@@ -81,6 +82,7 @@ def extension(name: str) -> ModuleType:
 PROSE = extension("prose")
 REFERENCE = extension("reference")
 SEARCH = extension("search_words")
+STATES = extension("states")
 
 
 def entries(page: Path) -> list[str]:
@@ -142,6 +144,12 @@ def test_the_reference_has_every_public_name_command_task_and_spacecraft(
         assert "Observation in" in made[f"tasks/{name}.md"]
     for name in REFERENCE.spacecraft_names():
         assert f"## {name}\n" in made["spacecraft.md"]
+
+
+def test_the_example_of_states_runs() -> None:
+    finder = doctest.DocTestParser()
+    example = finder.get_doctest(STATES.EXAMPLE, {}, "EXAMPLE", None, None)
+    assert doctest.DocTestRunner().run(example) == (0, 9)
 
 
 def test_a_term_of_the_field_leads_to_a_page_that_has_it() -> None:

@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from leaderboard import leaderboard_page
+from markdown_tables import table
+from states import states_page
 from task_pictures import save_task_picture
 
 import rans
@@ -102,6 +104,7 @@ def pages() -> dict[str, str]:
         "recipes.md": recipes_page(),
         "agents.md": agents_page(),
         "leaderboard.md": leaderboard_page(),
+        "states.md": states_page(),
         "controllers.md": controllers_page(),
         "api.md": api_page(),
     }
@@ -468,23 +471,6 @@ def listing(given: Listing) -> str:
     """A listing as a heading, a table and a note."""
     note = f"\n{given.note}\n" if given.note else ""
     return f"**{given.title}**\n\n{table(given.columns, given.rows)}{note}"
-
-
-def table(columns: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    """A Markdown table; what stands as docs/PAGE.md in its cells leads there."""
-    lines = [columns, tuple("---" for _ in columns), *(tuple(map(_cell, row)) for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
-
-
-def _cell(text: str) -> str:
-    """A text in one line; what Markdown would take for mark-up stands as it is, but for `code`."""
-    pieces = re.split(r"(`[^`]*`)", text.strip())
-    kept = [
-        piece if piece.startswith("`") else re.sub(r"(?<!\[)([*_])(?!\])", r"\\\1", piece)
-        for piece in pieces
-    ]
-    text = "".join(kept).replace("|", "\\|").replace("\n", "<br>")
-    return re.sub(r"\bdocs/([\w-]+)\.md", r"[\1](/\1.md)", text)
 
 
 def _first_line(thing: Any) -> str:

@@ -13,7 +13,7 @@ from rans.episode import Command, World
 from rans.errors import ConfigError
 from rans.guard.ahead import SLACK, Ahead
 from rans.guard.expected import Reserve
-from rans.guard.manoeuvres import in_body, slope_of_least
+from rans.guard.manoeuvres import slope_of_least
 from rans.guard.quadratic import nearest
 from rans.guard.rows import (
     batched,
@@ -275,7 +275,7 @@ def braking_command(world: World, state: Any, goal: Any) -> Command:
     slow = _RETREAT * slowest_change(world)
     retreat = slope.scale(slow / at_least(slope.norm(), 1e-9))
     _, drifted = world.task.drift_at(goal).carry(state.p, state.v, period)
-    force = in_body(state.attitude, (goal.v + retreat - drifted).scale(craft.mass / period))
+    force = state.attitude.inverse().rotate((goal.v + retreat - drifted).scale(craft.mass / period))
     spin = state.spin()
     inertia = np.array(craft.inertia) if craft.dimension == 3 else np.array([[craft.inertia[2][2]]])
     torque = [

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rans.episode import World
-from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, Vector, at_least, where
+from rans.model.fields import Field, Vec2, Vec3, Vector, at_least, where
 
 _OPEN = 0.5
 """Score above which a thruster opens: within 60 degrees of the direction. Among thrusters along the axes of a
@@ -101,7 +101,7 @@ class Thrusters:
 
         It is the largest command for each thruster that opens, and 0 for the others and for wheels.
         """
-        direction = in_body(state.attitude, push).columns()
+        direction = state.attitude.inverse().rotate(push).columns()
         spin = state.spin()
         opened = []
         for along, despin, strongest in zip(self.directions, self.despins, self.most, strict=True):
@@ -142,13 +142,3 @@ def _dot(fields: Any, numbers: Any) -> Field:
 
 def _unit(v: Any) -> Any:
     return v.scale(1.0 / at_least(v.norm(), 1e-9))
-
-
-def in_body(attitude: Any, v: Any) -> Any:
-    """Vector expressed in B, from one expressed in W."""
-    if isinstance(attitude, Heading):
-        assert isinstance(v, Vec2)
-        return Heading(0.0 - attitude.angle).rotate(v)
-    assert isinstance(attitude, Quat)
-    assert isinstance(v, Vec3)
-    return attitude.conjugate().rotate(v)

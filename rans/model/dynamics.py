@@ -342,7 +342,7 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     inertia = load.body.inertia
     pull = load.disturbance
     torque = [load.thrust.torque, *([] if load.change is None else [load.change.torque])]
-    steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
+    steady = None if pull is None else state.attitude.inverse().rotate(pull.torque)
     rate = spin_series(state.w, torque, inertia, h, steady, load.momentum, load.swell)
     rotation = Rotation(rate, h)
     push = load.pushes()

@@ -208,6 +208,14 @@ class Attitude(ABC):
     """A rotation in the plane or in space: `Heading` or `Quat`."""
 
     @abstractmethod
+    def rotate(self, v: Any) -> Any:
+        """Vector expressed in W, from one expressed in B."""
+
+    @abstractmethod
+    def inverse(self) -> Self:
+        """The inverse rotation: ``attitude.inverse().rotate(v)`` expresses a vector of W in B."""
+
+    @abstractmethod
     def to(self, goal: Any) -> Attitude:
         """The rotation from this attitude to the goal's, R_B^T R_goal."""
 
@@ -263,6 +271,10 @@ class Heading(Attitude):
         s = sin(self.angle)
         return Vec2(c * v.x - s * v.y, s * v.x + c * v.y)
 
+    def inverse(self) -> Heading:
+        """The inverse rotation: ``attitude.inverse().rotate(v)`` expresses a vector of W in B."""
+        return Heading(0.0 - self.angle)
+
     def to(self, goal: Heading) -> Heading:
         """The rotation from this attitude to the goal's, R_B^T R_goal."""
         return Heading(goal.angle - self.angle)
@@ -311,13 +323,13 @@ class Quat(Attitude):
             a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
         )
 
-    def conjugate(self) -> Quat:
-        """The inverse rotation."""
+    def inverse(self) -> Quat:
+        """The inverse rotation: ``attitude.inverse().rotate(v)`` expresses a vector of W in B."""
         return Quat(self.w, -self.x, -self.y, -self.z)
 
     def to(self, goal: Quat) -> Quat:
         """The rotation from this attitude to the goal's, R_B^T R_goal."""
-        return self.conjugate().times(goal)
+        return self.inverse().times(goal)
 
     def magnitude(self) -> Field:
         """The angle of the rotation, rad, in [0, pi]; atan2 instead of arccos avoids NaN at both ends."""

@@ -79,6 +79,13 @@ class Avoid(GoToPose):
                 f"clearance, {room:g} m, got {nearest:g} m: the zones would not fit between start and goal."
             )
 
+    @property
+    def goal_notes(self) -> tuple[str, ...]:
+        """One zone each."""
+        return (
+            "a zone: a `Ball` with its centre (W, m), its velocity (W, m/s) and its radius (m)",
+        ) * (self.zones)
+
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal as for `GoToPose`; the zones are the notes of the goal."""
         start, goal = super().sample(random)

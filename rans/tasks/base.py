@@ -156,6 +156,11 @@ class Task(Settings, metaclass=AcceptsFormerNames):
         return ()
 
     @property
+    def goal_notes(self) -> tuple[str, ...]:
+        """What each of the ``notes`` of a goal is, with its unit; by default a goal has none."""
+        return ()
+
+    @property
     def coast_zone(self) -> CoastZone | None:
         """Zone around W's origin that craft keep out of when all thrusters shut; None: there is none."""
         return None

@@ -92,6 +92,11 @@ class GoToPosePriced(GoToPose):
         rise = math.log(ratio) if isinstance(ratio, float) else log(ratio)
         return exp(trade_off * rise) * low
 
+    @property
+    def goal_notes(self) -> tuple[str, ...]:
+        """The trade-off."""
+        return ("trade-off between time and impulse, 0 to 1",)
+
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal as for `GoToPose`, with the trade-off in the notes of the goal."""
         start, goal = super().sample(random)

@@ -77,6 +77,11 @@ class Hold(OrbitalMission):
         """The keep-out ball, always."""
         return CoastZone(self.keep_out)
 
+    @property
+    def goal_notes(self) -> tuple[str, ...]:
+        """See `OrbitalMission.goal_notes`; the last is the time held."""
+        return (*super().goal_notes, "time within the tolerances, s; -1 outside them")
+
     def limits(self, goal: State) -> dict[str, Shape]:
         """The keep-out ball around the target at the origin."""
         origin = goal.p.scale(0.0)

@@ -150,6 +150,16 @@ class Inspect(SingleTask):
         """The keep-out ball, always."""
         return CoastZone(self.keep_out)
 
+    @property
+    def goal_notes(self) -> tuple[str, ...]:
+        """Where the sun is, and what has been inspected."""
+        words = -(-self.points // WORD)
+        return (
+            "angle of the sun in the plane of the orbit, rad",
+            "number of points inspected",
+            *(f"inspected points, {WORD} bits of a whole number each",) * words,
+        )
+
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the target, and the goal with the angle of the sun; no point has been seen."""
         distance = random.uniform(*self.spawn_distance)

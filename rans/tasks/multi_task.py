@@ -90,6 +90,11 @@ class MultiTask(Task):
         }
         return replace(self, **judged)
 
+    @property
+    def goal_notes(self) -> tuple[str, ...]:
+        """The task flag."""
+        return ("flag of the task that the episode draws",)
+
     def flag_of(self, goal: State) -> Field:
         """Flag of the drawn task, from the notes of its goal."""
         return goal.notes[0]

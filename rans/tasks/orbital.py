@@ -202,6 +202,15 @@ class OrbitalMission(SingleTask):
             )
 
     @property
+    def goal_notes(self) -> tuple[str, ...]:
+        """Times left, and whether the mission has succeeded."""
+        return (
+            "time left until the deadline, s",
+            "time left until the planned arrival, s",
+            "1 after success, else 0",
+        )
+
+    @property
     def half_turn(self) -> float:
         """Least change of the mean anomaly, rad, in which the target makes half a turn."""
         return math.pi

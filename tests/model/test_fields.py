@@ -171,12 +171,18 @@ def test_quaternion_rotates_as_scipy_does(rotation: Rotation, v: Triple) -> None
     assert_close(rotated, rotation.apply(v), size=10)
 
 
+@given(st.floats(-7.0, 7.0), vectors)
+def test_inverse_of_a_heading(angle: float, v: Triple) -> None:
+    turned = Heading(angle).inverse().rotate(Vec2(*v[:2])).columns()
+    assert_close(turned, Rotation.from_euler("z", -angle).apply([*v[:2], 0.0])[:2], size=10)
+
+
 @given(rotations, rotations)
 def test_products_and_differences_of_quaternions(a: Rotation, b: Rotation) -> None:
     p = quat(a)
     q = quat(b)
     assert_close(rotation_of(p.times(q)).as_matrix(), (a * b).as_matrix())
-    assert_close(rotation_of(p.conjugate()).as_matrix(), a.inv().as_matrix())
+    assert_close(rotation_of(p.inverse()).as_matrix(), a.inv().as_matrix())
     assert_close(rotation_of(p.to(q)).as_matrix(), (a.inv() * b).as_matrix())
 
 

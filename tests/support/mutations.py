@@ -163,13 +163,13 @@ def disturbance_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
 def spin_in_world(state: Any, load: Any, h: Any, true: Any) -> Any:
     """To turn before the attitude and not after it is right for a spin given in W."""
     moved = true(state, load, h)
-    turn = state.attitude.conjugate().times(moved.attitude)
+    turn = state.attitude.inverse().times(moved.attitude)
     return replace(moved, attitude=turn.times(state.attitude))
 
 
 def inverse_rotation(monkeypatch: pytest.MonkeyPatch) -> None:
     true = Quat.rotate
-    monkeypatch.setattr(Quat, "rotate", lambda q, v: true(q.conjugate(), v))
+    monkeypatch.setattr(Quat, "rotate", lambda q, v: true(q.inverse(), v))
 
 
 def scalar_last(monkeypatch: pytest.MonkeyPatch) -> None:

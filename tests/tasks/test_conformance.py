@@ -12,19 +12,23 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.model.fields import leaves, map_leaves, unflatten
+from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
 from rans.tasks import (
     TASKS,
     Avoid,
+    Dock,
     DockPort,
     GoToPosePriced,
     gymnasium_ids,
+    load_task,
     observation,
     observation_columns,
     observation_width,
 )
-from rans.tasks.derived import residual
+from rans.tasks.derived import dimensions, residual
+from rans.tasks.orbital import TargetOrbit
 from rans.tasks.quantities import QUANTITIES
 from tests.support.transitions import COUNT, arrival
 
@@ -251,6 +255,14 @@ def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> Non
         assert distance.min() < low + 0.01 * width
         assert distance.max() > high - 0.01 * width
         assert low == 0 or not part.reached(start, goal).any()
+
+
+def test_every_note_of_a_goal_is_described() -> None:
+    ellipse = Dock(orbit=TargetOrbit(eccentricity=0.1, semi_major_axis_km=8000.0))
+    for task in (*(load_task(name) for name in TASKS.built_in), ellipse, Avoid(zones=2)):
+        episodes = Random(dimensions(task)[-1], 1, 2, np.arange(3, dtype=np.int32), np.float64)
+        _, goal = task.sample(episodes)
+        assert len(task.goal_notes) == len(goal.notes), type(task).__name__
 
 
 def test_an_unknown_task_is_named() -> None:

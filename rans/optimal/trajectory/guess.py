@@ -148,7 +148,7 @@ def _bowed(
     before = Quat(*attitude)
     further = Quat(*_turned(Quat(1.0, 0.0, 0.0, 0.0), sideways, bow))
     # Rates add in the axes of the body, which has turned further.
-    spin = further.conjugate().rotate(Vec3(*w))
+    spin = further.inverse().rotate(Vec3(*w))
     return (
         np.array(leaves(before.times(further))),
         np.array(spin.columns()) + np.outer(sideways, rate),
