@@ -1,25 +1,19 @@
 """Inertia of InnoCube from its telemetry in orbit: ``python -m campaigns.innocube FOLDER``.
 
 InnoCube is a satellite of three units with three reaction wheels, whose learned attitude controller flew from
-October to December 2025 (arXiv 2512.19576). FOLDER is a clone of the repository kdjebko/lelar-in-orbit-data: a
-folder a manoeuvre with attitude.csv (quaternion, scalar first, body to inertial), rates.csv (degrees/s) and
-wheel-speeds.csv (revolutions a minute, counted against the axes of the body), a row about every 2 s. It has no
-licence, so that nothing of it is in this repository.
+October to December 2025 (arXiv 2512.19576). FOLDER is a clone of kdjebko/lelar-in-orbit-data
+(`campaigns.innocube_telemetry`).
 
 Wheels do not change the angular momentum of the whole, R (J w - s) in units of a wheel's inertia, with the speeds s
-of the wheels. It is constant but for external torques. The inertia J, the momentum at the beginning and these
-torques enter linearly: a constant torque, which stands for gravity gradient and drag over minutes, and a dipole
-fixed in the body in a magnetic field that changes linearly in time, as nine or eighteen products of components. The
-time by which speeds are read after rates is linear too. Errors are those of readings, and of their times, which the
-rounded stamps and a row every 2 s leave: in proportion to the acceleration of the wheels.
+of the wheels. In the frame of one goal it is constant but for external torques. The inertia J, the momentum of each
+goal and a constant torque during each goal, which stands for gravity gradient, drag and magnetic torques, enter
+linearly. The time by which speeds are read after rates is linear too. Errors are those of readings, and of their
+times, which the rounded stamps and a row every 2 s leave: in proportion to the acceleration of the wheels.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -27,15 +21,10 @@ import tyro
 from tyro.conf import Positional
 
 from campaigns.command import ended
-from rans.errors import ConfigError, brief
-from rans.files import read_text
+from campaigns.innocube_telemetry import Telemetry, manoeuvre_folders, read_manoeuvre
+from rans.errors import ConfigError
 from rans.terminal import Terminal
 
-_LARGEST = 2**24
-"""Bytes of a file of telemetry; a manoeuvre has 30,000."""
-_FEWEST = 40
-"""Rows with which 31 unknowns are fitted to three equations each."""
-_FILES = ("attitude", "rates", "wheel-speeds")
 _COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _GAP = 4.5
 """s: rows farther apart are not neighbours; most are 2 s apart."""
@@ -43,31 +32,12 @@ _LEAST_ERROR = 0.2
 """rad/s of a wheel: least standard deviation of a row, two revolutions a minute, so that weights stay finite."""
 _FITS = 3
 """Fits, between which the weights follow the residuals; more change nothing in three digits."""
-MODELS = {
-    "conserved": (False, 0),
-    "torque": (True, 0),
-    "dipole": (True, 1),
-    "drifting field": (True, 2),
-}
-"""Models of the external torque: whether there is a constant one, and powers of time in the field of a dipole."""
+MODELS = {"conserved": False, "torque": True}
+"""Models of the external torque: whether there is a constant one during each goal."""
 
 
 @dataclass(frozen=True)
-class Telemetry:
-    """Readings of a manoeuvre at common times."""
-
-    times: np.ndarray
-    """(N,), s from the first."""
-    attitude: np.ndarray
-    """(N, 3, 3), rotation from body to inertial."""
-    rates: np.ndarray
-    """(N, 3), rad/s, in the body."""
-    speeds: np.ndarray
-    """(N, 3), rad/s, of the wheels against the axes of the body."""
-
-
-@dataclass(frozen=True)
-class Found:
+class Inertia:
     """Inertia and residuals of one manoeuvre under one model."""
 
     moments: np.ndarray
@@ -84,68 +54,12 @@ class Found:
     """Time by which wheel speeds are older than rates, s."""
 
 
-def rows_of(file: Path, columns: int) -> dict[datetime, list[float]]:
-    """Numbers (columns,) of a file of telemetry by their time; units after them are left out, later rows win.
-
-    Raises:
-        ConfigError: the file cannot be read, or a row has other cells than a time and numbers.
-    """
-    text = read_text(file, _LARGEST, "the telemetry ")
-    found = {}
-    for line, row in enumerate(csv.reader(io.StringIO(text)), 1):
-        if line == 1 or not row:
-            continue
-        try:
-            time = datetime.fromisoformat(row[0])
-            numbers = [float(cell.split()[0]) for cell in row[1:]]
-        except (ValueError, IndexError) as error:
-            raise ConfigError(
-                f"the telemetry {file}, line {line}: a time and numbers are needed, got {brief(row)}."
-            ) from error
-        if len(numbers) != columns or not np.isfinite(numbers).all():
-            raise ConfigError(
-                f"the telemetry {file}, line {line}: {columns} finite numbers are needed, got {brief(row)}."
-            )
-        found[time] = numbers
-    return found
-
-
-def read_manoeuvre(folder: Path) -> Telemetry:
-    """Readings of a folder at the times that all its files have.
-
-    Raises:
-        ConfigError: a file cannot be read, or too few times are in all of them.
-    """
-    attitude, rates, speeds = (
-        rows_of(folder / f"{name}.csv", 4 if name == "attitude" else 3) for name in _FILES
-    )
-    times = sorted(attitude.keys() & rates.keys() & speeds.keys())
-    if len(times) < _FEWEST:
-        raise ConfigError(
-            f"{folder} has {len(times)} times with attitude, rates and wheel speeds; {_FEWEST} are needed."
-        )
-    q = np.array([attitude[time] for time in times])
-    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    rotation = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return Telemetry(
-        np.array([(time - times[0]).total_seconds() for time in times]),
-        np.moveaxis(np.array(rotation), -1, 0),
-        np.deg2rad([rates[time] for time in times]),
-        np.array([speeds[time] for time in times]) * (2.0 * np.pi / 60.0),
-    )
-
-
-def identified(telemetry: Telemetry, constant: bool, powers: int) -> Found:
-    """Weighted least squares for inertia, first momentum, external torque and lateness of the speeds.
+def identified(telemetry: Telemetry, torque: bool) -> Inertia:
+    """Weighted least squares for inertia, momenta, external torques and lateness of the speeds.
 
     Args:
         telemetry: readings.
-        constant: whether there is a constant torque in the inertial frame.
-        powers: powers of time in the magnetic field: 0 no dipole, 1 a constant field, 2 a linear one.
+        torque: whether there is a constant torque during each goal, in its frame.
     """
     t = telemetry.times
     R = telemetry.attitude
@@ -158,17 +72,16 @@ def identified(telemetry: Telemetry, constant: bool, powers: int) -> Found:
         unit[i, j] = unit[j, i] = 1.0
         columns.append(np.einsum("nij,jk,nk->ni", R, unit, telemetry.rates))
 
-    # Speeds read late, and what the whole has from the beginning and from torques.
+    # Speeds read late, and what the whole has in the frame of each goal.
     acceleration = np.gradient(telemetry.speeds, t, axis=0)
     columns.append(-np.einsum("nij,nj->ni", R, acceleration))
-    columns += [np.tile(axis, (count, 1)) for axis in np.eye(3)]
-    if constant:
-        columns += [np.outer(t, axis) for axis in np.eye(3)]
-    for power in range(powers):
-        for dipole in range(3):
-            for axis in np.eye(3):
-                torque = np.cross(R[:, :, dipole], axis) * ((t / t[-1]) ** power)[:, None]
-                columns.append(_integral(t, torque))
+    for goal in range(telemetry.goals[-1] + 1):
+        during = (telemetry.goals == goal).astype(float)
+        since = during * (t - t[telemetry.goals == goal][0])
+        for axis in np.eye(3):
+            columns.append(np.outer(during, axis))
+            if torque:
+                columns.append(np.outer(since, axis))
 
     # Fit, with the variance of each row from the residuals: of the readings, and of their times.
     matrix = np.stack(columns, axis=-1)
@@ -192,7 +105,7 @@ def identified(telemetry: Telemetry, constant: bool, powers: int) -> Found:
     white = residual * weights[:, None]
     near = np.diff(t) < _GAP
     product = (white[1:] * white[:-1])[near]
-    return Found(
+    return Inertia(
         values[:3],
         float(np.sqrt(np.mean(residual**2))),
         float(np.mean(product) / np.mean(white**2)),
@@ -201,12 +114,6 @@ def identified(telemetry: Telemetry, constant: bool, powers: int) -> Found:
         float(np.sqrt(variances[1])),
         float(values[6]),
     )
-
-
-def _integral(times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Integral (N, 3) of values (N, 3) up to each time, by trapezia."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(times)[:, None]
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
 
 
 @dataclass(frozen=True)
@@ -218,32 +125,29 @@ class InnoCube:
 
     def run(self) -> int:
         """Print a row for each manoeuvre and model."""
-        folders = sorted(file.parent for file in self.folder.glob("*/attitude.csv"))
-        if not folders:
-            raise ConfigError(
-                f"{self.folder} has no folder with attitude.csv: give a clone of kdjebko/lelar-in-orbit-data."
-            )
         rows = []
-        for folder in folders:
+        for folder in manoeuvre_folders(self.folder):
             try:
                 telemetry = read_manoeuvre(folder)
             except ConfigError as error:
                 Terminal().say(str(error))
                 continue
             for name, model in MODELS.items():
-                found = identified(telemetry, *model)
+                result = identified(telemetry, model)
                 rows.append(
                     (
-                        folder.name,
+                        "/".join(folder.parts[-2:]),
+                        str(telemetry.goals[-1] + 1),
                         name,
-                        ", ".join(f"{x:.0f}" for x in found.moments),
-                        f"{found.residual:.1f}",
-                        f"{found.correlation:+.2f} ({found.bound:.2f})",
-                        f"{found.timing:.1f}",
+                        ", ".join(f"{x:.0f}" for x in result.moments),
+                        f"{result.residual:.1f}",
+                        f"{result.correlation:+.2f} ({result.bound:.2f})",
+                        f"{result.timing:.2f}",
                     )
                 )
         headings = (
             "manoeuvre",
+            "goals",
             "external torque",
             "Jxx, Jyy, Jzz over a wheel's inertia",
             "residual, rad/s of a wheel",
