@@ -25,7 +25,14 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.memory import Memory
-from rans.randomization.parameters import EpisodeParameters, StepInputs, draw, examples, scaled
+from rans.randomization.parameters import (
+    EpisodeParameters,
+    StepInputs,
+    base_body,
+    draw,
+    examples,
+    scaled,
+)
 from rans.randomization.sensors import reading
 from rans.tasks.base import Task, goal_after, observation, reward_terms
 from rans.tasks.derived import watches_switching
@@ -44,7 +51,8 @@ class Episode:
     goal: Any
     """Goal, a `State` of fields, or of floats if the task's goal never varies."""
     body: Body | None = None
-    """Body before conditions change it, of numbers, or of fields where spacecraft differ; None: as designed."""
+    """Body before conditions change it, of numbers, or of fields where spacecraft differ; None: as designed, or
+    with the random layout of the episode's number (`rans.randomization.parameters.base_body`)."""
     parameters: EpisodeParameters | None = None
     """Parameters drawn from the conditions; None: there are none, or they are drawn again in every step."""
     past: tuple[Any, ...] = ()
@@ -197,6 +205,11 @@ class World:
         """Conditions of the setup."""
         return self.setup.conditions
 
+    @property
+    def has_layouts(self) -> bool:
+        """Whether episodes have random layouts of thrusters (`rans.randomization.conditions.LayoutConditions`)."""
+        return self.conditions is not None and self.conditions.layouts.count > 0
+
     def move(
         self, state: Any, step_inputs: StepInputs, integrate: Callable[..., Any] = advance
     ) -> tuple[Any, ...]:
@@ -252,7 +265,7 @@ class World:
             goal: goal at the start.
             clock: clock as in `Episode`.
             draws: seed of the random numbers; needed under conditions.
-            body: body before conditions change it; None: as designed.
+            body: body before conditions change it; None: see `Episode`.
 
         Raises:
             ConfigError: there are conditions and no ``draws``.
@@ -319,15 +332,12 @@ class World:
                 "the parameters of an episode are drawn by its seed and number: give `draws` with "
                 "conditions."
             )
+        number = self.number(episode.clock, draws)
+        base = episode.body or base_body(self.conditions, self.craft, number, draws.dtype)
         return replace(
             episode,
             parameters=draw(
-                self.conditions,
-                self.craft,
-                episode.body or Body.of(self.craft),
-                self.timing.episode_steps,
-                self.number(episode.clock, draws),
-                draws,
+                self.conditions, self.craft, base, self.timing.episode_steps, number, draws
             ),
         )
 

@@ -304,7 +304,7 @@ def fly(
     checked("timing", timing, Timing)
     how = chosen(craft, timing, body) if conditions is None else timing
     world = World(Setup(craft, task, how, conditions, guard))
-    now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
+    now = world.begin(starts.start, starts.goal, 0, draws, body)
     count = len(leaves(starts.start)[0])
     if craft.stores:
         now = replace(now, state=map_leaves(lambda x: np.broadcast_to(x, count), now.state))

@@ -70,6 +70,7 @@ def test_every_name_at_the_top_has_an_example() -> None:
         "BodyConditions",
         "ThrusterConditions",
         "FaultConditions",
+        "LayoutConditions",
         "DisturbanceConditions",
         "SensorConditions",
         "SensorsConditions",

@@ -67,7 +67,7 @@ API = {
         "MultiTask Avoid DockPort Dock Hold Rendezvous Inspect Land RestReward TargetOrbit load_task"
     ),
     "Domain randomization": (
-        "Conditions BodyConditions ThrusterConditions FaultConditions DisturbanceConditions "
+        "Conditions BodyConditions ThrusterConditions FaultConditions LayoutConditions DisturbanceConditions "
         "SensorConditions SensorsConditions load_conditions conditions_names"
     ),
     "Controllers": (

@@ -39,6 +39,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
+from rans.randomization.parameters import base_body
 from rans.randomization.plausible import warn_of_implausible
 from rans.registry import typed
 from rans.tasks import Task, load_task
@@ -144,7 +145,13 @@ class Engine:
         each = num_envs // len(seeds)
         # The world and its buffers, one row for every environment.
         self.layout = layout(task, craft.dimension)
+        first = np.arange(num_envs) % each * processes.size + processes.rank
         nominal = Body.of(craft)
+        is_drawn = conditions is not None and conditions.layouts.count > 0
+        if conditions is not None and is_drawn:
+            body = _with_layouts(
+                conditions, craft, body, first, each * processes.size, self.compiled
+            )
         self.observation_width = self.layout.width
         """Number of columns of an observation."""
         self.body = in_memory(body or nominal, nominal, num_envs, lambda x: backend.put(x, dtype))
@@ -155,14 +162,14 @@ class Engine:
             self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device)
         )
         """Quantities of `privileged`."""
-        first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(
             *backend.words(seeds, each),
             backend.put(first, torch.int32),
             each * processes.size,
             backend.fields,
         )
-        buffers = self._world, self.body, num_envs, draws
+        in_episodes = None if is_drawn and body is None else self.body
+        buffers = self._world, in_episodes, num_envs, draws
         # A generated kernel steps on a GPU where it can; any other step needs episodes that remember.
         self.episode = backend.episodes(*buffers, remember)
         self._kernel = None
@@ -343,6 +350,45 @@ class Engine:
         restore(
             table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes
         )
+
+
+def _with_layouts(
+    conditions: Conditions,
+    craft: Spacecraft,
+    body: Body | None,
+    first: np.ndarray,
+    stride: int,
+    compiled: bool,
+) -> Body | None:
+    """Bodies with random layouts of environments that keep theirs; None: every episode has another one.
+
+    Args:
+        conditions: with random layouts.
+        craft: spacecraft.
+        body: argument of the engine, which must be None.
+        first: numbers of the first episodes of the environments, (N,).
+        stride: difference between the numbers of two successive episodes of an environment.
+        compiled: whether steps are compiled.
+
+    Raises:
+        ConfigError: the craft cannot have random layouts, there is a body too, or a compiled step would need
+            another layout in every episode.
+    """
+    count = conditions.layouts.count
+    conditions.check_valves(craft)
+    if body is not None:
+        raise ConfigError(
+            "an engine has a body= or conditions with random layouts (layouts.count), which is a body too: give "
+            "one of them."
+        )
+    if stride % count == 0:
+        return base_body(conditions, craft, first, np.float64)
+    if compiled:
+        raise ConfigError(
+            f"a compiled step needs a number of environments that is a multiple of layouts.count, {count:,}, so "
+            f"that each keeps its layout; got {stride:,}."
+        )
+    return None
 
 
 def _check_actions(

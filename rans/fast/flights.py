@@ -84,7 +84,7 @@ class Flights:
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
         """Generated program of whole flights; None if there is none, with a warning on a GPU."""
-        if getattr(self._setup.guard, "by_values", False):
+        if getattr(self._setup.guard, "by_values", False) or self.world.has_layouts:
             return None
         if self.device.type == "cuda":
             return FlightKernel.made(self.world, self._network, self.device, products)

@@ -169,9 +169,9 @@ def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
 
 def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     """Angular acceleration of every body by each fully open thruster, rad/s^2, (bodies, n, 1 or 3)."""
-    table = np.array(craft.wrench_map)
     size = craft.dimension
-    count = len(table)
+    table = _wrenches(craft, body)
+    count = craft.thruster_count
     opened = [
         numbers(gain) + numbers(leak)
         for gain, leak in zip(body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)
@@ -179,15 +179,38 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     openings = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
     offset = map(numbers, body.centre or (0.0,) * size)
     centre = np.atleast_2d(np.stack(np.broadcast_arrays(*offset), axis=-1))[:, None]
-    force = table[:, :size]
+    force = table[..., :size]
     tensors = np.atleast_3d(_tensors(body).T).T
     moment_shift = (
         np.cross(centre, force)
         if size == 3
-        else (centre[..., :1] * force[:, 1:] - centre[..., 1:] * force[:, :1])
+        else (centre[..., :1] * force[..., 1:] - centre[..., 1:] * force[..., :1])
     )
-    torques = (table[:, size:] - moment_shift) * openings[..., None]
+    torques = (table[..., size:] - moment_shift) * openings[..., None]
     return np.linalg.solve(tensors[:, None], torques[..., None])[..., 0]
+
+
+def _wrenches(craft: Spacecraft, body: Body) -> np.ndarray:
+    """Wrench of each fully open thruster, N and N m: (n, 3 or 6), with true positions (bodies, n, 3 or 6)."""
+    if not body.mountings:
+        return np.array(craft.wrench_map)
+    size = craft.dimension
+    offset, direction = (
+        np.stack(
+            np.broadcast_arrays(
+                *(numbers(x) for mounting in body.mountings for x in part(mounting))
+            ),
+            axis=-1,
+        ).reshape(-1, craft.thruster_count, size)
+        for part in (lambda mounting: mounting.offset, lambda mounting: mounting.direction)
+    )
+    designed = np.array([thruster.position for thruster in craft.thrusters])
+    arm = (designed - np.array(craft.centre_of_mass))[:, :size] + offset
+    force = np.array([thruster.force for thruster in craft.thrusters])[:, None] * direction
+    if size == 3:
+        return np.concatenate([force, np.cross(arm, force)], axis=-1)
+    torque = arm[..., :1] * force[..., 1:] - arm[..., 1:] * force[..., :1]
+    return np.concatenate([force, torque], axis=-1)
 
 
 def _wheel_ways(craft: Spacecraft, body: Body) -> np.ndarray:

@@ -30,6 +30,8 @@ MOST_FAULTS = 8
 """Thrusters that may fail in an episode: more takes long kernels, and leaves few craft with anything to control."""
 
 
+MOST_LAYOUTS = 65_536
+"""Random layouts of thrusters: to draw so many takes five minutes."""
 MOST_DELAY = 1_000
 """Control periods by which readings may be late: the states of all of them are remembered."""
 _LARGEST = 1e9
@@ -99,6 +101,23 @@ class ThrusterConditions(Settings):
     """Angle between the true and the designed direction of each thruster, to a random side, rad."""
     position: Range = 0.0
     """Distance between the true and the designed position of each thruster, in a random direction, m."""
+
+
+@dataclass(frozen=True)
+class LayoutConditions(Settings):
+    """Random layouts of thrusters in place of the designed one (`rans.randomization.layouts`).
+
+    A layout has the mean force and the root mean square distance from the centre of mass of the spacecraft's
+    thrusters. Mass, inertia and the kind of thruster are those of the spacecraft.
+    """
+
+    count: int = 0
+    """Number of layouts; episode n has that of the number n modulo count. 0: thrusters are as designed."""
+    seed: int = 0
+    """Seed of the layouts. Layout k of a seed is the same for every count."""
+    fewest: int = 4
+    """Smallest number of thrusters of a layout; the largest is that of the spacecraft. The commands of missing
+    ones, the last, do nothing."""
 
 
 @dataclass(frozen=True)
@@ -200,6 +219,7 @@ class Conditions(Settings):
     faults: FaultConditions = field(default_factory=FaultConditions)
     disturbances: DisturbanceConditions = field(default_factory=DisturbanceConditions)
     sensors: SensorsConditions = field(default_factory=SensorsConditions)
+    layouts: LayoutConditions = field(default_factory=LayoutConditions)
     description: str = ""
     """Description in one line, for lists."""
     weight: float = 1.0
@@ -233,6 +253,7 @@ class Conditions(Settings):
         _check_faults(self.faults)
         _check_disturbances(self.disturbances, is_mixture=bool(self.others))
         _check_sensors(self.sensors)
+        _check_layouts(self)
 
     def met(self, chance: Field) -> Conditions:
         """Conditions of an episode, selected from the mixture by a number in [0, 1).
@@ -246,13 +267,18 @@ class Conditions(Settings):
         return _mixed(parts, [end / ends[-1] for end in ends[:-1]], chance)
 
     def check_valves(self, craft: Spacecraft) -> None:
-        """Reject conditions that do not apply to the valves of a spacecraft.
+        """Reject conditions that do not apply to the thrusters of a spacecraft.
 
         Raises:
-            ConfigError: there are shortest on or off times, but the thrusters are not on/off, or there is no
-                thruster of a number that is to fail.
+            ConfigError: there are shortest on or off times, but the thrusters are not on/off, there is no
+                thruster of a number that is to fail, or the spacecraft cannot have random layouts.
         """
         count = craft.thruster_count
+        if self.layouts.count and (craft.dimension == 3 or count < self.layouts.fewest):
+            raise ConfigError(
+                f"layouts.count is for craft in the plane with at least {self.layouts.fewest} thrusters "
+                f"(layouts.fewest); {craft.name!r} has {count} and moves in {craft.dimension} dimensions."
+            )
         if any(k >= count for k in self.faults.thrusters):
             raise ConfigError(
                 f"Conditions have faults of thrusters {[*self.faults.thrusters]}; those of {craft.name!r} have the "
@@ -489,6 +515,40 @@ def _check_sensors(sensors: SensorsConditions) -> None:
         sensors.outage,
         f"below the least of sensors.outage_every, {bounds(every)[0]:g} s",
     )
+
+
+def _check_layouts(conditions: Conditions) -> None:
+    """Reject layouts that cannot be drawn, and errors that are relative to the designed layout."""
+    layouts = conditions.layouts
+    for name, least, most in (
+        ("count", 0, MOST_LAYOUTS),
+        ("seed", 0, 2**32 - 1),
+        ("fewest", 4, 1000),
+    ):
+        value = getattr(layouts, name)
+        _require(
+            type(value) is int and least <= value <= most,
+            f"layouts.{name}",
+            value,
+            f"a whole number from {least} to {most:,}",
+        )
+    if not layouts.count:
+        return
+    for part in (conditions, *conditions.others):
+        for name in ("misalignment", "position"):
+            value = getattr(part.thrusters, name)
+            _require(
+                largest(value) == 0.0,
+                f"thrusters.{name}",
+                value,
+                "left out with random layouts (layouts.count), whose thrusters have no designed place",
+            )
+        _require(
+            part.faults.among == "any",
+            "faults.among",
+            part.faults.among,
+            '"any" with random layouts (layouts.count): which sets can be spared differs between them',
+        )
 
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:

@@ -11,6 +11,7 @@ import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from rans.errors import ConfigError, brief
 from rans.model.body import Body, Mounting
 from rans.model.drift import Drift
 from rans.model.dynamics import Piece, Wrench, undelayed
-from rans.model.fields import Field, Vec3, at_least, cos, floor, map_leaves, sin, where
+from rans.model.fields import Field, Vec3, at_least, cos, entries, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, Range, largest
 from rans.randomization.fault_draws import Fault, draw_fault
+from rans.randomization.layout_bodies import layout_bodies
 from rans.randomization.sensors import Sensors, draw_sensors
 from rans.randomization.valves import Lag, failing, pieces
 
@@ -248,11 +250,27 @@ def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodePa
     return draw(
         conditions,
         craft,
-        Body.of(craft),
+        base_body(conditions, craft, numbers, np.float64),
         steps,
         numbers,
         Draws(low=0, high=0, first=numbers, stride=0, dtype=np.float64),
     )
+
+
+def base_body(conditions: Conditions, craft: Spacecraft, number: Field, dtype: Any) -> Body:
+    """Body to which the factors of an episode apply: as designed, or with its random layout of thrusters.
+
+    Args:
+        conditions: conditions of the episode.
+        craft: spacecraft.
+        number: number of the episode, a whole number or a field (N,).
+        dtype: floating dtype of the body's fields.
+    """
+    if not conditions.layouts.count:
+        return Body.of(craft)
+    index = number % conditions.layouts.count
+    table = layout_bodies(craft, conditions.layouts)
+    return map_leaves(lambda x: entries(x, index, dtype) if isinstance(x, np.ndarray) else x, table)
 
 
 _STREAMS = {

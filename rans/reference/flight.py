@@ -51,6 +51,8 @@ def fly_in_drake(
 
     Substeps do not concern Drake, but its own longest step (s) does; None: see `DrakeMover`.
     """
+    if body is None and (conditions is None or not conditions.layouts.count):
+        body = designed(craft)
     return fly(
         craft,
         task,
@@ -59,7 +61,7 @@ def fly_in_drake(
         timing,
         "drake",
         DrakeMover(craft, timing, task.drift, max_step),
-        body or designed(craft),
+        body,
         conditions,
         draws,
         guard,

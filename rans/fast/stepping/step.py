@@ -158,7 +158,7 @@ class Backend:
         return torch.from_numpy(np.stack(rows)) if self.on_numpy else torch.stack(tuple(rows))
 
     def episodes(
-        self, world: World, body: Body, count: int, draws: Draws, remember: bool
+        self, world: World, body: Body | None, count: int, draws: Draws, remember: bool
     ) -> Episode:
         """Episodes of N spacecraft in buffers, which a reset fills; the body is in them already.
 

@@ -1,0 +1,223 @@
+"""Random layouts of thrusters: geometry, and the same motion in every engine as a spacecraft of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rans
+from rans.episode import Setup, World
+from rans.errors import ConfigError
+from rans.flight import Flight, fly
+from rans.model.body import Body
+from rans.model.fields import leaves, map_leaves
+from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions, LayoutConditions
+from rans.randomization.layout_bodies import layout_bodies, layout_spacecraft
+from rans.randomization.layouts import LayoutRanges, layouts, sample_layout
+from rans.scenario import draws, scenarios
+
+CRAFT = rans.load_spacecraft("floating-platform")
+RANDOM = Conditions(layouts=LayoutConditions(count=4, seed=3))
+DRAWN = list(layouts(4, 3, LayoutRanges(most=8)))
+TIMING = Timing(0.2, 1, 8)
+
+
+class Played:
+    """Commands (T, N, thrusters) that are written beforehand."""
+
+    name = "played"
+
+    def __init__(self, commands: np.ndarray) -> None:
+        self.commands = commands
+
+    def reset(self, count: int) -> None:
+        self.step = -1
+
+    def act(self, state: Any, goal: Any, observations: np.ndarray) -> np.ndarray:
+        self.step += 1
+        return self.commands[self.step]
+
+
+def commands(count: int) -> np.ndarray:
+    shape = (TIMING.episode_steps, count, CRAFT.thruster_count)
+    return np.random.default_rng(1).integers(0, 2, shape).astype(float)
+
+
+def flown(conditions: Conditions, count: int = 4, **own: Any) -> Flight:
+    starts = scenarios(rans.GoToPose(), CRAFT, 0, count)
+    played = Played(own.get("commands", commands(count)))
+    return fly(
+        CRAFT, rans.GoToPose(), played, starts, TIMING, conditions=conditions, draws=draws(0, count)
+    )
+
+
+def flown_alone(number: int) -> Flight:
+    """Flight of a layout as a spacecraft of its own, whose file has these thrusters only."""
+    craft = layout_spacecraft(CRAFT, DRAWN[number])
+    start = map_leaves(lambda x: x[number : number + 1], scenarios(rans.GoToPose(), CRAFT, 0, 4))
+    played = Played(commands(4)[:, number : number + 1, : craft.thruster_count])
+    return fly(craft, rans.GoToPose(), played, start, TIMING)
+
+
+def difference(a: Any, b: Any) -> float:
+    return max(float(np.abs(x - y).max()) for x, y in zip(leaves(a), leaves(b), strict=True))
+
+
+@pytest.mark.filterwarnings("ignore:.*cannot push and turn it")
+def test_layout_has_the_mean_force_and_the_distance_of_the_craft() -> None:
+    # Two thrusters 0.5 m and one 1 m from the centre: their root mean square distance is sqrt(0.5) m.
+    craft = rans.Spacecraft.planar(
+        "three",
+        2.0,
+        0.1,
+        (
+            ((0.5, 0.0), (0.0, 1.0), 1.0),
+            ((-0.5, 0.0), (0.0, -1.0), 2.0),
+            ((0.0, 1.0), (1.0, -1.0), 3.0),
+        ),
+    )
+    layout = np.array([[3.0, 4.0, 10.0], [0.0, -1.0, 0.5], [1.0, 0.0, 0.0]])
+    own = layout_spacecraft(craft, layout)
+    assert [t.force for t in own.thrusters] == pytest.approx([10.0, 2.0, 2.0])
+    # Torque 10 of a force of 5 is an arm of 2, to the right of its direction.
+    arm = np.sqrt(0.5) * 2.0
+    assert own.thrusters[0].position == pytest.approx((0.8 * arm, -0.6 * arm, 0.0))
+    assert own.thrusters[1].position == pytest.approx((-np.sqrt(0.5) * 0.5, 0.0, 0.0))
+    assert (own.mass, own.inertia) == (craft.mass, craft.inertia)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6))
+def test_wrenches_are_the_columns(seed: int) -> None:
+    layout = sample_layout(np.random.default_rng(seed))
+    places = np.array([t.position for t in CRAFT.thrusters])
+    distance = np.sqrt(np.square(places).sum(axis=1).mean())
+    force = np.mean([t.force for t in CRAFT.thrusters])
+    expected = layout * force * [1.0, 1.0, distance]
+    assert np.allclose(layout_spacecraft(CRAFT, layout).wrench_map, expected, atol=1e-12)
+
+
+def test_episodes_fly_as_spacecraft_of_their_own() -> None:
+    every = flown(RANDOM)
+    for number in range(4):
+        alone = flown_alone(number)
+        own = map_leaves(lambda x, k=number: x[:, k : k + 1], every.states)
+        # Rounding of sums in another order.
+        assert difference(own, alone.states) < 1e-12
+    assert {len(layout) for layout in DRAWN} != {8}
+
+
+def test_commands_of_missing_thrusters_do_nothing() -> None:
+    fewer = next(k for k, layout in enumerate(DRAWN) if len(layout) < 8)
+    opened = commands(4)
+    opened[:, fewer, len(DRAWN[fewer]) :] = 1.0
+    shut = opened.copy()
+    shut[:, fewer, len(DRAWN[fewer]) :] = 0.0
+    assert (
+        difference(flown(RANDOM, commands=opened).states, flown(RANDOM, commands=shut).states)
+        == 0.0
+    )
+
+
+@pytest.mark.slow
+def test_drake_flies_them_likewise() -> None:
+    from rans.reference.flight import fly_in_drake
+
+    starts = scenarios(rans.GoToPose(), CRAFT, 0, 4)
+    judged = fly_in_drake(
+        CRAFT,
+        rans.GoToPose(),
+        Played(commands(4)),
+        starts,
+        TIMING,
+        conditions=RANDOM,
+        draws=draws(0, 4),
+    )
+    # Drake's steps of 0.01 s are accurate to 1e-9.
+    assert difference(judged.states, flown(RANDOM).states) < 1e-8
+
+
+@pytest.mark.parametrize("num_envs", [4, 3], ids=["each its own", "drawn anew"])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("plain", [False, True])
+def test_engine_flies_them_likewise(num_envs: int, dtype: torch.dtype, plain: bool) -> None:
+    engine = rans.Engine(
+        CRAFT,
+        "go-to-pose",
+        num_envs,
+        Timing(0.2, 1, 6),
+        dtype=dtype,
+        conditions=RANDOM,
+        plain=plain,
+    )
+    # Two episodes of every environment: with three of them the second has another layout.
+    for step in range(8):
+        engine.step(torch.as_tensor(commands(4)[step % 6, :num_envs], dtype=dtype))
+    numbers = np.arange(num_envs) + num_envs
+    starts = scenarios(rans.GoToPose(), CRAFT, 0, num_envs, num_envs)
+    expected = fly(
+        CRAFT,
+        rans.GoToPose(),
+        Played(commands(4)[:, :num_envs]),
+        starts,
+        Timing(0.2, 1, 2),
+        conditions=RANDOM,
+        draws=draws(0, num_envs, int(numbers[0])),
+    )
+    last = map_leaves(lambda x: x[-1], expected.states)
+    found = map_leaves(np.asarray, engine.state)
+    assert difference(found, last) < (1e-5 if dtype == torch.float32 else 1e-10)
+
+
+def test_conditions_of_a_file_have_layouts(tmp_path: Any) -> None:
+    file = tmp_path / "layouts.toml"
+    file.write_text("[layouts]\ncount = 4\nseed = 3\n\n[thrusters]\npressure = [0.5, 2.0]\n")
+    found = rans.load_conditions(file)
+    assert found.layouts == LayoutConditions(4, 3)
+    # Factors of other conditions apply to a layout as to the designed thrusters.
+    starts = scenarios(rans.GoToPose(), CRAFT, 0, 4)
+    world = World(Setup(CRAFT, rans.GoToPose(), TIMING, found))
+    parameters = world.begin(starts.start, starts.goal, 0, draws(0, 4)).parameters
+    gain = np.stack([x + np.zeros(4) for x in parameters.body.gain], axis=1)
+    nominal = np.stack(layout_bodies(CRAFT, found.layouts).gain, axis=1)
+    factors = gain[:, 0] / nominal[:, 0]
+    assert np.ptp(factors) > 0.1
+    assert np.allclose(gain, nominal * factors[:, None])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: LayoutConditions(count=-1),
+        lambda: LayoutConditions(count=2, fewest=3),
+        lambda: LayoutConditions(count=2.5),  # type: ignore[arg-type]
+    ],
+)
+def test_impossible_layouts_are_refused(wrong: Any) -> None:
+    with pytest.raises(ConfigError, match="layouts"):
+        Conditions(layouts=wrong())
+
+
+def test_errors_of_the_designed_layout_are_refused() -> None:
+    moved = rans.ThrusterConditions(position=0.01)
+    with pytest.raises(ConfigError, match="position"):
+        replace(RANDOM, thrusters=moved)
+    with pytest.raises(ConfigError, match="among"):
+        replace(RANDOM, faults=rans.FaultConditions(count=1.0, among="recoverable"))
+
+
+def test_engines_that_cannot_have_them_say_why() -> None:
+    with pytest.raises(ConfigError, match="free-flyer"):
+        rans.Engine("free-flyer", "go-to-pose", 4, conditions=RANDOM)
+    with pytest.raises(ConfigError, match="multiple"):
+        rans.Engine(CRAFT, "go-to-pose", 6, conditions=RANDOM, compiled=True)
+    body = Body.of(CRAFT)
+    with pytest.raises(ConfigError, match="body"):
+        rans.Engine(CRAFT, "go-to-pose", 4, conditions=RANDOM, body=body)
