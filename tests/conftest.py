@@ -88,6 +88,15 @@ def _names_of_others() -> Iterator[None]:
         registry._typed.intersection_update(before)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _few_flights_of_exports() -> Iterator[None]:
+    """Ranges of exports are those of 64 flights, as many as golden pairs need: thousands take two seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "rans.deploy.export" in sys.modules:
+            patch.setattr("rans.deploy.export.FLIGHTS", 64)
+        yield
+
+
 def _variables() -> dict[str, str]:
     """Those that say how RANS and Python behave, such as ``RANS_TRUST`` and ``PYTHONSAFEPATH``."""
     return {
@@ -107,6 +116,13 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
             else None
         ),
     )
+
+
+@pytest.fixture
+def unswept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Comparisons fly no curve of a controller's weights, and measure processor times from one start."""
+    monkeypatch.setattr("rans.evaluation.compare.entrants.swept", lambda *_: [])
+    monkeypatch.setattr("rans.evaluation.compare.contest._TIMED_STARTS", 1)
 
 
 @pytest.fixture(params=FREE_CRAFT)

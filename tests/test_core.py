@@ -82,6 +82,7 @@ def said(code: str, *arguments: str, folder: Path) -> tuple[int, str]:
     return process.returncode, out + errors
 
 
+@pytest.mark.slow
 def test_the_core_works_alone(tmp_path: Path) -> None:
     """Training, evaluation, exports, a page that flies, environments; each extra is blocked."""
     code = (

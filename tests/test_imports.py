@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -263,29 +264,32 @@ def test_loaders_are_seen_under_any_name() -> None:
 def test_tests_import_nothing_from_other_tests() -> None:
     """What several share is in `tests.support`, which imports from no test either."""
     shared = "tests.support."
+    other = re.compile(
+        r"\b(from|import) tests\.(?!support\b)"
+    )  # reading syntax takes ten times as long
     found = {
         f"{file.relative_to(ROOT)} imports {name}"
         for file in (ROOT / "tests").rglob("*.py")
+        if other.search(file.read_text("utf-8"))
         for name in imports(file)
         if name.startswith("tests.") and not name.startswith(shared)
     }
     assert not found
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
+def test_start_up_is_light() -> None:
+    """One after another in one process, whose modules are those of all of them."""
+    statements = (
         "import rans",
         "import rans.tasks",
         "import rans.model.spacecraft_file",
         "import rans.flight",
         "import rans.cli",
-        "from rans.model.spacecraft_file import load_spacecraft as load; load('free-flyer').wrench_map",
-    ],
-)
-def test_start_up_is_light(statement: str) -> None:
+        "from rans.model.spacecraft_file import load_spacecraft as load",
+        "load('free-flyer').wrench_map",
+    )
     # Gymnasium takes 40 ms beyond NumPy, and learns our environments' names when rans is imported.
-    assert loaded(statement) & HEAVY <= {"gymnasium"}
+    assert loaded("; ".join(statements)) & HEAVY <= {"gymnasium"}
 
 
 TRAIN = """
@@ -304,6 +308,7 @@ assert "torch._dynamo" not in sys.modules  # torch's compiler takes 0.6 s to loa
 """Until the first step, and the files that it leaves."""
 
 
+@pytest.mark.slow
 def test_training_begins_without_drake_casadi_and_matplotlib(tmp_path: Path) -> None:
     """It needs torch, Stable-Baselines3 and Gymnasium; the learning curve is drawn at its end."""
     found = loaded(TRAIN.format(str(tmp_path / "run")))

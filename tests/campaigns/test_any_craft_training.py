@@ -117,7 +117,7 @@ def test_no_shipped_craft_is_drawn_in_the_training_in_space() -> None:
 
 def test_no_shipped_craft_is_drawn_in_the_training() -> None:
     shipped = [canonical(columns_of(name), digits=2) for name in PLANAR]
-    pool = draw_pool(300, 0)
+    pool = draw_pool(60, 0)
     for row in pool.columns.double().numpy():
         drawn = canonical(row[np.abs(row).max(axis=1) > 0.0], digits=2)
         assert not any(drawn & tables for tables in shipped)

@@ -36,14 +36,13 @@ interrupt() if {moment!r} == "leaving" else sys.exit(code)
 """
 
 
-@pytest.mark.parametrize("by", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize(
-    ("moment", "end", "said"),
+    ("by", "moment", "end", "said"),
     [
-        ("loading", "signal", "\nrans: interrupted.\n"),
-        ("running", "code", "\nrans: interrupted; nothing was written.\n"),
-        ("leaving", "signal", ""),
-        ("never", "none", ""),
+        ("SIGINT", "loading", "signal", "\nrans: interrupted.\n"),
+        ("SIGTERM", "running", "code", "\nrans: interrupted; nothing was written.\n"),
+        ("SIGINT", "leaving", "signal", ""),
+        ("SIGINT", "never", "none", ""),
     ],
 )
 def test_an_interrupt_shows_no_traceback(moment: str, end: str, said: str, by: str) -> None:

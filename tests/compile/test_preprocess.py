@@ -19,7 +19,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.tasks import TASKS
-from tests.support.engines import both_crafts
+from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import compiled_on_host, needs_compiler
 
 pytestmark = needs_compiler
@@ -45,9 +45,16 @@ class HostLook(CudaPreprocessor):
             library.rows(*map(c_void_p, pointers), *map(c_int, numbers))
 
 
-@both_crafts
-@pytest.mark.parametrize("task", ["go-to-pose", "multi-task"])
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
+@pytest.mark.parametrize(
+    ("dtype", "task", "craft"),
+    [
+        (torch.float64, "go-to-pose", PLATFORM),
+        (torch.float64, "multi-task", FLYER),
+        (torch.float32, "go-to-pose", FLYER),
+        (torch.float32, "multi-task", PLATFORM),
+    ],
+    ids=lambda x: getattr(x, "name", str(x)),
+)
 def test_programs_see_what_torch_sees(
     dtype: torch.dtype,
     task: str,
@@ -88,9 +95,16 @@ def test_programs_see_what_torch_sees(
     torch.testing.assert_close(said.policy.mode(), right.policy.mode(), rtol=0, atol=0)
 
 
-@both_crafts
-@pytest.mark.parametrize("symmetric", [True, False])
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
+@pytest.mark.parametrize(
+    ("dtype", "symmetric", "craft"),
+    [
+        (torch.float64, True, FLYER),
+        (torch.float64, False, PLATFORM),
+        (torch.float32, True, PLATFORM),
+        (torch.float32, False, FLYER),
+    ],
+    ids=lambda x: getattr(x, "name", str(x)),
+)
 def test_programs_filter_as_torch_does(
     dtype: torch.dtype,
     symmetric: bool,

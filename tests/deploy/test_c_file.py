@@ -102,9 +102,8 @@ def checked(command: list[str], folder: Path, built: Path) -> str:
     return subprocess.run([str(built)], check=True, capture_output=True, text=True).stdout
 
 
-@pytest.mark.parametrize(
-    "build", ["PX4", *(pytest.param(one, marks=pytest.mark.slow) for one in [*BUILDS][1:])]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("build", BUILDS)
 def test_golden_pairs_come_out_of_firmwares_builds(
     folder: Path, tmp_path: Path, build: str
 ) -> None:
@@ -114,7 +113,8 @@ def test_golden_pairs_come_out_of_firmwares_builds(
     assert "500 of 500 golden pairs" in checked(command, folder, tmp_path / "check")
 
 
-@pytest.mark.parametrize("flags", [(), pytest.param(("-ffast-math",), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("flags", [(), ("-ffast-math",)])
 def test_golden_pairs_come_out_of_clang(
     folder: Path, tmp_path: Path, flags: tuple[str, ...]
 ) -> None:
@@ -275,6 +275,7 @@ def test_a_changed_table_is_found(folder: Path, tmp_path: Path, table: str, fact
         compiled_check(tmp_path)
 
 
+@pytest.mark.slow
 def test_it_needs_mathematics_alone(folder: Path, tmp_path: Path) -> None:
     """Neither allocation nor anything else of a system."""
     built = tmp_path / "agent.o"

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,14 +22,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.flight import fly
 from rans.scenario import scenarios
 from tests.support.training import CONFIG, tiny_trainer
-
-
-@pytest.fixture(scope="module", autouse=True)
-def few_flights() -> Iterator[None]:
-    """Ranges of few flights: `tests/deploy/test_contract.py` has those of thousands."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans.deploy.export.FLIGHTS", 64)
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,6 @@ COMPILED = {
     "any-craft-2d",
     "dock-port-2d-atmos",
     "go-to-pose-2d-robust",
-    "go-to-pose-3d-faults",
     "land-3d",
 }
 """Agents of every kind of head and preprocessing: a compiler takes seconds for an agent, and the tests of kinds of
@@ -56,7 +56,7 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
     """Of 12 steps, more than any remembers; ``python -m campaigns.exports`` asks 100,000 observations."""
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
-    batches = list(asked(network, setup._replace(timing=short), 250))
+    batches = list(asked(network, setup._replace(timing=short), 100))
     forms: list[Form] = [form for form in FORMS if form != "c" or name in COMPILED]
     if name == "go-to-pose-2d-robust":
         forms.append("sb3")
@@ -172,14 +172,19 @@ ERRORS: dict[str, Callable[[Network], Network]] = {
         action_net__weight=swapped(0, 1, 2), action_net__bias=swapped(0, 1, 2)
     ),
     "a mean 2 cm off": changed(features_extractor__mean=lambda x: x + 0.02),
-    "a variance 5 % off": changed(features_extractor__variance=lambda x: x * 1.05),
     "another column's mean": changed(features_extractor__mean=swapped(0, 4)),
     "thrusters swapped in a view": other_place,
     "a mirror image that turns the wrong way": other_hand,
-    "no symmetry": of_another(symmetries=None),
     "another zoom": of_another(zoom=15.0),
     "averages that forget sooner": of_another(averages=(0.5, 0.8, 0.9, 0.94)),
 }
+
+
+@cache
+def right_pairs() -> str:
+    """Golden pairs of the agent without an error, as JSON."""
+    network, _, seen = remembering()
+    return json.dumps(golden(network, seen))
 
 
 @pytest.mark.parametrize("error", ERRORS)
@@ -189,7 +194,7 @@ def test_planted_errors_are_found(error: str, tmp_path: Path) -> None:
     written(tmp_path, ERRORS[error](network), "numpy")
     found = unequal(own_answers(network, list(seen)), numpy_answer(tmp_path))
     assert found.beyond > 0 or found.memory > 1e-3
-    (tmp_path / "golden.json").write_text(json.dumps(golden(network, seen)))
+    (tmp_path / "golden.json").write_text(right_pairs())
     right, count = checked(tmp_path)
     assert right < count == 500
 

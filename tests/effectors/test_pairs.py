@@ -34,9 +34,6 @@ def within(apart: Apart) -> None:
     ("pair", "dimension", "period"),
     [
         (("tank", "push"), 2, 0.5),
-        (("tank", "swing"), 3, 0.5),
-        (("tank", "ramps"), 2, 0.5),
-        (("wheels", "tank"), 3, 0.5),
         (("wheels", "faults"), 3, 0.2),
         (("orbit", "kicks"), 2, 0.5),
         (("throttle", "latency"), 2, 0.2),

@@ -138,6 +138,7 @@ def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("members", [1, 2])
 def test_two_processes_learn_what_one_does(together: Path, members: int) -> None:
     """Same starts, actions and minibatches, and sums in another order: the same agents to rounding."""

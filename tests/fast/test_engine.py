@@ -25,7 +25,7 @@ from tests.support.engines import (
     PLATFORM,
     SHORT,
     actions,
-    both_crafts,
+    by_turns,
     run,
     spin,
     way_to_go,
@@ -38,7 +38,7 @@ def first_observation(craft: Spacecraft, seed: int, episode: int) -> np.ndarray:
     return np.array(observation(NEAR, chosen.start, chosen.goal))
 
 
-@both_crafts
+@by_turns
 def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft) -> None:
     """Environment i of N flies episodes i, i + N, i + 2 N, ... as `scenario` gives them."""
     for count in (1, 3, 7):
@@ -58,7 +58,7 @@ def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft)
         assert number.min() >= 2 * count
 
 
-@both_crafts
+@by_turns
 def test_ends(backend: Any, craft: Spacecraft) -> None:
     """Failure ends an episode at once, time ends it after so many steps, and never both."""
     engine = backend(craft, NEAR, 32, SHORT, seed=1)
@@ -79,7 +79,7 @@ def test_ends(backend: Any, craft: Spacecraft) -> None:
     assert ends.min() > 5  # the test saw both kinds
 
 
-@both_crafts
+@by_turns
 def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -> None:
     """The others' rewards stay as they are, to the last bit."""
     engine, whole = (backend(craft, NEAR, 4, SHORT, seed=3, dtype=torch.float64) for _ in range(2))
@@ -94,7 +94,7 @@ def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -
     assert torch.equal(lost.terms[:, [0, 2, 3]], fine.terms[:, [0, 2, 3]])
 
 
-@both_crafts
+@by_turns
 def test_observation_is_final_observation_until_the_end(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 32, SHORT, seed=1)
     for action in actions(craft, 32, 45):
@@ -115,7 +115,7 @@ def test_spinning_too_fast_fails_in_space(backend: Any) -> None:
     assert (spin(FLYER, step.observation) == 0).all()
 
 
-@both_crafts
+@by_turns
 def test_reward_is_the_sum_of_its_terms(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 16, SHORT, seed=1)
     for step in run(engine, 25):
@@ -123,7 +123,7 @@ def test_reward_is_the_sum_of_its_terms(backend: Any, craft: Spacecraft) -> None
         torch.testing.assert_close(step.reward, step.terms.sum(dim=0), rtol=0, atol=5e-7)
 
 
-@both_crafts
+@by_turns
 def test_price_of_thrust_counts_open_valves_however_they_share(
     backend: Any, craft: Spacecraft
 ) -> None:
@@ -152,7 +152,7 @@ def test_one_thruster_for_one_period(backend: Any) -> None:
         np.testing.assert_allclose(before[i, 6:8] - after[i, 6:8], push * 0.5 * 0.2**2, atol=1e-8)
 
 
-@both_crafts
+@by_turns
 def test_a_batch_is_its_members(backend: Any, craft: Spacecraft) -> None:
     """Environment 2 of 5 flies as one that starts alone in episode 2, until that ends."""
     batch, alone = (backend(craft, NEAR, n, SHORT, seed=3, dtype=torch.float64) for n in (5, 1))
@@ -169,7 +169,7 @@ def test_a_batch_is_its_members(backend: Any, craft: Spacecraft) -> None:
     pytest.fail("the episode did not end")
 
 
-@both_crafts
+@by_turns
 def test_reset_goes_on_counting_and_a_seed_starts_over(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 3, SHORT, seed=5)
     first = engine.observe()
@@ -192,7 +192,7 @@ def test_reset_forgets_the_steps(backend: Any) -> None:
     assert [bool(engine.step(still).truncated.all()) for _ in range(5)] == [False] * 4 + [True]
 
 
-@both_crafts
+@by_turns
 def test_a_clock_counts_steps_and_episodes(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 32, SHORT)
     steps = torch.zeros(32)
@@ -234,7 +234,7 @@ def test_stagger_forgets_the_steps_and_keeps_the_episodes(backend: Any) -> None:
     assert torch.equal(clock % 32, torch.as_tensor(fresh.episode.clock))
 
 
-@both_crafts
+@by_turns
 def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 16, SHORT, seed=9)
     run(engine, 7)
@@ -262,7 +262,7 @@ def test_a_foreign_state_is_refused(backend: Any) -> None:
         backend(PLATFORM, NEAR, 1, Timing(episode_steps=21)).load_state(saved)
 
 
-@both_crafts
+@by_turns
 def test_results_are_never_written_again(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 16, SHORT, seed=9)
     observed = engine.observe()

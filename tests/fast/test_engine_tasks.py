@@ -14,7 +14,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity
-from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts, run
+from tests.support.engines import NEAR, PLATFORM, SHORT, actions, by_turns, run
 from tests.support.switching import SwitchingGoToPose
 
 COSTLY = SwitchingGoToPose(**vars(NEAR), switching_weight=0.25)
@@ -27,7 +27,7 @@ MIXED = MultiTask(
 """With it too many episodes of `SHORT` fail under random thrust, and others do not."""
 
 
-@both_crafts
+@by_turns
 def test_every_valve_that_moves_is_paid_for(backend: Any, craft: Spacecraft) -> None:
     """Episodes begin with all valves shut, wherever the last one ended."""
     engine = backend(craft, COSTLY, 32, SHORT, seed=1)
@@ -57,7 +57,7 @@ def test_it_remembers_what_the_task_looks_at_and_nothing_more(backend: Any) -> N
     assert set(engines[1].term_names) - set(engines[0].term_names) == {"switching"}
 
 
-@both_crafts
+@by_turns
 @pytest.mark.parametrize("task", [COSTLY, MIXED], ids=["switching", "multi-task"])
 def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft, task: Any) -> None:
     engine, other = (backend(craft, task, 16, SHORT, seed=seed) for seed in (9, 123))
@@ -76,7 +76,7 @@ def test_a_state_without_commands_is_refused_where_they_are_needed(backend: Any)
 
 
 @pytest.mark.slow
-@both_crafts
+@by_turns
 def test_every_episode_draws_its_task_anew(backend: Any, craft: Spacecraft) -> None:
     """Goals and flags are those of `scenario`; only the drawn task's terms are paid."""
     engine = backend(craft, MIXED, 16, SHORT, seed=2, dtype=torch.float64)

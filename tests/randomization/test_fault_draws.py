@@ -85,9 +85,16 @@ def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely() -> None:
     assert stats.binomtest(int(dead), int(number.sum())).pvalue > LIKELY
 
 
-@pytest.mark.parametrize(("dimension", "kind"), [(2, "dead"), (3, "stuck-open")])
-@pytest.mark.parametrize("count", [1, 2])
-@pytest.mark.parametrize("among", ["recoverable", "unrecoverable"])
+@pytest.mark.parametrize(
+    ("dimension", "kind", "count", "among"),
+    [
+        (2, "dead", 1, "recoverable"),
+        (2, "dead", 1, "unrecoverable"),  # which there are none of
+        (2, "dead", 2, "unrecoverable"),
+        (3, "stuck-open", 1, "recoverable"),
+        (3, "stuck-open", 2, "unrecoverable"),
+    ],
+)
 def test_sets_that_are_recoverable_or_not_are_each_as_likely(
     among: Any, count: int, kind: Any, dimension: int
 ) -> None:

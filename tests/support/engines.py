@@ -29,6 +29,13 @@ NEAR = GoToPose(
 """With it many of the episodes of `SHORT` fail under random thrust, some succeed and some do not."""
 
 both_crafts = pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+by_turns = pytest.mark.parametrize(
+    ("backend", "craft"),
+    [("numpy", PLATFORM), ("torch", FLYER)],
+    indirect=["backend"],
+    ids=lambda x: getattr(x, "name", x),
+)
+"""Each backend and each craft once: that NumPy and torch agree for both has tests of its own."""
 
 
 def torch_engine(*args: Any, **kwargs: Any) -> Engine:

@@ -53,7 +53,7 @@ class HostFlights(FlightKernel):
         )
         file.write_text(headers + self.source + _RUN)
         made = file.with_suffix(".so")
-        options = ("-std=c++17", "-O1", "-w", "-shared", "-fPIC")
+        options = ("-std=c++17", "-O0", "-w", "-shared", "-fPIC")
         subprocess.run([COMPILER, *options, "-o", made, file], check=True)
         self._library = CDLL(str(made))
 

@@ -395,14 +395,14 @@ SHARED: list[tuple[Spacecraft, Patch, str]] = [
         "draws",
     ),
     (PLANE, changed(World, "step_inputs", a_period_early), "onsets"),
-    (SPACE, changed(World, "step_inputs", a_period_late), "onsets"),
+    (PLANE, changed(World, "step_inputs", a_period_late), "onsets"),
     (
         PLANE,
         changed(rans.randomization.parameters.MinimumDwell, "enforced", valves_that_need_not_stay),
         "onsets",
     ),
     (PLANE, changed(rans.episode, "Transition", reward_of_the_state_before), "tasks"),
-    (SPACE, changed(Prices, "prices", a_price_left_out), "tasks"),
+    (PLANE, changed(Prices, "prices", a_price_left_out), "tasks"),
     (PLANE, changed(rans.tasks.go_to_pose, "nearness", reward_of_one_scale), "tasks"),
 ]
 """Errors that Drake shares, as it is given what was drawn and is told, rewarded and ended like the engine."""

@@ -173,19 +173,19 @@ def test_starts_are_as_documented_or_as_coded() -> None:
 
 
 def test_every_engine_flies_the_same_mission() -> None:
-    task = Dock(deadline=(600.0, 620.0))
-    starts = scenarios(task, DEPUTY, 5, 4)
-    timing = replace(TIMING, episode_steps=63)
+    task = Dock(deadline=(60.0, 80.0))
+    starts = scenarios(task, DEPUTY, 5, 2)
+    timing = replace(TIMING, episode_steps=9)
     ours, judged = (one(DEPUTY, task, Shut(), starts, timing) for one in (fly, fly_in_drake))
     for a, b in zip(leaves(ours.states), leaves(judged.states), strict=True):
         np.testing.assert_allclose(np.broadcast_to(a, b.shape), b, rtol=0, atol=1e-7)
-    assert ours.verdict.failure().tolist() == [Failure.TERMINATED] * 4
-    assert judged.verdict.failure().tolist() == [Failure.TERMINATED] * 4
-    engine = Engine(DEPUTY, task, 4, timing, seed=5, dtype=torch.float64)
+    assert ours.verdict.failure().tolist() == [Failure.TERMINATED] * 2
+    assert judged.verdict.failure().tolist() == [Failure.TERMINATED] * 2
+    engine = Engine(DEPUTY, task, 2, timing, seed=5, dtype=torch.float64)
     env: Any = gymnasium.make("rans/Dock3D-v0", spacecraft=DEPUTY, task=task, timing=timing)
     _, info = env.reset(seed=5)
-    for k in range(1, 60):
-        engine.step(torch.zeros(4, 6, dtype=torch.float64))
+    for k in range(1, 6):
+        engine.step(torch.zeros(2, 6, dtype=torch.float64))
         *_, terminated, truncated, info = env.step(np.zeros(6, np.float32))
         assert not terminated
         assert not truncated

@@ -172,9 +172,9 @@ def flight(
     ["ros", "px4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("roboran", "pingu"))],
 )
 def test_no_failing_disk_leaves_a_valve_open(robot: RobotName, quick: Path, tmp_path: Path) -> None:
-    """50 flights with disks that are full from some write on, at one write, or hang there."""
+    """20 flights with disks that are full from some write on, at one write, or hang there."""
     chance = random.Random(robot)
-    for number in range(50):
+    for number in range(20):
         at = chance.randint(1, 40)
         from_then_on = chance.random() < 0.5
         disk = Disk(

@@ -68,6 +68,7 @@ def test_a_dead_engine_takes_more(bounds: MissionBounds) -> None:
     assert without.lower[0] > 1.05 * bounds.lower[0]
 
 
+@pytest.mark.slow
 def test_the_front_is_least_where_the_bound_is(bounds: MissionBounds) -> None:
     assert bounds.front.min() == pytest.approx(bounds.lower[0], rel=1e-6)
     assert np.diff(bounds.times) == pytest.approx(TASK.timing.control_period)
@@ -77,6 +78,7 @@ def test_the_front_is_least_where_the_bound_is(bounds: MissionBounds) -> None:
     assert len(bounds.path) - 1 == round(bounds.times[bounds.front.argmin()] / 0.5)
 
 
+@pytest.mark.slow
 def test_the_bound_lets_engines_be_throttled_one_by_one(bounds: MissionBounds) -> None:
     one = CONTEST.start(0)
     start = np.ravel(one.start.p.columns()), np.ravel(one.start.v.columns())
@@ -99,6 +101,7 @@ def test_landings_have_bounds_where_nothing_is_drawn() -> None:
     assert "lqr" in default_opponents(GoToPose())
 
 
+@pytest.mark.slow
 def test_figures_show_paths_thrust_and_what_is_impossible(
     entry: Entry, bounds: MissionBounds
 ) -> None:
@@ -133,6 +136,7 @@ def test_a_page_of_landings_has_the_table_and_the_figures(
     assert len(section.pictures) == 5
 
 
+@pytest.mark.slow
 def test_no_impulse_is_spent_after_touchdown(entry: Entry) -> None:
     """An engine at 80 % gives 0.8 of its force for as long as the flight lasts, at most."""
     flight = entry.flight

@@ -158,6 +158,7 @@ def test_other_contests_have_none() -> None:
     assert not bounded(Contest(platform, pose, pose.timing, 5, 2))
 
 
+@pytest.mark.slow
 def test_figures_show_paths_margins_and_what_is_impossible(entry: Entry) -> None:
     (axes,) = orbital_plane([entry]).axes
     path = np.array(points(axes)["mission"])

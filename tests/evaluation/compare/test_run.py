@@ -107,6 +107,7 @@ def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
         assert sentence in str(told.value)
 
 
+@pytest.mark.slow
 def test_who_never_arrives_counts(comparison: Comparison) -> None:
     idle = scoreboard(comparison)[IDLE]
     lqr = scoreboard(comparison)["LQR"]
@@ -117,6 +118,7 @@ def test_who_never_arrives_counts(comparison: Comparison) -> None:
     assert differences(comparison)[IDLE]["first at rest, s"].value == math.inf
 
 
+@pytest.mark.slow
 def test_bounds_have_one_order_however_they_are_found(
     comparison: Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +131,7 @@ def test_bounds_have_one_order_however_they_are_found(
     assert ready != comparison.certified
 
 
+@pytest.mark.slow
 def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
     assert comparison.certified_starts() == [0, 1]
     assert comparison.impossible() == []
@@ -146,6 +149,7 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
         assert np.isinf(ratios[what][IDLE]).all()
 
 
+@pytest.mark.slow
 def test_who_beats_a_bound_is_found_out(comparison: Comparison) -> None:
     wrong = [
         replace(c, lower=1e3) if (c.start, c.event) == (1, Event()) else c
@@ -159,6 +163,7 @@ def test_who_beats_a_bound_is_found_out(comparison: Comparison) -> None:
     assert not any(IDLE in sentence for sentence in told)
 
 
+@pytest.mark.slow
 def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
     """Flown by the engine, not by the search; the same definition judges the contestants."""
 
@@ -190,6 +195,7 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
         assert spent == pytest.approx(answer.upper)
 
 
+@pytest.mark.slow
 def test_bounds_are_kept_for_the_next_time(
     comparison: Comparison, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -242,12 +248,14 @@ def test_a_front_between_flights_and_proofs(
     assert "under these conditions none is claimed" in rough.notes[-1]
 
 
+@pytest.mark.slow
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
     """From rest to rest in 1.4 s, 2.83 N carry 5.32 kg at most a T^2 / 4 = 26 cm."""
     short = [c for c in comparison.certified if c.horizon == pytest.approx(1.4)]
     assert [(c.lower, c.upper, c.commands) for c in short] == [(math.inf, math.inf, None)] * 2
 
 
+@pytest.mark.slow
 def test_relaxed_optima(comparison: Comparison) -> None:
     """Replayed in Drake to the millimetre; what may throttle earns more than what may not."""
     solved = [all(row.solved for row in rows) for rows in comparison.relaxed.values()]
@@ -262,6 +270,7 @@ def test_relaxed_optima(comparison: Comparison) -> None:
         assert (entry.returns < best).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison) -> None:
     """The share is that of the other starts."""
@@ -280,6 +289,7 @@ def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison)
     assert "from 2 of 3 starts" in page(without).html()
 
 
+@pytest.mark.slow
 def test_files_for_others(comparison: Comparison) -> None:
     read = json.loads(json.dumps(plain(to_json(comparison, TEXT)), allow_nan=False))
     assert [row["contestant"] for row in read["summary"]][:2] == ["LQR", IDLE]

@@ -93,13 +93,12 @@ NEAR = GoToPose(spawn_distance=(0.2, 0.35), position_tolerance=0.4, attitude_tol
 """Begins at rest within wide tolerances, with any attitude: some are there, others may be."""
 
 
-@pytest.mark.parametrize(("task", "worth"), [(CHATTERING, earned), (NEAR, spared)])
 @pytest.mark.parametrize(
-    "memory",
+    ("task", "worth", "memory"),
     [
-        {},
-        {"memory": MemorySettings("history", 3, (0.5,))},
-        {"memory": MemorySettings("recurrent", units=8)},
+        (NEAR, spared, {}),
+        (NEAR, spared, {"memory": MemorySettings("history", 3, (0.5,))}),
+        (CHATTERING, earned, {"memory": MemorySettings("recurrent", units=8)}),
     ],
 )
 def test_it_gives_what_brute_force_finds_best(
@@ -205,9 +204,7 @@ class Scripted:
         return self._first[self._periods - 1] if self._periods <= len(self._first) else command
 
 
-@pytest.mark.parametrize(
-    "name", ["lqr", "switching", pytest.param("guidance", marks=pytest.mark.slow), "mpc"]
-)
+@pytest.mark.parametrize("name", ["lqr", pytest.param("guidance", marks=pytest.mark.slow), "mpc"])
 def test_a_controller_looks_ahead_as_brute_force_does(name: str) -> None:
     """Every choice flown by itself, in the first two periods; the second knows what the first remembered."""
     setup = Setup(PLATFORM, NEAR, Timing(episode_steps=2))

@@ -22,7 +22,7 @@ from rans.fast.learn.sweep import Sweep, read_configs
 from rans.fast.learn.trainer import Trainer
 from rans.fast.stepping.step import field_dtype
 from rans.tasks import GoToPose, MultiTask, TrackTwist
-from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions
 from tests.support.training import CONFIG, TINY, after, ignore, tiny_trainer
 
 CHOICES: list[dict[str, Any]] = [
@@ -80,11 +80,16 @@ def trained(learner: PPOLearner, iterations: int) -> PPOLearner:
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [{}, {"memory": MemorySettings("recurrent"), "symmetric": False, "privileged_critic": True}],
+    ("craft", "kind"),
+    [
+        (PLATFORM, {}),
+        (
+            FLYER,
+            {"memory": MemorySettings("recurrent"), "symmetric": False, "privileged_critic": True},
+        ),
+    ],
     ids=["plain", "recurrent"],
 )
-@both_crafts
 def test_a_member_learns_what_it_would_alone(craft: Any, kind: dict[str, Any]) -> None:
     """Rollout, advantages, losses, clipping, Adam, step size and statistics, for two whole iterations."""
     begun = together(craft, **kind)

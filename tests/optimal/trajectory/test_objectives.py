@@ -84,14 +84,19 @@ EVERY_OBJECTIVE = [
 ]
 
 
-@pytest.mark.parametrize("task", EVERY_TASK, ids=lambda task: type(task).__name__)
-@pytest.mark.parametrize("number", range(0, len(EVERY_OBJECTIVE), 2))
-def test_every_task_with_objectives(task: Task, number: int) -> None:
-    """Every task with each second objective, by turns with the others.
+@pytest.mark.parametrize(
+    ("task", "objective"),
+    [
+        (EVERY_TASK[number % len(EVERY_TASK)], objective)
+        for number, objective in enumerate(EVERY_OBJECTIVE)
+    ],
+    ids=lambda x: getattr(x, "name", type(x).__name__),
+)
+def test_every_task_with_objectives(task: Task, objective: Objective) -> None:
+    """Every task and every objective.
 
     Drake flies them, and they end where the task asks: exactly, in its tolerances, or near.
     """
-    objective = EVERY_OBJECTIVE[number + EVERY_TASK.index(task) % 2]
     case = scenario(task.for_evaluation(), 2, 5, 1)
     trajectory = solved(PLATFORM, objective, case.start, case.goal, task)
     assert replay_error(PLATFORM, trajectory) < 1e-4

@@ -111,7 +111,8 @@ def test_a_start_that_moves(flown: Any) -> None:
         )
 
 
-@pytest.mark.parametrize("ahead", [pytest.param(4, marks=pytest.mark.slow), 0])
+@pytest.mark.slow
+@pytest.mark.parametrize("ahead", [4, 0])
 def test_a_goal_that_moves_otherwise_than_the_start(flown: Any, ahead: int) -> None:
     """The farthest of all flights that end so many pulses fast is not excluded, 4 cm farther is."""
     fast = PERIOD / 3.0

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.show.pages.comparison_page import page
 from tests.support.comparisons import NOBODY, comparison
 from tests.support.evaluation_flights import flight_of
+
+# These tests read words and numbers; what figures show has tests of its own.
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def values(shown: Comparison) -> dict[str, str]:
