@@ -181,11 +181,13 @@ class Vector(ABC):
     def columns(self) -> tuple[Field, ...]:
         """The components, in order."""
 
-    def __add__(self, other: Vector) -> Self:
-        return type(self)(*map(operator.add, self.columns(), _columns_of(other)))
+    @abstractmethod
+    def __add__(self, other: Self) -> Self:
+        """Sum of two vectors of the same kind."""
 
-    def __sub__(self, other: Vector) -> Self:
-        return type(self)(*map(operator.sub, self.columns(), _columns_of(other)))
+    @abstractmethod
+    def __sub__(self, other: Self) -> Self:
+        """Difference of two vectors of the same kind."""
 
     def __mul__(self, other: object) -> NoReturn:
         raise TypeError(
@@ -198,25 +200,25 @@ class Vector(ABC):
 
     __rmul__ = __mul__
 
+    @abstractmethod
     def scale(self, s: Field) -> Self:
         """The vector times a scalar field."""
-        return type(self)(*[x * s for x in self.columns()])
 
-    def dot(self, other: Vector) -> Field:
+    @abstractmethod
+    def dot(self, other: Self) -> Field:
         """Scalar product."""
-        return reduce(operator.add, map(operator.mul, self.columns(), other.columns()))
 
     def norm(self) -> Field:
         """Euclidean length."""
         return sqrt(self.dot(self))
 
 
-def _columns_of(vector: Vector) -> tuple[Field, ...]:
-    if not isinstance(vector, Vector):
+def _require(other: object, kind: type[Vector]) -> None:
+    if not isinstance(other, kind):
         raise TypeError(
-            f"a vector and {type(vector).__name__} cannot be added; a vector of W is Vec2 or Vec3"
+            f"a vector and {type(other).__name__} cannot be added; this one is a {kind.__name__}, to which a "
+            f"{kind.__name__} is added"
         )
-    return vector.columns()
 
 
 class Attitude(ABC):
@@ -251,6 +253,22 @@ class Attitude(ABC):
 class Vec2(Vector):
     """A vector in the plane."""
 
+    def __add__(self, other: Vec2) -> Vec2:
+        _require(other, Vec2)
+        return Vec2(self.x + other.x, self.y + other.y)
+
+    def __sub__(self, other: Vec2) -> Vec2:
+        _require(other, Vec2)
+        return Vec2(self.x - other.x, self.y - other.y)
+
+    def scale(self, s: Field) -> Vec2:
+        """The vector times a scalar field."""
+        return Vec2(self.x * s, self.y * s)
+
+    def dot(self, other: Vec2) -> Field:
+        """Scalar product."""
+        return self.x * other.x + self.y * other.y
+
     def columns(self) -> tuple[Field, ...]:
         """The components, in order."""
         return (self.x, self.y)
@@ -261,6 +279,22 @@ class Vec3(Vector):
     """A vector in space."""
 
     z: Field
+
+    def __add__(self, other: Vec3) -> Vec3:
+        _require(other, Vec3)
+        return Vec3(self.x + other.x, self.y + other.y, self.z + other.z)
+
+    def __sub__(self, other: Vec3) -> Vec3:
+        _require(other, Vec3)
+        return Vec3(self.x - other.x, self.y - other.y, self.z - other.z)
+
+    def scale(self, s: Field) -> Vec3:
+        """The vector times a scalar field."""
+        return Vec3(self.x * s, self.y * s, self.z * s)
+
+    def dot(self, other: Vec3) -> Field:
+        """Scalar product."""
+        return self.x * other.x + self.y * other.y + self.z * other.z
 
     def cross(self, other: Vec3) -> Vec3:
         """Vector product."""
