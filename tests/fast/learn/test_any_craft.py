@@ -29,14 +29,19 @@ def trainer(folder: Path, given: TrainConfig) -> Trainer:
     return Trainer([given], load_spacecraft(given.spacecraft), RunFolder(folder))
 
 
+def shorten(monkeypatch: pytest.MonkeyPatch, rounds: int, updates: int) -> None:
+    monkeypatch.setattr(any_craft, "_ROUNDS", rounds)
+    monkeypatch.setattr(any_craft, "_OWN_ROUNDS", 1)
+    monkeypatch.setattr(any_craft, "_UPDATES", {2: updates})
+    monkeypatch.setattr(any_craft, "_BATCH", 512)
+
+
 @pytest.mark.parametrize(
     "craft", ["floating-platform", pytest.param("roboran-platform", marks=pytest.mark.slow)]
 )
 def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also with the symmetries of the platform, where thrusters are numbered as the goal is ahead."""
-    monkeypatch.setattr(any_craft, "_ROUNDS", 3)
-    monkeypatch.setattr(any_craft, "_UPDATES", 60)
-    monkeypatch.setattr(any_craft, "_BATCH", 512)
+    shorten(monkeypatch, rounds=3, updates=60)
     begun = trainer(tmp_path, config(craft=craft))
     engine = begun.engine
     expert = any_craft.teacher(
@@ -59,10 +64,50 @@ def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.Mo
     assert (engine.elapsed() == 0).all()
 
 
+def test_values_are_of_its_own_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The returns of the expert's flights teach nothing, and those of its own do."""
+    shorten(monkeypatch, rounds=1, updates=4)
+    monkeypatch.setattr(any_craft, "_PERIODS", 8)
+    flown = any_craft._flown
+    values = []
+    # Planted errors in the returns: none, of the expert's flights, of its own.
+    for number, wrong in enumerate([(0.0, 0.0), (1e3, 0.0), (0.0, 1.0)]):
+
+        def planted(*arguments: Any, wrong: tuple[float, float] = wrong) -> Any:
+            labels = flown(*arguments)
+            error = wrong[0] * (1.0 - labels.own) + wrong[1] * labels.own
+            return labels._replace(returns=labels.returns + error)
+
+        begun = trainer(tmp_path / str(number), config())
+        learner = begun.learner.network
+        expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
+        assert expert is not None
+        monkeypatch.setattr(any_craft, "_flown", planted)
+        any_craft.imitate(begun.engine, learner, expert, begun.config.ppo)
+        with torch.no_grad():
+            values.append(learner.evaluate(begun.engine.observe()).value)
+    torch.testing.assert_close(values[1], values[0], rtol=0.0, atol=0.0)
+    assert (values[2] != values[0]).all()
+
+
+def test_commands_of_pulsed_thrusters_spread_as_their_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PPO would fly at random if it began with the usual spread, a whole period of thrust."""
+    shorten(monkeypatch, rounds=2, updates=50)
+    begun = trainer(tmp_path, config(craft="freeflyer2"))
+    learner = begun.learner.network
+    expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
+    assert expert is not None
+    any_craft.imitate(begun.engine, learner, expert, begun.config.ppo)
+    assert (learner.tensors["log_std"] < -0.1).all()
+
+
 @pytest.mark.slow
 def test_a_training_begins_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An iteration of PPO after the imitation reaches goals that an iteration alone does not."""
     monkeypatch.setattr(any_craft, "_ROUNDS", 4)
+    monkeypatch.setattr(any_craft, "_OWN_ROUNDS", 1)
     given = config(n_envs=256, batch_size=1024)
     run = RunFolder(tmp_path)
     begun = Trainer([given], load_spacecraft(given.spacecraft), run)
