@@ -47,6 +47,7 @@ from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
 from rans.executors import run_on
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
+from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import spacecraft_names
 from rans.model.timing import Timing
@@ -193,6 +194,7 @@ __all__ = [
     "Throttle",
     "Wheel",
     "Propellant",
+    "Slosh",
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",

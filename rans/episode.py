@@ -15,6 +15,7 @@ from functools import cached_property, reduce
 from typing import Any, NamedTuple, Protocol
 
 from rans.effectors.motion import states_at_checks
+from rans.effectors.slosh import check_slosh
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -168,6 +169,7 @@ class World:
     def __post_init__(self) -> None:
         """Choose the substeps; under conditions for the largest accelerations in 1,024 episodes."""
         setup = self.setup
+        check_slosh(setup.craft, setup.task.drift, setup.timing.control_period)
         bodies = None
         torque = 0.0
         if setup.conditions is not None:

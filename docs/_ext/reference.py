@@ -60,7 +60,7 @@ API = {
         "OptimalTrajectory certify state"
     ),
     "Spacecraft": (
-        "Spacecraft Thruster OnOff Pulsed Throttle Wheel Propellant load_spacecraft spacecraft_names"
+        "Spacecraft Thruster OnOff Pulsed Throttle Wheel Propellant Slosh load_spacecraft spacecraft_names"
     ),
     "Tasks": (
         "TASKS GoToPosition GoToPose GoToPosePriced TrackVelocity TrackTwist TrackVelocityHeading "

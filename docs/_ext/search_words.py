@@ -174,6 +174,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "missions/land": ("powered descent", "landing", "lander", "lossless convexification", "g-fold"),
     "missions/passive_safety": ("passive safety", "free drift", "abort"),
     "missions/rendezvous": ("rendezvous", "proximity operations", "rpo"),
+    "missions/slosh": ("slosh", "sloshing", "fuel slosh", "pendulum"),
     "optimal": (
         "fuel optimal",
         "optimal control",

@@ -9,6 +9,7 @@ from typing import Any
 
 from rans.effectors.effector import Action, Begun, Effector, Push
 from rans.effectors.propellant import PropellantTank
+from rans.effectors.slosh import Pendulum, Swinging
 from rans.effectors.wheels import ReactionWheels
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -78,6 +79,10 @@ def states_at_checks(
     if pieces is None:
         pieces = ThrusterEffector(craft).pieces(body, command, period)
     actions = begin_actions(craft, command, state.stores, body, period)
+    # A pendulum inside the craft moves together with it.
+    swinging = next((action for action in actions if isinstance(action, Swinging)), None)
+    if swinging is not None:
+        integrate = swinging.advance
 
     states = []
     for number, part in enumerate(cut(pieces, period, timing.checks), 1):
@@ -90,6 +95,8 @@ def states_at_checks(
             duration = push.duration
             longest = min(duration if type(duration) is float else push.longest, period)
             steps = max(1, math.ceil(longest / period * substeps - 1e-9))
+            if swinging is not None:
+                steps = max(steps, swinging.steps(longest))
             # A step of half the length needs one node less at the angles that `NODES` is for.
             fewer = nodes - (2.0 * longest * substeps <= period * steps)
             momentum = push.momentum if craft.dimension == 3 else None
@@ -134,6 +141,8 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
         tanks = int(craft.propellant is not None)
         momenta = craft.stores[tanks : tanks + craft.wheel_count]
         results.append(ReactionWheels(craft.wheels, craft.dimension, ranges, momenta))
+    if craft.slosh is not None:
+        results.append(Pendulum(craft.slosh, craft, craft.slosh_stores))
     further: tuple[Any, ...] = craft.further_effectors
     return (*results, *further)
 

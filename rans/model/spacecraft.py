@@ -19,6 +19,7 @@ import numpy as np
 from rans.display import NotebookRepr
 from rans.errors import ConfigError, brief, checked, counted
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
+from rans.model.slosh import Slosh
 from rans.model.solids import MOST_SOLIDS, Solid
 
 ThrustSharing = Literal["none", "split"]
@@ -144,12 +145,15 @@ class Spacecraft(NotebookRepr):
     """Propellant of the thrusters; None: the mass is constant."""
     further_effectors: tuple[FurtherEffector, ...] = ()
     """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
+    slosh: Slosh | None = None
+    """Liquid that sloshes, in the plane; None: the craft is rigid."""
 
     def __post_init__(self) -> None:
         check_spacecraft(self)
         # Computed here because the compiler of torch cannot trace cached properties.
         _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop, self.supplies
         _ = self.command_count, self.thruster_commands, self.wheel_commands, self.has_only_thrusters
+        _ = self.slosh_stores
 
     @classmethod
     def planar(
@@ -223,8 +227,9 @@ class Spacecraft(NotebookRepr):
     def _effectors(self) -> str:
         wheels = f", {counted(len(self.wheels), 'wheel')}" if self.wheels else ""
         tank = "" if self.propellant is None else f", {self.propellant.mass:g} kg propellant"
+        slosh = "" if self.slosh is None else f", {self.slosh.mass:g} kg slosh"
         further = "".join(f", {type(effector).__name__}" for effector in self.further_effectors)
-        return f"thrusters {self.thrust}{wheels}{tank}{further}"
+        return f"thrusters {self.thrust}{wheels}{tank}{slosh}{further}"
 
     @cached_property
     def commands(self) -> tuple[CommandRange, ...]:
@@ -291,7 +296,17 @@ class Spacecraft(NotebookRepr):
             for i, wheel in enumerate(self.wheels)
         )
         further = (store for effector in self.further_effectors for store in effector.stores)
-        return (*left, *wheels, *further)
+        return (*left, *wheels, *self.slosh_stores, *further)
+
+    @cached_property
+    def slosh_stores(self) -> tuple[Store, ...]:
+        """Angle and rate of the sloshing liquid's pendulum; empty without one."""
+        if self.slosh is None:
+            return ()
+        return (
+            Store("slosh angle", "rad", 0.0, -math.pi, math.pi),
+            Store("slosh rate", "rad/s", 0.0, -_LARGEST, _LARGEST),
+        )
 
     @property
     def is_continuous(self) -> bool:
@@ -407,6 +422,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
     _check_inertia(craft)
     _check_wheels(craft)
     _check_propellant(craft)
+    _check_slosh(craft)
     for index, thruster in enumerate(craft.thrusters):
         _check_thruster(
             craft,
@@ -565,6 +581,71 @@ def _check_propellant(craft: Spacecraft) -> None:
     _require(possible, craft, "propellant mass", tank.mass, below)
     value = tank.specific_impulse
     _require(_positive(value), craft, "specific_impulse", value, f"{_POSITIVE} s")
+
+
+def _check_slosh(craft: Spacecraft) -> None:
+    """Refuse a pendulum that is out of range, or that leaves no rigid craft around it."""
+    if craft.slosh is None:
+        return
+    slosh = checked(f"spacecraft {craft.name!r}: slosh", craft.slosh, Slosh)
+    if craft.dimension == 3 or craft.propellant is not None:
+        other = "dimension = 3" if craft.dimension == 3 else "[propellant]"
+        raise ConfigError(
+            f"spacecraft {craft.name!r} has [slosh], a pendulum of constant mass in the plane, and {other}: take "
+            "one of them out of its file."
+        )
+    _require(_positive(slosh.length), craft, "slosh length", slosh.length, f"{_POSITIVE} m")
+    _require(_triple(slosh.hinge), craft, "slosh hinge", slosh.hinge, f"{_TRIPLE} m")
+    _require(_triple(slosh.direction), craft, "slosh direction", slosh.direction, _TRIPLE)
+    length = math.hypot(*slosh.direction)
+    _require(
+        abs(length - 1) < 1e-9,
+        craft,
+        "slosh direction",
+        slosh.direction,
+        f"a unit vector (its length is {length:.4g}; a zero direction has none)",
+    )
+    off = max(abs(slosh.hinge[2] - craft.centre_of_mass[2]), abs(slosh.direction[2]))
+    _require(
+        off <= _PLANE_TOLERANCE,
+        craft,
+        "slosh hinge and direction",
+        (slosh.hinge, slosh.direction),
+        f"in the plane of the centre of mass (z = {craft.centre_of_mass[2]:g} m)",
+    )
+    calm = _number(slosh.damping) and slosh.damping >= 0.0
+    _require(calm, craft, "slosh damping", slosh.damping, f"a number from 0 to {_LARGEST:g} N m s")
+    below = f"a number from {_SMALLEST:g} kg to less than the craft's mass, {craft.mass:g} kg"
+    possible = _positive(slosh.mass) and slosh.mass <= craft.mass * (1.0 - 1e-3)
+    _require(possible, craft, "slosh mass", slosh.mass, below)
+    # What the mass at rest adds to the inertia about the centre of mass of both.
+    away = math.dist(slosh.point(), craft.centre_of_mass)
+    adds = slosh.mass * away**2 / (1.0 - slosh.mass / craft.mass)
+    _require(
+        adds <= craft.inertia[2][2] * (1.0 - 1e-3),
+        craft,
+        "slosh mass",
+        slosh.mass,
+        f"so small that the craft without it has an inertia above 0: at rest it is {away:.4g} m from the centre of "
+        f"mass and adds {adds:.4g} kg m^2 of the craft's {craft.inertia[2][2]:.4g} kg m^2, which includes it",
+    )
+
+
+def check_rigid(craft: Spacecraft, what: str) -> None:
+    """Refuse a craft with sloshing liquid.
+
+    Args:
+        craft: any.
+        what: what is of rigid craft only, as the subject of a sentence in the plural.
+
+    Raises:
+        ConfigError: it has `Spacecraft.slosh`.
+    """
+    if craft.slosh is not None:
+        raise ConfigError(
+            f"{what} are those of a rigid craft, and {craft.name!r} has a sloshing liquid: take [slosh] out of its "
+            "file for those of the craft with the liquid at rest."
+        )
 
 
 def can_turn(craft: Spacecraft) -> bool:

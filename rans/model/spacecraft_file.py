@@ -16,6 +16,7 @@ from rans.errors import ConfigError, brief, text_of_name
 from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.pace import misfits
+from rans.model.slosh import Slosh
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry, typed
@@ -171,6 +172,7 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
     - ``[actuators]`` with the ``kind`` of the actuators and its settings,
     - ``[[wheel]]`` for each reaction wheel,
     - ``[propellant]`` if thrusters use propellant,
+    - ``[slosh]`` if a liquid sloshes in the craft,
     - ``[[effector]]`` for each further effector, with its ``kind`` (MODULE:NAME, see `EFFECTORS`) and settings,
     - ``[[solid]]`` for each shape in drawings.
 
@@ -206,6 +208,8 @@ def to_toml(craft: Spacecraft) -> str:
     }
     tank = table.pop("propellant")
     propellant = "" if tank is None else f"\n[propellant]\n{_lines(tank)}"
+    pendulum = table.pop("slosh")
+    slosh = "" if pendulum is None else f"\n[slosh]\n{_lines(pendulum)}"
     wheels = "".join(f"\n[[wheel]]\n{_lines(each)}" for each in table.pop("wheels"))
     single = len(craft.supplies) == 1
     thrusters = "".join(
@@ -221,7 +225,8 @@ def to_toml(craft: Spacecraft) -> str:
         f"\n[[effector]]\n{_effector_lines(further_effector)}"
         for further_effector in craft.further_effectors
     )
-    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{propellant}{thrusters}{wheels}{further}{solids}"
+    tables = f"{propellant}{slosh}{thrusters}{wheels}{further}{solids}"
+    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{tables}"
 
 
 def _effector_lines(effector: Any) -> str:
@@ -251,6 +256,7 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         "radius": _number,
         "actuators": _actuators,
         "propellant": _propellant,
+        "slosh": partial(_slosh, lengths=lengths),
         "wheel": _wheels,
         "effector": _further,
         "thrust_sharing": _text,
@@ -328,6 +334,19 @@ def _propellant(table: Any, key: str) -> Propellant:
     names = ("mass", "specific_impulse")
     _check_keys(table, names, (), key, f"{key}: ")
     return Propellant(*(_number(table[name], f"{key} {name}") for name in names))
+
+
+def _slosh(table: Any, key: str, lengths: tuple[int, ...]) -> Slosh:
+    if not isinstance(table, dict):
+        raise ConfigError(f"{key} must be a table, got {brief(table)}.")
+    _check_keys(table, ("mass", "length", "hinge", "direction"), ("damping",), key, f"{key}: ")
+    return Slosh(
+        _number(table["mass"], f"{key} mass"),
+        _number(table["length"], f"{key} length"),
+        _vector(table["hinge"], f"{key} hinge", lengths),
+        _unit(table["direction"], f"{key} direction", lengths),
+        _number(table.get("damping", 0.0), f"{key} damping"),
+    )
 
 
 def _solids(tables: Any, key: str) -> tuple[Solid, ...]:

@@ -86,8 +86,12 @@ class _Loop:
         remembers = memory != "none" and memory.get("kind") != "none"
         if remembers or any(settings.get(key, value) != value for key, value in usual.items()):
             raise Refused("its policy is not a dense network of tanh on columns in the body frame.")
-        if craft.get("thrust_sharing", "none") != "none" or set(craft) & {"wheel", "propellant"}:
-            raise Refused("its spacecraft has a shared supply, wheels or propellant.")
+        if craft.get("thrust_sharing", "none") != "none" or set(craft) & {
+            "wheel",
+            "propellant",
+            "slosh",
+        }:
+            raise Refused("its spacecraft has a shared supply, wheels, propellant or slosh.")
         self.period = arb(str(config["timing"]["control_period"]))
         self._integrals: dict[tuple[str, int], Any] = {}
         self._design(craft)

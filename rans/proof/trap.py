@@ -22,7 +22,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.files import write_text
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, check_rigid
 from rans.policy.network import Network
 from rans.policy.traced import parameters
 from rans.proof.relaxation import TorchLayer, Zonotope, enclose
@@ -208,6 +208,7 @@ def velocity_loop(network: Network, craft: Spacecraft, period: float) -> Loop:
     force = np.array([thruster.force for thruster in craft.thrusters])
     torque = force * (lever[:, 0] * along[:, 1] - lever[:, 1] * along[:, 0])
     size = np.abs(torque).max()
+    check_rigid(craft, "trapping sets")
     if craft.thrust_sharing != "none" or craft.wheels or craft.propellant is not None:
         raise ConfigError(
             "trapping sets are proved without a shared supply, wheels and propellant."

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from rans.errors import ConfigError
@@ -55,6 +55,18 @@ def centre_of_mass(craft: Spacecraft, body: Body, index: int) -> np.ndarray:
     return np.array(craft.centre_of_mass) + shift
 
 
+def slosh_mass(craft: Spacecraft, body: Body, index: int) -> float:
+    """Mass that swings in one of many spacecraft, kg: the same share of each."""
+    assert craft.slosh is not None
+    whole = body.mass if np.ndim(body.mass) == 0 else body.mass[index]
+    return craft.slosh.mass * float(whole) / craft.mass
+
+
+def point_mass(mass: float, position: np.ndarray) -> SpatialInertia:
+    """Inertia of a point mass (kg) at a position (3,) in its body's frame, m."""
+    return SpatialInertia(mass, position, UnitInertia.PointMass(position))
+
+
 def _rotational(tensor: np.ndarray) -> RotationalInertia:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
     return RotationalInertia(xx, yy, zz, xy, xz, yz)
@@ -92,10 +104,18 @@ def spatial_inertia(craft: Spacecraft, body: Body, index: int, left: float = 1.0
         axis = np.array(wheel.axis)
         tensor -= 0.5 * wheel.inertia * (np.eye(3) - np.outer(axis, axis))
         mass -= _WHEEL_MASS * craft.mass
+    centre = centre_of_mass(craft, body, index)
+    if craft.slosh is not None:
+        # The rest of the craft balances the mass that swings, both at rest.
+        swings = slosh_mass(craft, body, index)
+        to_mass = np.array(craft.slosh.point()) - centre
+        mass -= swings
+        to_rest = -swings / mass * to_mass
+        for part, arm in ((swings, to_mass), (mass, to_rest)):
+            tensor -= part * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        centre = centre + to_rest
     try:
-        return SpatialInertia.MakeFromCentralInertia(
-            mass, centre_of_mass(craft, body, index), _rotational(tensor)
-        )
+        return SpatialInertia.MakeFromCentralInertia(mass, centre, _rotational(tensor))
     except RuntimeError as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(

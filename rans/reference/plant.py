@@ -25,7 +25,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
@@ -47,9 +47,12 @@ from rans.reference.further import drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
 from rans.reference.parts import (
     OrbitForces,
+    centre_of_mass,
     designed,
     gravity,
     mounted,
+    point_mass,
+    slosh_mass,
     spatial_inertia,
     thrust_pose,
     wheel_inertia,
@@ -68,7 +71,8 @@ class Plant:
     Integration steps end where a valve switches, where a thruster fails, and where a thrust begins or ends to
     grow.
 
-    A reaction wheel is a body of its own on a revolute joint with an actuator. Propellant that is used makes
+    A reaction wheel is a body of its own on a revolute joint with an actuator, and sloshing liquid is a point mass
+    on a revolute joint with friction. Propellant that is used makes
     the craft lighter in short steps of the integration, each with the mass in its middle.
 
     Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake 1.51.1
@@ -106,6 +110,10 @@ class Plant:
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
+        if craft.slosh is not None and not drift.in_straight_lines:
+            raise ConfigError(
+                f"Drake flies the slosh of {craft.name!r} in free flight and uniform gravity, got {drift!r}."
+            )
         self._plant.mutable_gravity_field().set_gravity_vector(gravity(drift))
         self._bodies = [
             self._plant.AddRigidBody(f"G{k}", spatial_inertia(craft, self._body, k))
@@ -114,10 +122,12 @@ class Plant:
         self._frames = [
             self._plant.AddFrame(
                 FixedOffsetFrame(
-                    f"B of {body.name()}", body.body_frame(), RigidTransform(body.default_com())
+                    f"B of {body.name()}",
+                    body.body_frame(),
+                    RigidTransform(centre_of_mass(craft, self._body, k)),
                 )
             )
-            for body in self._bodies
+            for k, body in enumerate(self._bodies)
         ]
         kind = PlanarJoint if craft.dimension == 2 else QuaternionFloatingJoint
         joints = [
@@ -128,6 +138,7 @@ class Plant:
             [self._add_wheel(k, number) for number in range(craft.wheel_count)]
             for k in range(count)
         ]
+        self._rods = [] if craft.slosh is None else [self._add_slosh(k) for k in range(count)]
         self._plant.Finalize()
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
         self._position = np.array(
@@ -139,6 +150,8 @@ class Plant:
         self._spins = np.array(
             [[joint.velocity_start() for joint in wheels] for wheels in self._wheels], dtype=int
         )
+        self._rod_angles = [joint.position_start() for joint in self._rods]
+        self._rod_rates = [joint.velocity_start() for joint in self._rods]
         self._propeller, self._thrust = self._add_thrusters(builder)
         if craft.wheels:
             builder.ExportInput(self._plant.get_actuation_input_port(), "motors")
@@ -306,6 +319,25 @@ class Plant:
         self._plant.AddJointActuator(name, added)
         return added
 
+    def _add_slosh(self, k: int) -> Joint:
+        """The sloshing liquid of one spacecraft: a point mass on a rod."""
+        slosh = self.craft.slosh
+        assert slosh is not None
+        # At the end of the rod, whose x axis points along it.
+        mass = slosh_mass(self.craft, self._body, k)
+        body = self._plant.AddRigidBody(
+            f"S of G{k}", point_mass(mass, np.array([slosh.length, 0.0, 0.0]))
+        )
+        x, y, _ = slosh.direction
+        pose = RigidTransform(RotationMatrix.MakeZRotation(math.atan2(y, x)), np.array(slosh.hinge))
+        hinge = self._plant.AddFrame(
+            FixedOffsetFrame(f"hinge of {body.name()}", self._bodies[k].body_frame(), pose)
+        )
+        axis = np.array([0.0, 0.0, 1.0])
+        return self._plant.AddJoint(
+            RevoluteJoint(body.name(), hinge, body.body_frame(), axis, slosh.damping)
+        )
+
     def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
         """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
         nozzles = [
@@ -387,10 +419,14 @@ class Plant:
 
     def _momenta(self, states: np.ndarray) -> np.ndarray:
         """Momenta of the wheels (N, wheels), N m s."""
-        end = states.shape[1] - sum(
+        end = self._end_of_rods(states) - len(self.craft.slosh_stores)
+        return states[:, end - self.craft.wheel_count : end]
+
+    def _end_of_rods(self, states: np.ndarray) -> int:
+        """Column after those of the rod, behind which stands what further effectors hold."""
+        return states.shape[1] - sum(
             len(effector.stores) for effector in self.craft.further_effectors
         )
-        return states[:, end - self.craft.wheel_count : end]
 
     def _axes(self) -> np.ndarray:
         """Axes of the wheels in B, (3, wheels)."""
@@ -496,6 +532,10 @@ class Plant:
             spins = states[:, 5:6] * np.eye(3)[2] if self.craft.dimension == 2 else states[:, 10:]
             rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
             v[self._spins] = self._momenta(stores) / rotors - spins @ self._axes()
+        if self._rods:
+            end = self._end_of_rods(stores)
+            q[self._rod_angles] = stores[:, end - 2]
+            v[self._rod_rates] = stores[:, end - 1]
         if self.craft.propellant is not None:
             self._left = stores[:, 0]
             self._weigh(self._share_of_mass(self._left))
@@ -517,9 +557,7 @@ class Plant:
         """Begin a control period (s) of further effectors."""
         commands = self._with_wheels(commands)
         first = self.craft.wheel_commands.stop
-        bare = stores.shape[1] - sum(
-            len(effector.stores) for effector in self.craft.further_effectors
-        )
+        bare = self._end_of_rods(stores)
         self._begun = []
         """Each further effector with its commands and stores, and the length of the control period."""
         for described, effector in zip(self.craft.further_effectors, self._further, strict=True):
@@ -563,6 +601,11 @@ class Plant:
             rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
             spins = self._plant.GetVelocities(self._plant_context)[self._spins]
             rows = np.hstack([rows, rotors * (w_B @ self._axes() + spins)])
+        if self._rods:
+            angles = self._plant.GetPositions(self._plant_context)[self._rod_angles]
+            rates = self._plant.GetVelocities(self._plant_context)[self._rod_rates]
+            wrapped = np.mod(angles + np.pi, 2.0 * np.pi) - np.pi
+            rows = np.column_stack([rows, wrapped, rates])
         if self._begun:
             time = self._context.get_time()
             rows = np.hstack(

@@ -142,10 +142,11 @@ def check_identifiable(craft: Spacecraft) -> None:
     """Refuse craft whose motion this module does not predict.
 
     Raises:
-        ConfigError: the craft burns propellant, or has effectors of other kinds.
+        ConfigError: the craft burns propellant, has a sloshing liquid, or effectors of other kinds.
     """
     reasons = {
         "burns propellant": craft.propellant is not None,
+        "has a sloshing liquid": craft.slosh is not None,
         "has effectors of other kinds": bool(craft.further_effectors),
     }
     for reason, holds in reasons.items():

@@ -376,7 +376,8 @@ def _effort(flight: Flight) -> Iterator[Sample]:
         used = propellant_used(flight)
         yield Sample("effort", "propellant", "used an episode", "kg", used)
     if flight.craft.wheels:
-        held = stores[len(stores) - flight.craft.wheel_count :]
+        first = int(flight.craft.propellant is not None)
+        held = stores[first : first + flight.craft.wheel_count]
         limits = [wheel.max_momentum for wheel in flight.craft.wheels]
         ratio = np.max([np.abs(h) / m for h, m in zip(held, limits, strict=True)], axis=(0, 1))
         meaning = "largest momentum of any wheel, of what it can hold"

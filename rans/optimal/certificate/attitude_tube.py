@@ -23,7 +23,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, check_rigid
 from rans.optimal.certificate.goal_set import GoalSet, check_finite
 from rans.optimal.trajectory.allocation import inertia
 from rans.optimal.trajectory.guess import rotation_vector
@@ -314,6 +314,7 @@ def _signs(craft: Spacecraft) -> tuple[int, ...]:
 
 def _check(craft: Spacecraft, start: State, goal: State) -> None:
     check_finite(start, goal)
+    check_rigid(craft, "bounds")
     if craft.further_effectors or craft.propellant is not None:
         raise ConfigError(
             f"spacecraft {craft.name!r}: bounds are those of thrusters and wheels of a constant mass; it has "

@@ -11,7 +11,7 @@ from rans.errors import ConfigError, is_finite
 from rans.model.actuators import ON_OFF
 from rans.model.dynamics import PlanarState, State
 from rans.model.fields import leaves, wrap
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, check_rigid
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,7 @@ def check_certifiable(craft: Spacecraft) -> None:
             f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has effectors of other "
             "kinds."
         )
+    check_rigid(craft, "certified bounds")
     if craft.stores:
         raise ConfigError(
             f"spacecraft {craft.name!r}: certified bounds are those of thrusters and a constant mass; it has "

@@ -13,6 +13,7 @@ from rans.model.dynamics import thrust
 from rans.model.spacecraft import (
     Spacecraft,
     can_turn,
+    check_rigid,
     is_steerable,
     positively_spans,
     wrenches_either_way,
@@ -253,6 +254,7 @@ def check_relaxation(craft: Spacecraft) -> None:
         ConfigError: it has reaction wheels or propellant, or throttles that are shut below a least level.
     """
     check_thrusters_alone(craft, "optimal trajectories")
+    check_rigid(craft, "optimal trajectories")
     if craft.propellant is not None:
         raise ConfigError(
             f"optimal trajectories are those of a constant mass, but {craft.name!r} uses propellant: take "

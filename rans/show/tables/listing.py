@@ -71,6 +71,12 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
             yield f"supply {number}", f"of thrusters {', '.join(map(str, members))}"
     if (tank := craft.propellant) is not None:
         yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s"
+    if (slosh := craft.slosh) is not None:
+        yield (
+            "slosh",
+            f"{slosh.mass:g} kg on a rod of {slosh.length:g} m, hinge {vector_text(slosh.hinge, 4)}, "
+            f"{slosh.damping:g} N m s",
+        )
     for i, wheel in enumerate(craft.wheels):
         yield (
             f"wheel {i}",

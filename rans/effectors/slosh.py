@@ -1,0 +1,298 @@
+"""Motion of a craft with a pendulum inside, which is the equivalent of a sloshing liquid; in the plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from rans.effectors.effector import Action, Begun, Effector
+from rans.errors import ConfigError
+from rans.model.body import Body
+from rans.model.drift import Drift
+from rans.model.dynamics import NODES, PlanarState, Wrench
+from rans.model.fields import Field, Heading, Vec2, cos, map_leaves, sin, wrap
+from rans.model.slosh import Slosh
+from rans.model.spacecraft import CommandRange, Spacecraft, Store
+
+_USUAL_SPIN = 1.0
+"""Spin of a craft that steps are chosen for, rad/s: as in `rans.model.accuracy`."""
+_STEP = 0.1
+"""Longest step, as the angle turned at the fastest usual rate, rad: 10 s of restless flight are then within 2e-7 m
+and 3e-7 rad of Drake, and the rod within 1e-6 rad."""
+_DECAY = 1.0
+"""Longest step times the rate at which friction stops the rod; the method is stable up to 2.78."""
+_MOST_STEPS = 64
+"""Largest number of steps in a piece of a control period, which bounds the length of generated programs."""
+
+
+@dataclass(frozen=True)
+class Pendulum(Effector):
+    """Sloshing liquid as an effector: its states are the angle of the rod relative to the craft, and its rate."""
+
+    slosh: Slosh
+    craft: Spacecraft
+    angle_and_rate: tuple[Store, ...]
+
+    @property
+    def commands(self) -> tuple[CommandRange, ...]:
+        """No commands."""
+        return ()
+
+    @property
+    def stores(self) -> tuple[Store, ...]:
+        """Angle of the rod, rad, and its rate, rad/s."""
+        return self.angle_and_rate
+
+    def begin(self, begun: Begun) -> Action:
+        """Action over a control period: it moves craft and rod together (`Swinging.advance`)."""
+        return Swinging(self, begun.stores, begun.body)
+
+
+class Pair(NamedTuple):
+    """Craft without the mass that swings, and this mass: constants of their motion."""
+
+    share: Any
+    """Mass that swings over the mass of both."""
+    mass: Field
+    """Mass of both, kg."""
+    arm: tuple[Field, Field]
+    """From the rigid part's centre of mass to the hinge, in B, m."""
+    rest: tuple[float, float]
+    """Unit vector from the hinge to the mass where the angle is zero, in B."""
+    length: float
+    """Length of the rod, m."""
+    of_craft: Field
+    """Moment of inertia that the spin of the craft has, with the rod's end in the hinge, kg m^2."""
+    of_rod: Field
+    """Moment of inertia that the spin of the rod has, kg m^2."""
+    coupling: Field
+    """Reduced mass times the length of the rod, kg m."""
+    damping: float
+    """Friction of the hinge, N m s."""
+
+    @classmethod
+    def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> Pair:
+        """Constants of a body, whose mass that swings is the same share of the whole as in the designed craft."""
+        share = slosh.mass / craft.mass
+        ratio = share / (1.0 - share)
+        x, y = (
+            h - c - offset
+            for h, c, offset in zip(
+                slosh.hinge[:2], craft.centre_of_mass[:2], body.centre or (0.0, 0.0), strict=True
+            )
+        )
+        u, v = slosh.direction[:2]
+        length = slosh.length
+        # The mass at rest, and opposite to it the centre of the rigid part; B's origin is between them.
+        at_x, at_y = x + length * u, y + length * v
+        rigid = body.inertia[0] - body.mass * (ratio * (at_x * at_x + at_y * at_y))
+        arm = (x + ratio * at_x, y + ratio * at_y)
+        reduced = body.mass * (share * (1.0 - share))
+        return cls(
+            share,
+            body.mass,
+            arm,
+            (u, v),
+            length,
+            rigid + reduced * (arm[0] * arm[0] + arm[1] * arm[1]),
+            reduced * length**2,
+            reduced * length,
+            slosh.damping,
+        )
+
+
+class Swinging(Action):
+    """Action of the pendulum over a control period."""
+
+    def __init__(self, pendulum: Pendulum, stores: Sequence[Field], body: Body) -> None:
+        self._angle, self._rate = stores
+        self._pair = Pair.of(pendulum.slosh, pendulum.craft, body)
+        self._pace, self._decay = paces(pendulum.slosh, pendulum.craft)
+
+    def stores(self, time: Field) -> tuple[Field, ...]:
+        """Angle, rad, in [-pi, pi), and rate, rad/s."""
+        return (self._angle, self._rate)
+
+    def steps(self, longest: float) -> int:
+        """Number of integration steps in a part of the period that lasts so long at most, s."""
+        return min(
+            max(
+                math.ceil(longest * self._pace / _STEP - 1e-9),
+                math.ceil(longest * self._decay / _DECAY),
+            ),
+            _MOST_STEPS,
+        )
+
+    def advance(
+        self,
+        state: PlanarState,
+        applied: Wrench,
+        body: Body,
+        duration: Field,
+        steps: int = 1,
+        nodes: int = NODES,
+        disturbance: Wrench | None = None,
+        drift: Drift | None = None,
+        last: Wrench | None = None,
+        *_: Any,
+    ) -> PlanarState:
+        """State after a wrench has acted for a duration; arguments as of `rans.model.dynamics.advance`.
+
+        Runge-Kutta steps of order four for the heading, the direction of the rod, and the centre of mass of both.
+        """
+        pair = self._pair
+        h = duration / steps
+        # Directions in W, and the centre of mass of both.
+        toward = math.atan2(pair.rest[1], pair.rest[0])
+        heading = state.attitude.angle
+        rod = heading + (self._angle + toward)
+        spin = state.w
+        turning = spin + self._rate
+        away, speed = _centre(pair, heading, rod, spin, turning)
+        p = state.p + away
+        v = state.v + speed
+        change = None if last is None else map_leaves(lambda a, b: b - a, applied, last)
+
+        def accelerations(
+            heading: Field, rod: Field, spin: Field, turning: Field, elapsed: float
+        ) -> tuple[Field, Field, Vec2]:
+            load = applied
+            if change is not None:
+                load = map_leaves(lambda a, b: a + b * elapsed, applied, change)
+            return _accelerations(pair, load, disturbance, (heading, rod, spin, turning))
+
+        for k in range(steps):
+            begin, middle, end = (x / steps for x in (k, k + 0.5, k + 1))
+            a1, b1, c1 = accelerations(heading, rod, spin, turning, begin)
+            spin_2 = spin + a1 * (0.5 * h)
+            turning_2 = turning + b1 * (0.5 * h)
+            a2, b2, c2 = accelerations(
+                heading + spin * (0.5 * h), rod + turning * (0.5 * h), spin_2, turning_2, middle
+            )
+            spin_3 = spin + a2 * (0.5 * h)
+            turning_3 = turning + b2 * (0.5 * h)
+            a3, b3, c3 = accelerations(
+                heading + spin_2 * (0.5 * h), rod + turning_2 * (0.5 * h), spin_3, turning_3, middle
+            )
+            a4, b4, c4 = accelerations(
+                heading + spin_3 * h,
+                rod + turning_3 * h,
+                spin + a3 * h,
+                turning + b3 * h,
+                end,
+            )
+            heading = heading + (spin + (a1 + a2 + a3) * (h * (1.0 / 6.0))) * h
+            rod = rod + (turning + (b1 + b2 + b3) * (h * (1.0 / 6.0))) * h
+            spin = spin + (a1 + (a2 + a3) * 2.0 + a4) * (h * (1.0 / 6.0))
+            turning = turning + (b1 + (b2 + b3) * 2.0 + b4) * (h * (1.0 / 6.0))
+            # The centre of mass drifts as a free point does, and the forces come on top.
+            moved = (c1 + c2 + c3).scale(h * h * (1.0 / 6.0))
+            gained = (c1 + (c2 + c3).scale(2.0) + c4).scale(h * (1.0 / 6.0))
+            p, v = (p + v.scale(h), v) if drift is None else drift.carry(p, v, h)
+            p = p + moved
+            v = v + gained
+        away, speed = _centre(pair, heading, rod, spin, turning)
+        self._angle = wrap(rod - heading - toward)
+        self._rate = turning - spin
+        return PlanarState(p - away, Heading(heading), v - speed, spin)
+
+
+def _centre(
+    pair: Pair, heading: Field, rod: Field, spin: Field, turning: Field
+) -> tuple[Vec2, Vec2]:
+    """From B's origin to the centre of mass of craft and rod in W, m, and its derivative, m/s."""
+    reach = pair.share * pair.length
+    c, s = cos(heading), sin(heading)
+    u, v = pair.rest
+    rest_x, rest_y = c * u - s * v, s * u + c * v
+    x, y = cos(rod), sin(rod)
+    away = Vec2((x - rest_x) * reach, (y - rest_y) * reach)
+    return away, Vec2((rest_y * spin - y * turning) * reach, (x * turning - rest_x * spin) * reach)
+
+
+def _accelerations(
+    pair: Pair, load: Wrench, disturbance: Wrench | None, motion: tuple[Field, Field, Field, Field]
+) -> tuple[Field, Field, Vec2]:
+    """Angular accelerations of craft and rod, rad/s^2, and the acceleration of their centre of mass in W, m/s^2.
+
+    Lagrange's equations of the heading a and the direction b of the rod in W, about the centre of mass of both:
+
+        A a'' + B cos(d) b'' = Q_a + B sin(d) b'^2,   B cos(d) a'' + C b'' = Q_b - B sin(d) a'^2,
+
+    with the angle d from the arm to the rod. Forces act at B's origin, which moves with both angles.
+    """
+    heading, rod, spin, turning = motion
+    c, s = cos(heading), sin(heading)
+    x, y = cos(rod), sin(rod)
+    # Force in W and torque about B's origin.
+    fx = c * load.force.x - s * load.force.y
+    fy = s * load.force.x + c * load.force.y
+    torque = load.torque
+    if disturbance is not None:
+        fx = fx + disturbance.force.x
+        fy = fy + disturbance.force.y
+        torque = torque + disturbance.torque
+    # Generalised forces.
+    reach = pair.share * pair.length
+    u, v = pair.rest
+    rest_x, rest_y = c * u - s * v, s * u + c * v
+    friction = (turning - spin) * pair.damping
+    of_heading = torque + (rest_x * fy - rest_y * fx) * reach + friction
+    of_rod = (y * fx - x * fy) * reach - friction
+    # Inertia that couples both, and centrifugal terms.
+    arm_x, arm_y = pair.arm
+    ahead_x, ahead_y = c * arm_x - s * arm_y, s * arm_x + c * arm_y
+    along = (ahead_x * x + ahead_y * y) * pair.coupling
+    across = (ahead_x * y - ahead_y * x) * pair.coupling
+    first = of_heading + across * turning * turning
+    second = of_rod - across * spin * spin
+    scale = 1.0 / (pair.of_craft * pair.of_rod - along * along)
+    return (
+        (first * pair.of_rod - second * along) * scale,
+        (second * pair.of_craft - first * along) * scale,
+        Vec2(fx, fy).scale(1.0 / pair.mass),
+    )
+
+
+def paces(slosh: Slosh, craft: Spacecraft) -> tuple[float, float]:
+    """Fastest usual rate of craft and rod, and rate at which friction stops the rod, rad/s and 1/s."""
+    pair = Pair.of(slosh, craft, Body.of(craft))
+    # Half of the thrusters push together at most; the centrifugal field of the arm acts as gravity too.
+    pull = 0.5 * sum(thruster.force for thruster in craft.thrusters) / craft.mass
+    pull += _USUAL_SPIN**2 * math.hypot(*pair.arm)
+    pace = max(_USUAL_SPIN, math.sqrt(pull / slosh.length))
+    along = pair.coupling * math.hypot(*pair.arm)
+    mobility = (pair.of_craft + pair.of_rod + 2.0 * along) / (
+        pair.of_craft * pair.of_rod - along**2
+    )
+    return pace, slosh.damping * mobility
+
+
+def check_slosh(craft: Spacecraft, drift: Drift, period: float) -> None:
+    """Refuse what the motion of a pendulum is not computed for.
+
+    Args:
+        craft: any; one without `Spacecraft.slosh` passes.
+        drift: motion of a free point.
+        period: control period, s.
+
+    Raises:
+        ConfigError: an orbit pulls, or friction stops the rod too fast for the control period.
+    """
+    if craft.slosh is None:
+        return
+    if not drift.in_straight_lines:
+        raise ConfigError(
+            f"spacecraft {craft.name!r} has [slosh], which moves in free flight and uniform gravity, and the "
+            f"task's drift is {drift.name}: take [slosh] out of its file for missions on an orbit."
+        )
+    _, decay = paces(craft.slosh, craft)
+    if period * decay / _DECAY > _MOST_STEPS:
+        limit = craft.slosh.damping * _MOST_STEPS * _DECAY / (period * decay)
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: slosh damping must be at most {limit:.3g} N m s at a control period of "
+            f"{period:g} s, got {craft.slosh.damping:g}: the rod would stop within {1 / decay:.2g} s. The usual "
+            "cause is a damping ratio in its place."
+        )

@@ -1,0 +1,221 @@
+"""Sloshing liquid as a pendulum: against Drake, by what a free pair conserves, and in every engine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import rans
+from rans.effectors.motion import effectors_of, held
+from rans.errors import ConfigError
+from rans.fast.flights import Flights
+from rans.flight import Setup, fly
+from rans.model.actuators import Propellant, Wheel
+from rans.model.body import Body
+from rans.model.drift import ClohessyWiltshire
+from rans.model.fields import leaves
+from rans.model.random import Draws
+from rans.model.spacecraft_file import parse_spacecraft, to_toml
+from rans.model.timing import Timing
+from rans.optimal.certificate.goal_set import check_certifiable
+from rans.optimal.trajectory.allocation import check_relaxation
+from rans.randomization.conditions import BodyConditions, Conditions, DisturbanceConditions
+from rans.reference.flight import fly_in_drake
+from rans.reference.plant import Plant
+from rans.scenario import draws, scenarios
+from tests.support.effector_crafts import commands, states
+from tests.support.effector_flights import Scripted, untrained_policy
+from tests.support.pairs import FallingInThePlane, InOrbit
+from tests.support.slosh import SLOSH, SLOSHING, sums
+
+WHEELED = replace(SLOSHING, wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
+UNEVEN = Conditions(
+    body=BodyConditions(mass=(0.8, 1.2), inertia=(0.9, 1.2), centre=(0.0, 0.02)),
+    disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
+)
+
+
+def moving(count: int = 4, **changes: Any) -> Any:
+    """States with spins, angles and rates."""
+    random = np.random.default_rng(4)
+    angle, rate = random.uniform(-2.0, 2.0, (2, count))
+    return replace(states(SLOSHING, count), stores=(angle, rate), **changes)
+
+
+def coasted(craft: Any, seconds: float, start: Any, steps: int = 20) -> list[Any]:
+    """States of a coast, the start first."""
+    still = (0.0,) * craft.command_count
+    results = [start]
+    for _ in range(steps):
+        timing = Timing(control_period=seconds / steps, substeps=4)
+        results.append(held(results[-1], craft, Body.of(craft), still, timing))
+    return results
+
+
+def test_its_states_are_those_of_its_effectors() -> None:
+    stores = [store.name for store in WHEELED.stores]
+    assert stores == ["momentum of wheel 0", "slosh angle", "slosh rate"]
+    assert tuple(x for e in effectors_of(WHEELED) for x in e.stores) == WHEELED.stores
+    assert WHEELED.commands == tuple(x for e in effectors_of(WHEELED) for x in e.commands)
+
+
+def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_energy() -> None:
+    path = [sums(SLOSHING, state) for state in coasted(SLOSHING, 4.0, moving())]
+    for one in path[1:]:
+        np.testing.assert_allclose(one.momentum, path[0].momentum, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one.angular, path[0].angular, rtol=0, atol=2e-6)
+    energies = np.array([one.energy for one in path])
+    assert (np.diff(energies, axis=0) < 0.0).all()
+
+
+def test_without_friction_energy_stays() -> None:
+    craft = replace(SLOSHING, slosh=replace(SLOSH, damping=0.0))
+    path = [sums(craft, state) for state in coasted(craft, 4.0, moving())]
+    np.testing.assert_allclose(path[-1].energy, path[0].energy, rtol=1e-5)
+
+
+def test_small_swings_have_the_frequency_of_a_pendulum() -> None:
+    """Of a light mass below the centre of a heavy craft that accelerates along x: sqrt(a / l)."""
+    slosh = rans.Slosh(1e-5, 0.1, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    craft = replace(SLOSHING, slosh=slosh)
+    still = states(craft, 1, spin=0.0)
+    zero = np.zeros(1)
+    attitude = replace(still.attitude, angle=zero)
+    start = replace(still, attitude=attitude, w=zero, stores=(np.array([0.01]), zero))
+    # Thrusters 1, 2, 4 and 7 push along +x and -x in pairs; the two whose sum is along x are found here.
+    columns = np.array(craft.wrench_map)
+    ahead = [i for i in range(8) if columns[i, 0] > 0]
+    command = tuple(float(i in ahead) for i in range(8))
+    total = columns[ahead].sum(axis=0)
+    np.testing.assert_allclose(total[1:], 0.0, atol=1e-12)
+    period = 2.0 * math.pi / slosh.frequency(total[0] / craft.mass)
+    state = held(start, craft, Body.of(craft), command, Timing(control_period=period, substeps=64))
+    # The period of a swing of 0.01 rad is longer by 0.01^2 / 16.
+    np.testing.assert_allclose(state.stores[0], 0.01, rtol=1e-5)
+    np.testing.assert_allclose(state.stores[1], 0.0, atol=1e-5)
+
+
+def test_a_rod_that_friction_holds_moves_as_the_rigid_craft() -> None:
+    """At rest the mass is a part of the craft's mass, inertia and centre of mass."""
+    held_rod = replace(SLOSHING, slosh=replace(SLOSH, damping=0.5))
+    rigid = replace(SLOSHING, slosh=None)
+    still = states(held_rod, 3, spin=0.0)
+    start = replace(still, stores=(np.zeros(3), np.zeros(3)))
+    command = tuple(commands(rigid, 3, seed=2).T)
+    timing = Timing(control_period=0.2, substeps=60)
+    one = held(start, held_rod, Body.of(held_rod), command, timing)
+    other = held(replace(start, stores=()), rigid, Body.of(rigid), command, timing)
+    loose = held(start, SLOSHING, Body.of(SLOSHING), command, timing)
+    for a, b in zip(leaves(replace(one, stores=())), leaves(other), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=2e-3)
+    assert np.abs(loose.w - other.w).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("craft", "task", "conditions"),
+    [
+        (SLOSHING, rans.GoToPose(), None),
+        (WHEELED, FallingInThePlane(), None),
+        (SLOSHING, rans.GoToPose(), UNEVEN),
+    ],
+    ids=["free", "wheel and gravity", "drawn bodies and disturbances"],
+)
+def test_drake_flies_it_alike(craft: Any, task: Any, conditions: Any) -> None:
+    """A point mass on a revolute joint with friction, in Drake's own multibody equations."""
+    timing = Timing(episode_steps=15, checks=2)
+    starts = scenarios(task, craft, 5, 3)
+    seeds: Draws | None = None if conditions is None else draws(5, 3)
+    how: Any = {"conditions": conditions, "draws": seeds}
+    ours = fly(craft, task, Scripted(craft), starts, timing, **how)
+    drake = fly_in_drake(craft, task, Scripted(craft), starts, timing, **how)
+    for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
+        gap = np.abs(np.asarray(one) - np.asarray(other))
+        np.testing.assert_array_less(np.minimum(gap, abs(gap - 2.0 * np.pi)), 1e-5)
+    assert np.ptp(ours.states.stores[-2]) > 0.3
+
+
+def test_engines_step_alike() -> None:
+    found = {}
+    for kind in ("program", "plain", "double"):
+        dtype = torch.float64 if kind == "double" else torch.float32
+        engine = rans.Engine(SLOSHING, "go-to-pose", 16, seed=3, plain=kind == "plain", dtype=dtype)
+        for k in range(6):
+            engine.step(torch.from_numpy(commands(SLOSHING, 16, seed=k)).to(dtype))
+        found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
+    assert np.abs(found["double"][-1]).max() > 0.1
+    np.testing.assert_allclose(found["program"], found["double"], rtol=0, atol=2e-4)
+    np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
+
+
+@pytest.mark.slow
+def test_flights_as_machine_code_are_those_of_numpy() -> None:
+    policy = untrained_policy(SLOSHING)
+    setup = Setup(SLOSHING, rans.GoToPose(), Timing(episode_steps=20))
+    one, other = (Flights(policy, setup, plain=plain).fly(0, 64, 1) for plain in (True, False))
+    assert one.flights == other.flights == 64
+    assert one.sums["impulse"].mean == pytest.approx(other.sums["impulse"].mean, rel=2e-3)
+
+
+def test_its_file_says_what_it_is() -> None:
+    assert parse_spacecraft(to_toml(SLOSHING), "a file").slosh == SLOSH
+    assert "[slosh]" not in to_toml(rans.load_spacecraft("floating-platform"))
+    text = to_toml(SLOSHING).replace("damping = 0.002", "dampening = 0.002")
+    with pytest.raises(ConfigError, match="unknown key 'dampening' in slosh"):
+        parse_spacecraft(text, "a file")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"mass": 5.32}, "slosh mass must be a number .* to less than the craft's mass, 5.32 kg"),
+        ({"hinge": (0.5, 0.0, 0.0)}, "adds .* of the craft's 0.2045 kg m"),
+        ({"length": 0.0}, "slosh length must be"),
+        ({"direction": (1.0, 1.0, 0.0)}, "slosh direction must be a unit vector"),
+        ({"hinge": (0.0, 0.0, 0.1)}, "in the plane of the centre of mass"),
+        ({"damping": -1.0}, "slosh damping must be a number from 0"),
+    ],
+)
+def test_what_no_pendulum_is_is_refused(changes: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        replace(SLOSHING, slosh=replace(SLOSH, **changes))
+
+
+def test_what_knows_nothing_of_it_refuses() -> None:
+    with pytest.raises(ConfigError, match="dimension = 3"):
+        replace(rans.load_spacecraft("free-flyer"), slosh=SLOSH)
+    with pytest.raises(ConfigError, match=r"and \[propellant\]"):
+        replace(SLOSHING, propellant=Propellant(0.5, 50.0))
+    with pytest.raises(ConfigError, match="drift is clohessy-wiltshire"):
+        rans.Engine(SLOSHING, InOrbit(), 2)
+    with pytest.raises(ConfigError, match="free flight and uniform gravity"):
+        Plant(SLOSHING, drift=ClohessyWiltshire(0.001))
+    stiff = replace(SLOSHING, slosh=replace(SLOSH, damping=50.0))
+    with pytest.raises(ConfigError, match="slosh damping must be at most"):
+        rans.Engine(stiff, "go-to-pose", 2)
+    for check in (check_relaxation, check_certifiable):
+        with pytest.raises(ConfigError, match="slosh"):
+            check(SLOSHING)
+
+
+def test_the_pendulum_of_an_upright_cylinder() -> None:
+    """A deep tank of radius 1.841 m, whose mode has the length 1 m; and a shallow one by hand."""
+    k = 1.841183781
+    deep = rans.Slosh.in_cylinder(10.0, k, 40.0, (0, 0, 0), (0, -1, 0), 0.01, 4.0)
+    assert deep.length == pytest.approx(1.0)
+    # 2 m / ((k^2 - 1) k h / R), and the hinge R / k below the surface.
+    assert deep.mass == pytest.approx(20.0 / ((k * k - 1.0) * 40.0))
+    assert deep.hinge == pytest.approx((0.0, 39.0, 0.0))
+    assert deep.point() == pytest.approx((0.0, 38.0, 0.0))
+    # 2 zeta m l^2 w with w = 2 rad/s.
+    assert deep.damping == pytest.approx(0.04 * deep.mass)
+    half = rans.Slosh.in_cylinder(1.0, 0.1, 0.1, (0.0, -0.1, 0.0), (0.0, -1.0, 0.0), 0.005, 0.2)
+    assert half.length == pytest.approx(0.0572, abs=1e-4)  # 0.1 / (1.8412 * 0.9508)
+    assert half.mass == pytest.approx(0.4322, abs=1e-4)  # 2 * 0.9508 / (2.39 * 1.8412)
+    assert half.point()[1] == pytest.approx(-0.0788, abs=1e-4)  # 0.1086 * tanh(0.9206) deep
+    with pytest.raises(ConfigError, match="depth of the liquid must be a finite number > 0 m"):
+        rans.Slosh.in_cylinder(1.0, 0.1, 0.0, (0, 0, 0), (0, -1, 0), 0.005, 0.2)
