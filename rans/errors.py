@@ -9,10 +9,11 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterable
+from dataclasses import is_dataclass
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 T = TypeVar("T")
 
@@ -84,7 +85,8 @@ def meant_file(name: str | Path) -> str:
     ]
     near = difflib.get_close_matches(path.name, alike, 1, 0.75)
     if not near and not path.suffix:
-        near = difflib.get_close_matches(f"{path.name}.toml", neighbours, 1, 0.75)
+        stems = {neighbour.removesuffix(".toml"): neighbour for neighbour in neighbours}
+        near = [stems[stem] for stem in difflib.get_close_matches(path.name, stems, 1, 0.75)]
     return f" (did you mean {path.parent / near[0]}?)" if near else ""
 
 
@@ -100,9 +102,31 @@ def checked(what: str, value: object, kind: type[T]) -> T:
     module = "rans." if top else "" if kind.__module__ == "builtins" else f"{kind.__module__}."
     name = f"{module}{kind.__name__}"
     if isinstance(value, dict):
-        arguments = ", ".join(f"{key}={brief(inner)}" for key, inner in value.items())
-        raise ConfigError(f"{what} takes an object, not a dict: {name}({arguments}).")
+        raise ConfigError(f"{what} takes an object, not a dict: {_as_object(name, kind, value)}.")
     raise ConfigError(f"{what} must be a {name}, got {brief(value)}.")
+
+
+def _as_object(name: str, kind: type, table: dict[Any, Any]) -> str:
+    """The call that makes an object of a table, with the objects within it.
+
+    A key that is not the object's but of one within it, such as the latency of conditions, goes there.
+    """
+    hints = get_type_hints(kind) if is_dataclass(kind) else {}
+    inner = {key: hint for key, hint in hints.items() if is_dataclass(hint)}
+    moved: dict[Any, Any] = {}
+    for key, value in table.items():
+        owners = [name for name, hint in inner.items() if key in get_type_hints(hint)]
+        if key not in hints and len(owners) == 1:
+            moved.setdefault(owners[0], {})[key] = value
+        else:
+            moved[key] = value
+    arguments = [
+        f"{key}={_as_object(f'rans.{inner[key].__name__}', inner[key], value)}"
+        if key in inner and isinstance(value, dict)
+        else f"{key}={brief(value)}"
+        for key, value in moved.items()
+    ]
+    return f"{name}({', '.join(arguments)})"
 
 
 def one_of(what: str, value: object, known: Iterable[str]) -> None:
@@ -211,6 +235,8 @@ def of_user_code(error: BaseException) -> str:
             " A field has a value for each of many episodes: write where(condition, a, b) in place of `if`, "
             "`and` or `or`, and at_least(x, bound) in place of max (rans.model.fields)."
         )
+    if "inherit non-frozen dataclass" in message:
+        text += " Write @dataclass(frozen=True) above the class."
     owner = getattr(error, "obj", None)
     if isinstance(error, AttributeError) and type(owner).__module__.startswith("rans."):
         names = [name for name in dir(owner) if not name.startswith("_")]

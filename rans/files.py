@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -452,6 +452,16 @@ def read_json_lines(file: Path) -> list[dict[str, Any]]:
         except ConfigError as error:
             raise ConfigError(f"{file}, line {line}: {error}") from error
     return values
+
+
+def folders_with(folder: Path, names: Iterable[str]) -> str:
+    """Suggestion " (did you mean ...?)" of folders in a folder that have one of these files, the newest two."""
+    try:
+        found = {file.parent for name in names for file in folder.glob(f"*/{name}")}
+        newest = sorted(found, key=lambda inner: (-inner.stat().st_mtime, inner))[:2]
+    except OSError:
+        return ""
+    return f" (did you mean {' or '.join(map(str, newest))}?)" if newest else ""
 
 
 def first_line(error: BaseException) -> str:

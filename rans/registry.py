@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
 
-from rans.errors import ConfigError, brief, meant, meant_file
+from rans.errors import ConfigError, brief, meant, meant_file, of_user_code
 from rans.files import first_line
 
 T = TypeVar("T")
@@ -183,7 +183,7 @@ class Registry(Mapping[str, T]):
     def _load(self, name: str) -> T:
         package = self.package(name)
         if name not in self and ":" not in name:
-            near = self.meant(name) or (meant_file(name) if self._or_else else "")
+            near = self.meant(name) or (_of_file(name, self._kind) if self._or_else else "")
             if self._or_else and "=" in name:
                 near = " (write the line into a file, such as mine.toml, and name that)"
             raise ConfigError(
@@ -208,6 +208,19 @@ class Registry(Mapping[str, T]):
         if others:
             raise ConfigError("two packages have this name; uninstall one of them.")
         return resolve(first.value)
+
+
+def _of_file(name: str, kind: str) -> str:
+    """What to write for a name that is a file or a folder, or nearly one; else an empty text."""
+    path = Path(name)
+    if path.is_dir():
+        own = path / f"{kind}.toml"
+        return f" (it is a folder{f'; did you mean {own}?' if own.exists() else ''})"
+    if not path.is_file():
+        return meant_file(name)
+    if kind == "spacecraft" and path.suffix in (".urdf", ".sdf", ".xml", ".txt"):
+        return f" (`rans init {path.stem}.toml --from {name}` makes a spacecraft of the file)"
+    return " (it is a file, but its name does not end in .toml)"
 
 
 def _entry_points(group: str) -> list[EntryPoint]:
@@ -267,6 +280,8 @@ def resolve(reference: str) -> Any:
             return (resources.files(module) / name).read_text("utf-8")
         result: Any = importlib.import_module(module)
         for part in name.split("."):
+            if not hasattr(result, part):
+                raise ConfigError(f"{module} has no {brief(part)}{meant(part, vars(result))}.")
             result = getattr(result, part)
             if isinstance(result, ModuleType):
                 raise ConfigError(
@@ -286,4 +301,10 @@ def resolve(reference: str) -> Any:
                 f"{module} ends the process when it is imported (sys.exit({error.code!r})); a module that is "
                 "imported must not."
             ) from error
-        raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
+        if module.endswith(".py") and isinstance(error, ModuleNotFoundError):
+            raise ConfigError(
+                f"a module is named without .py: write {module.removesuffix('.py')}:{name}."
+            ) from error
+        raise ConfigError(
+            of_user_code(error) or f"{type(error).__name__}: {first_line(error)}."
+        ) from error

@@ -84,7 +84,7 @@ def test_names_import_nothing_until_they_are_used(install: Install) -> None:
         ),
         (
             "offer:missing",
-            "of the package offer cannot be used: AttributeError: module 'offer' has no",
+            "of the package offer cannot be used: offer has no 'missing'",
         ),
         ("offer:text", "of the package offer cannot be used: it is no number, got 'seven'"),
     ],
@@ -148,7 +148,7 @@ def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.Monke
     assert found[typed("beside_me:Inner.four")] == 4
     assert "beside_me:Inner.four" not in list(found)
     with pytest.raises(
-        ConfigError, match="the number 'beside_me:five' cannot be used: AttributeError"
+        ConfigError, match="the number 'beside_me:five' cannot be used: beside_me has no 'five'"
     ):
         found[typed("beside_me:five")]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rans.api.judging import CRAFT, SpacecraftLike
 from rans.api.names import load_spacecraft, load_task
-from rans.errors import ConfigError, brief, one_of, whole
+from rans.errors import ConfigError, brief, is_finite, one_of, whole
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
@@ -62,6 +62,11 @@ def state(
         heading = _numbers("attitude", [0.0 if attitude is None else attitude], 1)
         turning = _numbers("spin", [0.0 if spin is None else spin], 1)
         return PlanarState(Vec2(*target), Heading(heading[0]), Vec2(*moving), turning[0])
+    if is_finite(attitude):
+        raise ConfigError(
+            "a position with three numbers is in space, where the attitude is a quaternion (w, x, y, z), got "
+            f"{brief(attitude)}."
+        )
     quaternion = _numbers("attitude", (1.0, 0.0, 0.0, 0.0) if attitude is None else attitude, 4)
     length = float(np.linalg.norm(quaternion))
     if not length > 1e-6:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from tyro import conf
 
 from rans.api.names import load_conditions, load_spacecraft, load_task
-from rans.errors import EXTRAS, ConfigError, brief, counted, legible, meant
+from rans.errors import EXTRAS, ConfigError, brief, counted, legible
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
@@ -112,7 +112,7 @@ class List:
             return _kind_of_file(Path(name))
         if ":" in name:
             return _kind_of_object(name)
-        near = meant(name, [candidate for names in names_of.values() for candidate in names])
+        near = CONTROLLERS.meant(name, [c for names in names_of.values() for c in names])
         raise ConfigError(
             "there is no spacecraft, task, agent, controller or set of conditions named "
             f"{brief(name)}{near}; `rans list` prints all; your own file of a spacecraft or of conditions "
@@ -398,4 +398,7 @@ _FACTS: dict[str, Callable[[str], Any]] = {
 
 
 def _summary(described: object) -> str:
-    return next(iter((described.__doc__ or "").strip().splitlines()), "no docstring")
+    text = (described.__doc__ or "").strip()
+    if text.startswith(f"{getattr(described, '__name__', '')}("):  # a signature, by `dataclass`
+        text = ""
+    return next(iter(text.splitlines()), "no docstring")

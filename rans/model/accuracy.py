@@ -114,7 +114,8 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
             raise ConfigError(
                 f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of "
                 f"{period:g} s; the limit is {limit:g}, beyond which its state loses precision. "
-                f"Shorten the period; the usual cause is {cause} or a force in other units."
+                f"Shorten the period; the usual cause is {cause} or a force in other units, or a task whose "
+                "control period is for larger spacecraft."
             )
 
 

@@ -25,6 +25,7 @@ from rans.tasks.multi_task import MultiTask
 from rans.tasks.orbital import TargetOrbit
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.rendezvous import Rendezvous
+from rans.tasks.results import check_results
 from rans.tasks.rewards import RestReward, Transition
 from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
@@ -53,6 +54,8 @@ def _checked(found: Any) -> type[Any]:
     # Quantities of which a single task measures errors; a multi-task has those of its parts.
     if issubclass(found, SingleTask):
         task = found()
+        if not found.__module__.startswith("rans."):
+            check_results(task)
         quantities = task.tolerances().keys()
         if not quantities:
             raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 
+import rans
 from rans.cli import COMMANDS, main
 from rans.cli.mistakes import COMMAND_NAMES, check_options
 from rans.cli.train import Train, _has_solved, _train_on
-from rans.errors import ConfigError, meant, meant_file
+from rans.errors import ConfigError, checked, meant, meant_file
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.fast.learn.member import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
-from rans.randomization.conditions import Conditions
+from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure
 
 
@@ -128,6 +129,33 @@ def test_a_file_that_is_near(tmp_path: Path) -> None:
     assert meant_file(tmp_path / "flights.csv") == f" (did you mean {tmp_path / 'flight.csv'}?)"
     assert meant_file(tmp_path / "flights.toml") == ""
     assert meant_file(tmp_path / "nowhere" / "x") == ""
+
+
+def test_files_and_folders_of_another_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs" / "first").mkdir(parents=True)
+    for name in ("robot.urdf", "wind.yaml", "ms.toml", "runs/first/spacecraft.toml"):
+        Path(name).touch()
+    Path("runs/first/config.json").write_text("{}")
+    for typed, said in (
+        ("train go-to-pose --spacecraft robot.urdf", "rans init robot.toml --from robot.urdf"),
+        ("train go-to-pose --conditions wind.yaml", "does not end in .toml"),
+        ("train go-to-pose --spacecraft runs/first", "did you mean runs/first/spacecraft.toml?"),
+        ("evaluate runs", "did you mean runs/first?"),
+        ("list pid", "did you mean lqr?"),
+    ):
+        assert main(typed.split()) == 2
+        assert said in capsys.readouterr().err, typed
+    assert meant_file("moon") == ""  # with its end, ms.toml would be near
+
+
+def test_a_dict_in_place_of_an_object_is_written_as_one() -> None:
+    with pytest.raises(ConfigError) as refused:
+        checked("conditions", {"latency": 0.03}, Conditions)
+    call = str(refused.value).partition(": ")[2].rstrip(".")
+    assert eval(call, {"rans": rans}) == Conditions(thrusters=ThrusterConditions(latency=0.03))
 
 
 def test_a_key_of_another_table_is_named_there() -> None:

@@ -77,6 +77,53 @@ def test_a_reward_that_is_no_dict_is_named(
     assert "Gate.reward must return a dict" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (
+            "def errors(self, state, goal): e = {'position': 1.0}",
+            "errors must return a dict of errors",
+        ),
+        ("def sample(self, random): return random.around(1.0, 2.0)", "start and goal"),
+        ("def reward(self, transition): return {'p': transition.state.p}", "'p' with a Vec2"),
+        ("def constraints(self, state, goal): return [state.p.x]", "dict of margins"),
+        ("def failed(self, state, goal): pass", "as it has no `return`"),
+        ("def observation_terms(self, state, goal): return (state.p,)", "VectorInW("),
+    ],
+)
+def test_results_of_another_kind(
+    function: str,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    module = written(f"return {{}}\n    {function}", tmp_path, monkeypatch)
+    assert main(["train", f"{module}:Gate", "--total-timesteps", "1"]) == 2
+    printed = capsys.readouterr().err
+    name = function.split("(")[0].removeprefix("def ")
+    assert f"{module}.py, line {LINE + 1}: Gate.{name} must return" in printed
+    assert said in printed
+
+
+def test_a_module_that_cannot_be_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = written("return {}", tmp_path, monkeypatch)
+    assert main(["train", f"{module}.py:Gate"]) == 2
+    assert f"without .py: write {module}:Gate" in capsys.readouterr().err
+    assert main(["train", f"{module}:Gat"]) == 2
+    assert "(did you mean Gate?)" in capsys.readouterr().err
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", module]) == 2
+    assert f"did you mean {module}:CLASS" in capsys.readouterr().err
+    (tmp_path / "gate_unfrozen.py").write_text(TASK.replace("(frozen=True)", ""))
+    assert main(["list", "gate_unfrozen:Gate"]) == 2
+    printed = capsys.readouterr().err
+    assert "gate_unfrozen.py, line 6, in <module>" in printed
+    assert "@dataclass(frozen=True)" in printed
+
+
 def test_a_mistake_in_rans_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.cli.list.List.run", property(operator.attrgetter("nothing")))
     with pytest.raises(AttributeError, match="nothing"):

@@ -141,9 +141,10 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     )
     missing = [name for name in needed if name not in header]
     if missing or inputs != [f"u{k}" for k in range(craft.command_count)]:
+        divided = ": commas divide columns" if len(header) == 1 and ";" in header[0] else ""
         raise ConfigError(
             f"the log {file} must have the columns {', '.join(needed)} and u0 to u{craft.command_count - 1}, "
-            f"got {brief(', '.join(header))}."
+            f"got {brief(', '.join(header))}{divided}."
         )
     # Cells: an empty one is NaN, since commands and readings have lines of their own.
     numbers = np.full((len(rows) - 1, len(header)), np.nan)

@@ -54,7 +54,8 @@ def check_task(name: str) -> None:
     if name.endswith(".toml") or ":" in name or name in TASKS or present_agent(name) in RECIPES:
         return
     own = f" (did you mean {Path(name).stem}:CLASS, a class in that file?)"
-    near = own if name.endswith(".py") else meant(name, [*TASKS, *RECIPES]) or meant_file(name)
+    is_module = name.endswith(".py") or Path(f"{name}.py").is_file()
+    near = own if is_module else meant(name, [*TASKS, *RECIPES]) or meant_file(name)
     raise ConfigError(
         f"there is no task and no recipe named {brief(name)}{near}; tasks are {', '.join(TASKS)}; recipes have the "
         "names of agents (`rans list AGENTS`), and your own is a file whose name ends in .toml."

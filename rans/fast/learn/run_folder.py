@@ -115,7 +115,8 @@ class RunFolder:
             if self.path.is_file() and (self.path.parent / "config.json").exists():
                 why = f"it is a file of one; name its folder, {self.path.parent}"
             elif self.path.exists():
-                why = "it has no config.json"
+                within = files.folders_with(self.path, ("config.json",))
+                why = f"it has no config.json{within}"
             if (best / "config.json").exists():
                 why += f"; the best agent of this sweep is {best}"
             raise ConfigError(f"{self.path} is not a run folder: {why}.")

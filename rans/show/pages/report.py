@@ -16,7 +16,7 @@ from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure
 from rans.evaluation.stress.outcome import WANTED
-from rans.files import inside, number, read_json, read_json_lines, read_text
+from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
 from rans.proof.proved import proved
 from rans.show.figures.panels import STYLE, series_style
@@ -81,7 +81,9 @@ def report_from_run(run: Path) -> Page:
         del builders["metrics.jsonl"]  # of all members, one after the other
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
-        missing = "" if run.exists() else f", there is no such folder{meant_file(run)}"
+        missing = f", there is no such folder{meant_file(run)}"
+        if run.exists():
+            missing = folders_with(run, builders)
         raise ConfigError(
             f"{run} holds no results to report{missing}; rans train, evaluate, compare, stress, assure and prove "
             "write them."
