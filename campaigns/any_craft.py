@@ -3,8 +3,8 @@
 ``python -m campaigns.any_craft train`` trains that of the plane and writes it into the package, ``train
 --dimension 3 --seed 1 --device cuda`` that of space;
 ``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts, ``dead`` that of
-a dead thruster, ``mass`` that of another mass, all of docs/any_craft.md; ``joined`` that of two docked craft, of
-docs/any_craft_training.md; ``picture`` draws layouts.
+a dead thruster, ``mass`` that of another mass, ``unstated`` that of faults and masses that no file states, all of
+docs/any_craft.md; ``joined`` that of two docked craft, of docs/any_craft_training.md; ``picture`` draws layouts.
 ``--dimension 3`` does the same in space, of docs/any_craft_in_space.md.
 """
 
@@ -42,7 +42,7 @@ from campaigns.any_craft_training import (
 from rans.deploy.export import evaluated
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.any_craft import for_spacecraft
+from rans.evaluation.fly.any_craft import ADAPTIVE, for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
@@ -60,7 +60,7 @@ from rans.policy.any_craft import AGENTS, COAST
 from rans.policy.authority import Authority, coasting, columns, rotation_vector
 from rans.pretrained import FOLDER
 from rans.processes import Workers
-from rans.randomization.conditions import Conditions, FaultConditions
+from rans.randomization.conditions import Conditions, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
 from rans.randomization.layouts import authority_margin, layouts
 from rans.scenario import EVALUATION_SEED
@@ -104,6 +104,12 @@ _MASSES = 0.5, 0.7, 1.5, 2.0
 """Masses and moments of inertia over those of the file that the agent is given."""
 
 
+_ANY = {"any-craft": "", "adaptive": f"{ADAPTIVE}:"}
+"""Contestants that are the agent for any craft, and what stands before its name."""
+_WEAK = 0.5
+"""Part of its command that a weak thruster gives."""
+
+
 class Pair(NamedTuple):
     """Two craft that are docked."""
 
@@ -141,15 +147,15 @@ class Contest(NamedTuple):
     name: str
     """Agent of a single craft, whose task, starts, conditions and control period are the setup."""
     by: str
-    """"specialist", "any-craft" or "LQR"."""
+    """"specialist", "any-craft", "adaptive" or "LQR"."""
     mass: float = 1.0
     """Mass and moments of inertia that the craft flies with, over those of its file."""
     dead: int | None = None
     """Number of the thruster that the craft has lost."""
     is_stated: bool = True
     """Whether the controller's file has the other mass, or lacks the thruster."""
-    has_fault: bool = False
-    """Whether a thruster is dead in every flight, drawn among those that the craft can spare."""
+    fault: FaultKind | None = None
+    """Fault of a thruster in every flight, drawn among those that the craft can spare."""
 
 
 class _Judge(NamedTuple):
@@ -170,14 +176,17 @@ class _Judge(NamedTuple):
         if contest.dead is not None:
             craft = _without(craft, contest.dead)
         stated = craft if contest.is_stated else own.craft
-        if contest.has_fault:
-            faults = FaultConditions(count=1.0, kinds=("dead",), among="recoverable")
+        if contest.fault is not None:
+            faults = FaultConditions(
+                count=1.0, kinds=(contest.fault,), share=_WEAK, among="recoverable"
+            )
             conditions = replace(own.conditions or Conditions(), faults=faults)
             own = own._replace(conditions=conditions)
         run = own
         try:
-            if contest.by == "any-craft":
-                agent = contestant(self.agent or f"pretrained:{AGENTS[craft.dimension]}")
+            if contest.by in _ANY:
+                name = self.agent or f"pretrained:{AGENTS[craft.dimension]}"
+                agent = contestant(f"{_ANY[contest.by]}{name}")
                 run = for_spacecraft(agent, stated, own.timing)
             elif contest.by == "LQR":
                 setup = Setup(stated, own.task, own.timing, own.conditions)
@@ -268,7 +277,7 @@ def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
     )
     some = [name for name in names if spare[name]]
     unknown = _judged(
-        [Contest(name, by, has_fault=True) for name in some for by in CONTESTANTS[1:]], 1024
+        [Contest(name, by, fault="dead") for name in some for by in CONTESTANTS[1:]], 1024
     )
     for name in names:
         craft = contestant(f"pretrained:{name}").craft
@@ -281,6 +290,33 @@ def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
             cells.append("refuses" if refused else f"{min(worst):.1f} %" if worst else "-")
         cells += [_settled(next(unknown)) if numbers else "-" for _ in CONTESTANTS[1:]]
         yield f"| {craft.name} | {len(numbers)} of {craft.thruster_count} | {' | '.join(cells)} |"
+
+
+def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
+    """Rows of the table of faults and masses that no file states: the agent without and with its estimates."""
+    masses = " | ".join(f"mass {mass:g} times" for mass in _MASSES)
+    yield f"| craft | flown by | as in its file | one dead | one weak | {masses} |"
+    yield f"|---|---|{'---|' * (3 + len(_MASSES))}"
+    kinds: list[dict[str, Any]] = [{}, {"fault": "dead"}, {"fault": "weak"}]
+    kinds += [{"mass": mass} for mass in _MASSES]
+    spare = {name: _spare(contestant(f"pretrained:{name}").craft) for name in names}
+    contests = [
+        Contest(name, by, is_stated=False, **kind)
+        for name in names
+        for by in _ANY
+        for kind in kinds
+        if spare[name] or "fault" not in kind
+    ]
+    judged = _judged(contests, episodes)
+    for name in names:
+        craft = contestant(f"pretrained:{name}").craft
+        for prefix in _ANY.values():
+            cells = [
+                _settled(next(judged)) if spare[name] or "fault" not in kind else "-"
+                for kind in kinds
+            ]
+            label = f"{prefix}{AGENTS[craft.dimension]}"
+            yield f"| {craft.name} | {label} | {' | '.join(cells)} |"
 
 
 class _Docking(NamedTuple):
@@ -522,7 +558,8 @@ def main() -> None:
     """Run a part of the campaign."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "part", choices=("train", "craft", "dead", "mass", "joined", "layouts", "picture")
+        "part",
+        choices=("train", "craft", "dead", "mass", "unstated", "joined", "layouts", "picture"),
     )
     parser.add_argument("--dimension", type=int, choices=(2, 3), default=2)
     parser.add_argument("--episodes", type=int, default=256)
@@ -549,6 +586,7 @@ def main() -> None:
         "craft": lambda: shipped(given.episodes, names, given.start_seed, given.agent),
         "dead": lambda: dead(given.episodes, names),
         "mass": lambda: heavier(given.episodes, names),
+        "unstated": lambda: unstated(given.episodes, names),
         "joined": lambda: docked(given.episodes, given.dimension, given.engine),
         "layouts": lambda: random_layouts(given.layouts, given.dimension),
     }

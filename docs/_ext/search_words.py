@@ -26,6 +26,12 @@ WORDS: dict[str, tuple[str, ...]] = {
         "path following",
         "evaluation",
     ),
+    "any_craft_adaptive": (
+        "adaptive control",
+        "fault detection",
+        "multiple models",
+        "identification",
+    ),
     "any_craft_in_space": ("any craft in space", "six degrees of freedom", "zero-shot in space"),
     "any_craft_training": (
         "docked spacecraft",

@@ -88,7 +88,11 @@ class Export:
             check_count("--margins", margins)
         # The folder of an agent for any craft is named after its craft too.
         label = (
-            name.output_folder.name if name.craft else folder.stem if is_foreign else folder.name
+            name.output_folder.name
+            if name.craft or name.adapts
+            else folder.stem
+            if is_foreign
+            else folder.name
         )
         output = self.output or Path("runs/exports") / label
         with doing(f"flying {label} for its contract and its card, and writing {output}"):

@@ -83,8 +83,8 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
     # Filters, and the symmetric view of the spacecraft.
     def viewed(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         inputs = {
-            "body": columns[: architecture.column_count],
-            "filters": columns[architecture.column_count :],
+            "body": columns[: architecture.read_count],
+            "filters": columns[architecture.read_count :],
         }
         outputs, _ = symbols(policy, inputs, ["seen", *views])
         return outputs["seen"], outputs["view"][0] if views else Symbol.constant(0)
@@ -92,7 +92,7 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
     # Memory of the filters, after the command is known.
     def next_filter_memory(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         widths = {
-            "body": architecture.column_count,
+            "body": architecture.read_count,
             "filters": architecture.filtering,
             "command": architecture.thrusters,
         }
@@ -101,11 +101,11 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
         outputs, _ = symbols(policy, inputs, ["filters_after"])
         return outputs["filters_after"], Symbol.constant(0)
 
-    width = architecture.column_count + architecture.filtering
+    width = architecture.read_count + architecture.filtering
     programs = [(in_body, architecture.layout.width), (viewed, width)]
     return (
         [*programs, (next_filter_memory, width + architecture.thrusters)]
-        if architecture.filters
+        if architecture.filtering
         else programs
     )
 
@@ -229,7 +229,7 @@ class CudaPreprocessor(ColumnExecutor):
         self._device = device
         self._real_type = _REAL_TYPES[dtype]
         self._opaque = (
-            opaque(self) if architecture.filters and self._functions is not None else None
+            opaque(self) if architecture.filtering and self._functions is not None else None
         )
 
     def in_body(self, observation: Tensor) -> Tensor:
@@ -277,7 +277,7 @@ class CudaPreprocessor(ColumnExecutor):
     def room(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Uninitialised tensors for the outputs (N, k) and integers (N,) of a program, by its index."""
         architecture = self._architecture
-        widths = architecture.column_count, architecture.preprocessed_width, architecture.filtering
+        widths = architecture.read_count, architecture.preprocessed_width, architecture.filtering
         outputs = rows.new_empty(len(rows), widths[number])
         return outputs, rows.new_empty(len(rows), dtype=torch.int64)
 

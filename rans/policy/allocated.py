@@ -5,6 +5,7 @@ Its weights are the same whatever effectors a craft has, and in whatever order.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +14,9 @@ from torch import Tensor
 
 from rans.model.fields import Field
 from rans.model.twists import balanced, directions
+from rans.policy.adaptation import Adaptation
 from rans.policy.allocation import Subsets, in_order, shares, subsets
+from rans.policy.authority import Authority
 from rans.policy.backbones import Backbone, product
 from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program, inputs
@@ -25,6 +28,11 @@ WHEEL = 3.0
 """Kinds of effectors, the last number of a token: on/off thruster, the same with a shared supply, thruster with
 commands between, reaction wheel."""
 Tokens = tuple[tuple[float, ...], ...]
+SHUT = "shut"
+"""Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
+numbers stand behind the features."""
+_LOST = 1e4
+"""Price of opening such a thruster, in units of squared errors: above what any demand is worth."""
 
 
 class Allocated(Backbone):
@@ -47,15 +55,19 @@ class Allocated(Backbone):
         """See `Backbone`."""
         architecture = network.architecture
         weight, bias = architecture.last.folded(*network.layer("action_net"))
+        features, shut = features.tensor_split([architecture.features], dim=-1)
         demand = product(features, weight, bias)
-        chosen = choice(architecture.tokens)
+        chosen = choice(architecture.tokens, architecture.adapts)
         if chosen is None:
-            commands = continuous(list(demand.unbind(-1)), architecture.tokens)
+            limits = (1.0 - shut).unbind(-1) if architecture.adapts else None
+            commands = continuous(list(demand.unbind(-1)), architecture.tokens, limits)
             return torch.stack([torch.as_tensor(x).expand_as(demand[..., 0]) for x in commands], -1)
+        slopes = _slopes(chosen, architecture.adapts)
         offset, slope, table = (
-            demand.new_tensor(x) for x in (chosen.offset, chosen.slope.T, effects(chosen))
+            demand.new_tensor(x) for x in (chosen.offset, slopes, effects(chosen))
         )
-        row = table[torch.argmax(demand @ slope + offset, dim=-1)]
+        known = torch.cat((demand, shut), dim=-1) if architecture.adapts else demand
+        row = table[torch.argmax(known @ slope + offset, dim=-1)]
         count = chosen.opened.shape[1]
         opened = row[..., :count]
         rest = (demand - row[..., count:]).unbind(-1)
@@ -69,14 +81,20 @@ class Allocated(Backbone):
         width = _width(architecture.tokens)
         demand = program.dense(features, "head", width, architecture.features)
         symbols = inputs("demand", width)
-        chosen = choice(architecture.tokens)
+        chosen = choice(architecture.tokens, architecture.adapts)
         if chosen is None:
             names = dict(zip(symbols, program.single(demand, width), strict=True))
-            return program.joined(*program.lowered(continuous(symbols, architecture.tokens), names))
+            limits = None
+            if architecture.adapts:
+                lost = inputs("lost", _thrusters(architecture.tokens))
+                names |= dict(zip(lost, program.single(SHUT, len(lost)), strict=True))
+                limits = [1.0 - x for x in lost]
+            commands = continuous(symbols, architecture.tokens, limits)
+            return program.joined(*program.lowered(commands, names))
         # The best subset is the largest of linear functions.
-        product_ = program.apply(
-            "MatMul", demand, program.constant(chosen.slope.T, "subset_slopes")
-        )
+        known = program.joined(demand, SHUT) if architecture.adapts else demand
+        slopes = program.constant(_slopes(chosen, architecture.adapts), "subset_slopes")
+        product_ = program.apply("MatMul", known, slopes)
         offset = program.constant(chosen.offset, "subset_offsets")
         best = program.apply("ArgMax", program.apply("Add", product_, offset), axis=1, keepdims=0)
         turning = wheels(architecture.tokens)
@@ -102,23 +120,94 @@ def _width(tokens: Tokens) -> int:
 
 
 @lru_cache(maxsize=64)
-def choice(tokens: Tokens) -> Subsets | None:
+def choice(tokens: Tokens, adapts: bool = False) -> Subsets | None:
     """Subsets of the on/off thrusters, of which the demand chooses one; None: there is no on/off thruster.
 
-    Thrusters that need the wheels are chosen by the forces alone.
+    Thrusters that need the wheels are chosen by the forces alone. An adapting policy has also the subsets that are
+    useful without one of the thrusters that the craft can spare.
     """
     columns = np.array([token[:-1] for token in tokens if token[-1] in (ON_OFF, SHARED)])
     if not len(columns):
         return None
-    chosen = subsets(_rows(columns), tokens[0][-1] == SHARED)
+    lost = spare(tokens) if adapts else ()
+    chosen = _subsets_without(columns, tokens[0][-1] == SHARED, lost)
     if spans(columns) or not wheels(tokens):
         return chosen
     forces = columns * (np.arange(columns.shape[1]) < directions(columns.shape[1]))
-    chosen = subsets(_rows(forces), tokens[0][-1] == SHARED)
+    chosen = _subsets_without(forces, tokens[0][-1] == SHARED, lost)
     parts = chosen.opened
     if tokens[0][-1] == SHARED:
         parts = parts / np.maximum(parts.sum(axis=1, keepdims=True), 1.0)
     return chosen._replace(twist=parts @ columns)
+
+
+def _subsets_without(columns: np.ndarray, is_shared: bool, lost: tuple[int, ...]) -> Subsets:
+    """Useful subsets of on/off thrusters with columns (n, d), and those without each of some thrusters."""
+    everything = np.arange(len(columns))
+    parts = [subsets(_rows(columns), is_shared)]
+    for number in lost:
+        left = everything != number
+        part = subsets(_rows(columns[left]), is_shared)
+        opened = np.zeros((len(part.opened), len(columns)))
+        opened[:, left] = part.opened
+        parts.append(part._replace(opened=opened))
+    joined = [np.concatenate(x) for x in zip(*parts, strict=True)]
+    _, first = np.unique(joined[0], axis=0, return_index=True)
+    return Subsets(*(x[np.sort(first)] for x in joined))
+
+
+def _slopes(chosen: Subsets, adapts: bool) -> np.ndarray:
+    """Table (d, S) of the linear functions of a demand, or (d + n, S) of it and the lost thrusters."""
+    slopes = chosen.slope.T
+    return np.concatenate((slopes, -_LOST * chosen.opened.T)) if adapts else slopes
+
+
+@lru_cache(maxsize=64)
+def spare(tokens: Tokens) -> tuple[int, ...]:
+    """Numbers of the thrusters without which the others push and turn the craft every way.
+
+    Wheels help where all thrusters alone do not.
+    """
+    thrusters = _thrusters(tokens)
+    columns = np.array(tokens)[:, :-1]
+    turning = columns[thrusters:]
+    helping = columns[:0] if spans(columns[:thrusters]) else np.vstack([turning, -turning])
+    is_shared = tokens[0][-1] == SHARED
+    numbers = np.arange(thrusters)
+    return tuple(
+        k
+        for k in range(thrusters)
+        if (
+            balanced(np.vstack([columns[:thrusters][numbers != k], helping]), is_shared) > 0.0
+        ).all()
+    )
+
+
+@lru_cache(maxsize=64)
+def estimator(tokens: Tokens, authority: tuple[float, ...]) -> Adaptation:
+    """Estimator of a spacecraft, for a policy that adapts.
+
+    Args:
+        tokens: of each command, see `rans.policy.any_craft.effects`.
+        authority: see `rans.policy.architecture.Architecture.authority`.
+    """
+    own = Authority.of_numbers(authority)
+    columns = np.array(tokens)[:, :-1]
+    pushing = directions(columns.shape[1])
+    scale = np.repeat([own.least_linear, own.least_angular], [pushing, columns.shape[1] - pushing])
+    effects = own.period * scale * columns
+    return Adaptation(
+        float(own.period),
+        tuple(map(tuple, effects.tolist())),
+        _thrusters(tokens),
+        tokens[0][-1] == SHARED,
+        spare(tokens),
+    )
+
+
+def _thrusters(tokens: Tokens) -> int:
+    """Number of the thrusters, whose tokens come first."""
+    return len(tokens) - len(wheels(tokens))
 
 
 def _rows(columns: np.ndarray) -> Tokens:
@@ -140,33 +229,40 @@ def wheels(tokens: Tokens) -> Tokens:
     return tuple(token for token in tokens if token[-1] == WHEEL)
 
 
-def continuous(demand: list[Field], tokens: Tokens) -> list[Field]:
+def continuous(
+    demand: list[Field], tokens: Tokens, limits: Sequence[Field] | None = None
+) -> list[Field]:
     """Commands, 0 to 1, of continuous thrusters and then of wheels, whose 0.5 is no torque.
 
     Args:
         demand: d fields.
         tokens: of these thrusters and wheels.
+        limits: largest command of each thruster; None: 1.
     """
     turning = wheels(tokens)
     throttled = tuple(token for token in tokens if token[-1] == CONTINUOUS)
     if turning and throttled and spans(np.array(throttled)[:, :-1]):
-        commands = _allocated(demand, throttled)
+        commands = _allocated(demand, throttled, limits)
         left = demand
         # In an order of the columns, so that the bits do not depend on the numbers of the thrusters.
         for k in in_order(np.array(throttled)[:, :-1]):
             left = [e - x * commands[k] for e, x in zip(left, throttled[k][:-1], strict=True)]
         return commands + _allocated(left, turning)
-    return _allocated(demand, tokens)
+    return _allocated(demand, tokens, limits)
 
 
-def _allocated(demand: list[Field], tokens: Tokens) -> list[Field]:
+def _allocated(
+    demand: list[Field], tokens: Tokens, limits: Sequence[Field] | None = None
+) -> list[Field]:
     """Commands of effectors that are allocated together; a wheel is two columns, one for each way."""
     columns = [
         tuple(sign * x for x in token[:-1])
         for token in tokens
         for sign in ((1.0, -1.0) if token[-1] == WHEEL else (1.0,))
     ]
-    parts = iter(shares(demand, np.array(columns)))
+    if limits is not None:
+        limits = [*limits, *[1.0] * (len(columns) - len(limits))]
+    parts = iter(shares(demand, np.array(columns), limits))
     return [
         (next(parts) - next(parts)) * 0.5 + 0.5 if token[-1] == WHEEL else next(parts)
         for token in tokens

@@ -92,12 +92,16 @@ def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float = 
 
 
 def shares(
-    demand: Sequence[Field], columns: np.ndarray, price: float = PRICE, passes: int = PASSES
+    demand: Sequence[Field],
+    columns: np.ndarray,
+    limits: Sequence[Field] | None = None,
+    price: float = PRICE,
+    passes: int = PASSES,
 ) -> list[Field]:
     """Shares of full force, 0 to 1, of continuous thrusters for a demand of d fields, by coordinate descent.
 
     Columns are (n, d). All thrusters begin shut, and are visited in the order of their columns. A column that does
-    not push has no price.
+    not push has no price. ``limits`` are the largest share of each thruster; None: 1.
     """
     pushing = directions(len(demand))
     left = list(demand)
@@ -115,6 +119,8 @@ def shares(
             step = sum(x / square * e for x, e in zip(column, left, strict=True)) - offset
             before = result[k]
             after = within(step if turn == 0 else before + step, 0.0, 1.0)
+            if limits is not None:
+                after = after * limits[k]
             change = after if turn == 0 else after - before
             left = [e - x * change for x, e in zip(column, left, strict=True)]
             result[k] = after

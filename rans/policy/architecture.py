@@ -16,6 +16,8 @@ from rans.model.fields import Field
 from rans.policy import authority as of_authority
 from rans.policy import measurement_gate
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.adaptation import Adaptation
+from rans.policy.allocated import estimator
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
@@ -63,6 +65,8 @@ class Architecture:
     coast: float = 0.0
     """Control periods for which such a network coasts near the goal (`rans.policy.authority.coasting`); 0: it never
     does, as networks of earlier versions."""
+    adapts: bool = False
+    """Whether such a network estimates in flight how its craft differs from its file (`rans.policy.adaptation`)."""
     history: int = 0
     """How many last columns and commands the network is shown."""
     commands_only: bool = False
@@ -114,8 +118,18 @@ class Architecture:
 
     @property
     def column_count(self) -> int:
-        """Columns that the preprocessor makes of an observation."""
+        """Columns that the network is given of an observation."""
         return self.columns.width
+
+    @property
+    def read_count(self) -> int:
+        """Columns of a reading, from which and from the memory those of the network are made."""
+        return self.layout.body.width if self.adapts else self.column_count
+
+    @property
+    def adaptation(self) -> Adaptation:
+        """Estimator of a network that adapts."""
+        return estimator(self.tokens, self.authority)
 
     @property
     def columns(self) -> Layout:
@@ -123,11 +137,29 @@ class Architecture:
         return of_authority.layout(self.layout) if self.authority else self.layout.body
 
     def preprocessed(self, observation: Columns) -> list[Field]:
-        """Columns of a network, of those of an observation."""
-        if self.authority:
+        """Columns of a reading (`read_count`), of those of an observation."""
+        if self.authority and not self.adapts:
             own = of_authority.Authority.of_numbers(self.authority)
             return of_authority.of_observation(self.layout, observation, own, self.coast)
         return self.layout.in_body(observation)
+
+    def adapted(self, read: Columns, gains: Columns) -> list[Field]:
+        """Columns of a network that adapts.
+
+        Args:
+            read: columns of a reading.
+            gains: of velocities and of angular velocities, over those of the file (`rans.policy.adaptation`).
+        """
+        own = of_authority.Authority.of_numbers(self.authority)
+        linear, angular = gains
+        estimated = of_authority.Authority(
+            own.period,
+            [linear * x for x in own.linear],
+            [angular * x for x in own.angular],
+            linear * own.least_linear,
+            angular * own.least_angular,
+        )
+        return of_authority.of_body(self.layout, read, estimated, self.coast)
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The way to go, of them, that chooses a side of the spacecraft; None where all sides are one."""
@@ -155,7 +187,9 @@ class Architecture:
 
     @property
     def filtering(self) -> int:
-        """Those of them that filters remember, which come last."""
+        """Those of them that filters, or the estimator of a network that adapts, remember, which come last."""
+        if self.adapts:
+            return self.adaptation.width
         filters = sum(filter_.width(self.columns) for filter_ in self._bank)
         gate = measurement_gate.GateMemory.width(self.columns) if self._is_gated else 0
         return filters + gate
@@ -176,7 +210,9 @@ class Architecture:
 
     @property
     def preprocessed_width(self) -> int:
-        """Columns and numbers told that are seen at once."""
+        """Columns and numbers told that are seen at once, and lost thrusters."""
+        if self.adapts:
+            return self.column_count + self.adaptation.thrusters
         return len(self.extra_columns) * self.column_count + sum(self.extra_columns)
 
     @property

@@ -236,9 +236,15 @@ def of_observation(
     observed: Layout, row: Sequence[Field], authority: Authority, coast: float = 0.0
 ) -> list[Field]:
     """Columns of an observation; ``coast`` are the control periods of `coasting`, 0: without it."""
+    return of_body(observed, observed.in_body(row), authority, coast)
+
+
+def of_body(
+    observed: Layout, body: Sequence[Field], authority: Authority, coast: float = 0.0
+) -> list[Field]:
+    """Columns of an observation whose vectors are in B; see `of_observation`."""
     dimension = _dimension(observed)
     axes = 2 * dimension - 3
-    body = observed.in_body(row)
     velocity, spin = body[:dimension], body[dimension : dimension + axes]
     # Then come the task flag, the vector to the goal and the rotation to its attitude.
     start = dimension + axes + 1

@@ -55,7 +55,7 @@ class Remembering:
     def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
         """A history, or a recurrent state, and what filters remember, which know nothing without a memory."""
         architecture = self.architecture
-        if architecture.filters is None:
+        if not architecture.filtering:
             return memory, None
         if memory is None:
             memory = self._like.new_zeros(count, architecture.memory)

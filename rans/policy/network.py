@@ -193,9 +193,12 @@ class Network(Remembering):
         A recurrent network that is given ``going_on`` (T, N / T), zero where an episode began with that step,
         sees T steps one after the other; of its memories those of the first step count.
         """
-        return self._heads(
-            *self.features(preprocessed, memory, privileged, going_on), self._advice(preprocessed)
-        )
+        architecture = self.architecture
+        columns, shut = preprocessed, None
+        if architecture.adapts:
+            columns, shut = preprocessed.tensor_split([architecture.column_count], dim=1)
+        features, critic = self.features(columns, memory, privileged, going_on)
+        return self._heads(features, critic, self._advice(preprocessed), shut)
 
     def features(
         self,
@@ -309,8 +312,13 @@ class Network(Remembering):
             inputs, state.select(-3, 0), begins, lambda x: product(x, *of_memory)
         ).flatten(-3, -2)
 
-    def _heads(self, features: Tensor, critic: Tensor, advice: Tensor | None) -> Output:
-        """Actor and critic, in one product where they share features; recommended commands are (N, n)."""
+    def _heads(
+        self, features: Tensor, critic: Tensor, advice: Tensor | None, shut: Tensor | None
+    ) -> Output:
+        """Actor and critic, in one product where they share features.
+
+        Recommended commands are (N, n), and so is ``shut``, 1 for a thruster that is taken for lost, or None.
+        """
         architecture = self.architecture
         head = architecture.last
         worth, constant = self.layer("value_net")
@@ -322,7 +330,10 @@ class Network(Remembering):
             action = self._flat(out[..., :-1])
             value = self._flat(out[..., -1])
         else:
-            action = self._flat(BACKBONES[architecture.backbone].outputs(self, features))
+            known = features
+            if shut is not None:
+                known = torch.cat((features, self._rows(shut)), dim=-1)
+            action = self._flat(BACKBONES[architecture.backbone].outputs(self, known))
             value = self._flat(product(critic, worth, constant)[..., 0])
         spread = self.tensors.get("log_std")
         if spread is not None and self.members > 1:

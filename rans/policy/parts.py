@@ -8,6 +8,7 @@ from typing import Protocol
 from torch import Tensor
 
 from rans.model.fields import Field
+from rans.policy.adaptation import Adaptation
 from rans.policy.heads import Head
 from rans.tasks.observation_terms import Columns, Layout
 
@@ -45,9 +46,33 @@ class ArchitectureView(Protocol):
         """A description of each effector, see `rans.policy.backbones.effector_tokens`."""
         ...
 
+    @property
+    def adapts(self) -> bool:
+        """Whether features are followed by which thrusters are taken for lost, see `rans.policy.adaptation`."""
+        ...
+
 
 class PreprocessingView(Protocol):
     """Formulas of a policy's columns; `rans.policy.architecture.Architecture` has them."""
+
+    @property
+    def adapts(self) -> bool:
+        """Whether columns depend on what is estimated in flight (`rans.policy.adaptation`)."""
+        ...
+
+    @property
+    def adaptation(self) -> Adaptation:
+        """Estimator of a policy that adapts."""
+        ...
+
+    @property
+    def read_count(self) -> int:
+        """Columns of a reading in the body frame."""
+        ...
+
+    def adapted(self, read: Columns, gains: Columns) -> list[Field]:
+        """Columns of a reading in the body frame, by the estimated gains."""
+        ...
 
     def preprocessed(self, observation: Columns) -> list[Field]:
         """Columns of the preprocessor, from those of an observation."""

@@ -7,12 +7,15 @@ They are formulas on fields, which torch, machine code, CUDA kernels and exporte
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import one_hot
 
 from rans.model.fields import Field, tanh, within
+from rans.policy.adaptation import Estimate, Rows
 from rans.policy.parts import PreprocessingView
 from rans.policy.symmetry import Symmetries
 
@@ -70,6 +73,16 @@ class TorchPreprocessor(ColumnExecutor):
 
     def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`; there are filters, or several sides and a way to go."""
+        architecture = self._architecture
+        if architecture.adapts:
+            read, memory = rows.tensor_split([architecture.read_count], dim=1)
+            estimate = self._estimate(read, memory)
+            gains = [gain[:, 0] for gain in estimate.gains]
+            columns = architecture.adapted(read.unbind(dim=1), gains)
+            return (
+                torch.cat((torch.stack(columns, dim=1), estimate.shut), dim=1),
+                torch.zeros_like(rows[:, 0], dtype=torch.int64),
+            )
         blocks = self._architecture.filtered(rows.unbind(dim=1))
         direction = self._architecture.ahead(blocks[0][1])
         views = self._views
@@ -82,4 +95,53 @@ class TorchPreprocessor(ColumnExecutor):
 
     def next_filter_memory(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return torch.stack(self._architecture.next_filter_memory(rows.unbind(dim=1)), dim=1)
+        architecture = self._architecture
+        if architecture.adapts:
+            adaptation = architecture.adaptation
+            read, memory, command = rows.split(
+                [
+                    architecture.read_count,
+                    adaptation.width,
+                    rows.shape[1] - architecture.read_count - adaptation.width,
+                ],
+                dim=1,
+            )
+            estimate = self._estimate(read, memory)
+            return adaptation.next_memory(TorchRows(rows), estimate.memory, command)
+        return torch.stack(architecture.next_filter_memory(rows.unbind(dim=1)), dim=1)
+
+    def _estimate(self, read: Tensor, memory: Tensor) -> Estimate[Tensor]:
+        """What a policy that adapts estimates after a reading."""
+        adaptation = self._architecture.adaptation
+        return adaptation.estimated(TorchRows(read), read[:, : adaptation.twist], memory)
+
+
+class TorchRows(Rows[Tensor]):
+    """Rows of `rans.policy.adaptation` as tensors of the device and type of another one."""
+
+    def __init__(self, like: Tensor) -> None:
+        self._like = like
+
+    def constant(self, values: object) -> Tensor:
+        """See `Rows`."""
+        return self._like.new_tensor(values)
+
+    def product(self, row: Tensor, table: np.ndarray) -> Tensor:
+        """See `Rows`."""
+        return row @ self._like.new_tensor(table)
+
+    def split(self, row: Tensor, widths: Sequence[int]) -> list[Tensor]:
+        """See `Rows`."""
+        return list(row.split(list(widths), dim=-1))
+
+    def joined(self, rows: Sequence[Tensor]) -> Tensor:
+        """See `Rows`."""
+        return torch.cat(list(rows), dim=-1)
+
+    def computed(self, formula: Callable[..., list[Field]], rows: Sequence[Tensor]) -> list[Tensor]:
+        """See `Rows`."""
+        return formula(*rows)
+
+    def largest(self, row: Tensor, width: int) -> Tensor:
+        """See `Rows`."""
+        return one_hot(row.argmax(dim=-1), width).to(row.dtype)

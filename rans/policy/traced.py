@@ -7,12 +7,15 @@ module puts them together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
+from rans.model.fields import Field
+from rans.policy.adaptation import Rows
+from rans.policy.allocated import SHUT
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.capabilities import Capabilities
@@ -61,6 +64,10 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
             "memory", (architecture.rows, architecture.filtering), ("history", "filters")
         )
 
+    if architecture.adapts:
+        _adapting(program, architecture, body, filter_memory, command)
+        return program
+
     # Features: gated columns and every filter's estimate, from the side with the goal ahead; then the history.
     blocks = _filtered(program, architecture, body, filter_memory)
     view = _View.towards_goal(program, architecture, blocks[0][1])
@@ -94,6 +101,63 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
             )
         program.joined(*rows, name="memory_out")
     return program
+
+
+def _adapting(
+    program: Program, architecture: Architecture, body: str, memory: str, command: str
+) -> None:
+    """Commands and next memory of a policy that adapts, of its columns by the estimated gains."""
+    rows = ProgramRows(program)
+    adaptation = architecture.adaptation
+    read = program.single(body, architecture.read_count)
+    estimate = adaptation.estimated(rows, program.joined(*read[: adaptation.twist]), memory)
+    symbols = inputs("read", len(read)), inputs("gain", 2)
+    columns = program.lowered(
+        architecture.adapted(*symbols),
+        dict(zip((*symbols[0], *symbols[1]), (*read, *estimate.gains), strict=True)),
+    )
+    row = program.joined(*columns)
+    shut = program.apply("Identity", estimate.shut, name=SHUT)
+    program.joined(row, shut, name="seen")
+    features = program.joined(*_normalised_columns(program, architecture, row), name="shown")
+    given = command if program.lacks else _commands(program, architecture, None, features, command)
+    after = adaptation.next_memory(rows, estimate.memory, given)
+    program.apply("Identity", after, name="filters_after")
+    program.apply("Identity", "filters_after", name="memory_out")
+
+
+class ProgramRows(Rows[str]):
+    """Rows of `rans.policy.adaptation` as values of a program, by their names."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+
+    def constant(self, values: object) -> str:
+        """See `Rows`."""
+        return self._program.constant(values)
+
+    def product(self, row: str, table: np.ndarray) -> str:
+        """See `Rows`."""
+        return self._program.apply("MatMul", row, self._program.constant(table))
+
+    def split(self, row: str, widths: Sequence[int]) -> list[str]:
+        """See `Rows`."""
+        return self._program.split(row, widths)
+
+    def joined(self, rows: Sequence[str]) -> str:
+        """See `Rows`."""
+        return self._program.joined(*rows)
+
+    def computed(self, formula: Callable[..., list[Field]], rows: Sequence[str]) -> list[str]:
+        """See `Rows`."""
+        symbols = inputs("number", len(rows))
+        names = dict(zip(symbols, rows, strict=True))
+        return self._program.lowered(formula(*symbols), names)
+
+    def largest(self, row: str, width: int) -> str:
+        """See `Rows`."""
+        best = self._program.apply("ArgMax", row, axis=1, keepdims=0)
+        return self._program.apply("Gather", self._program.constant(np.eye(width)), best, axis=0)
 
 
 def _commands(

@@ -46,7 +46,9 @@ class CpuLayers:
         """What these layers lack for flights of a policy, in words; "": nothing."""
         if missing := cls.capabilities.missing(architecture):
             return missing
-        chosen = choice(architecture.tokens) if architecture.backbone == "allocated" else None
+        chosen = None
+        if architecture.backbone == "allocated":
+            chosen = choice(architecture.tokens, architecture.adapts)
         is_large = chosen is not None and len(chosen.offset) > _SUBSETS
         return f"more than {_SUBSETS} ways to open thrusters" if is_large else ""
 

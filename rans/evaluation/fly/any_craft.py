@@ -17,9 +17,12 @@ from rans.files import read_json, ready_folder, replace_file, write_json, write_
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import AGENTS, authority, columns_of, for_craft
+from rans.policy.any_craft import AGENTS, authority, columns_of, for_craft, is_for_any_craft
 from rans.policy.authority import Authority
+from rans.policy.network import Network
 
+ADAPTIVE = "adaptive"
+"""Prefix of names: the agent for any craft after it estimates in flight what the craft's file does not state."""
 PERIODS = 0.1, 0.2
 """Control periods of craft in their own task, s."""
 LARGEST_TURN = 0.6
@@ -39,6 +42,7 @@ _SLACK = 2.0
 """Length of an episode over the least time from rest to rest."""
 _REST = 10.0
 """Time at the goal after it, s."""
+_ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{AGENTS[2]}"
 
 
 def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
@@ -64,6 +68,24 @@ def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
     return replace(usual, control_period=period, episode_steps=steps)
 
 
+def adapting(run: LoadedRun) -> LoadedRun:
+    """The run of an agent for any craft that estimates lost thrusters and other masses (`rans.policy.adaptation`).
+
+    Raises:
+        ConfigError: it is another agent.
+    """
+    if not isinstance(run.controller, Agent):
+        raise ConfigError(f"{run.controller.name} is no agent for any craft: {_ADAPTS}.")
+    agent = Agent(_adapting(run.controller.network), run.controller.name, run.craft)
+    return run._replace(controller=agent)
+
+
+def _adapting(network: Network) -> Network:
+    if not is_for_any_craft(network.architecture):
+        raise ConfigError(f"the agent flies its own spacecraft only: {_ADAPTS}.")
+    return Network(replace(network.architecture, adapts=True), network.tensors)
+
+
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
     """The run with another craft, in its own task, with the timing or else one for the craft (`timing_for`).
 
@@ -81,17 +103,30 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
     return run._replace(controller=agent, craft=craft, timing=timing)
 
 
-def write_for_spacecraft(source: Path, craft: Spacecraft, folder: Path) -> Path:
-    """Write the agent of a run folder for another craft as a run folder, and return it.
+def write_for_spacecraft(
+    source: Path, craft: Spacecraft | None, folder: Path, adapts: bool = False
+) -> Path:
+    """Write the agent of a run folder as a run folder, and return it.
+
+    Args:
+        source: run folder of an agent for any craft.
+        craft: that the agent is to fly; None: its own.
+        folder: to be written.
+        adapts: see `adapting`.
 
     Raises:
-        ConfigError: see `for_spacecraft`; or the folder cannot be written.
+        ConfigError: see `for_spacecraft` and `adapting`; or the folder cannot be written.
     """
     run = RunFolder(source)
     saved = read_policy(run.agent_file)
     config = run.config()
-    timing = timing_for(craft, config.timing)
-    network = for_craft(saved.network, craft, timing.control_period)
+    network = _adapting(saved.network) if adapts else saved.network
+    timing = config.timing
+    if craft is None:
+        craft = run.spacecraft()
+    else:
+        timing = timing_for(craft, timing)
+        network = for_craft(network, craft, timing.control_period)
     ready_folder(folder)
     content = actor_bytes(network.architecture, network.member(0), saved.steps)
     replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from rans.errors import ConfigError, brief, meant_file
-from rans.evaluation.fly.any_craft import write_for_spacecraft
+from rans.evaluation.fly.any_craft import ADAPTIVE, write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
 from rans.evaluation.fly.flights_file import is_flights_file
 from rans.evaluation.fly.lookahead import PREFIX
@@ -21,7 +21,7 @@ from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS
 
 FORMS = (
-    f"a run folder, pretrained:NAME, or either after {PREFIX}:, "
+    f"a run folder, pretrained:NAME, or either after {PREFIX}: or, for any craft, {ADAPTIVE}:, "
     f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
     "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
 )
@@ -69,6 +69,8 @@ class ContestantName:
     """Spacecraft that an agent for any craft flies, after "@"; empty: the agent's own."""
     part: str = ""
     """Task of a multi-task agent, or position of a trade-off, after "#"; empty: none."""
+    adapts: bool = False
+    """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
     looks_ahead: bool = False
     """Whether `rans.evaluation.fly.lookahead` improves its commands ("lookahead:" before the others)."""
 
@@ -98,6 +100,14 @@ class ContestantName:
         if first == PREFIX and rest:
             inner = cls.parse(text.removeprefix(f"{PREFIX}:"))
             return replace(inner, text=text, looks_ahead=True)
+        if first == ADAPTIVE and rest:
+            inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
+            if inner.looks_ahead or inner.kind not in ("run folder", "pretrained"):
+                raise ConfigError(
+                    f"{brief(rest)} is no agent for any craft, which alone can adapt: name "
+                    f"{ADAPTIVE}:any-craft-2d or {ADAPTIVE}:any-craft-3d."
+                )
+            return replace(inner, text=text, adapts=True)
         if first == "pretrained" and rest:
             agent, _, craft = rest.partition("@")
             return cls(text, "pretrained", agent, craft=craft, part=part)
@@ -109,7 +119,7 @@ class ContestantName:
             own, _, setup = rest.partition(":")
             if own and setup:
                 return cls(text, "controller", f"{first}:{own}", setup, part=part)
-            near = CONTROLLERS.meant(first, ("pretrained", PREFIX))
+            near = CONTROLLERS.meant(first, ("pretrained", PREFIX, ADAPTIVE))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
         # Names alone: a folder, an agent, or a mistake.
         agents = (*pretrained_names(), *missing_agents())
@@ -171,16 +181,16 @@ class ContestantName:
 
     @property
     def folder(self) -> Path:
-        """The run folder of a trained agent; that of an agent for any craft is written for the named craft.
+        """The run folder of a trained agent; that of an agent for any craft is written for craft and prefix.
 
         Raises:
             ConfigError: it is no trained agent, or one that is not in the package, or cannot fly the craft.
         """
         source = self.own_folder
-        if not self.craft:
+        if not self.craft and not self.adapts:
             return source
-        craft = load_spacecraft(typed(self.craft))
-        return write_for_spacecraft(source, craft, self.output_folder / "agent")
+        craft = load_spacecraft(typed(self.craft)) if self.craft else None
+        return write_for_spacecraft(source, craft, self.output_folder / "agent", self.adapts)
 
     @property
     def own_folder(self) -> Path:
@@ -213,7 +223,7 @@ class ContestantName:
         name = self.without_earlier()
         if self.looks_ahead:
             text = self.text.partition("#")[0]
-        elif name.kind == "run folder" and not name.craft:
+        elif name.kind == "run folder" and not name.craft and not name.adapts:
             return Path(name.name)
         elif name.craft:
             text = f"{name.name}:{name.craft}"
@@ -225,6 +235,8 @@ class ContestantName:
             text = f"pretrained:{name.name}"
         else:
             text = f"{name.name}:{name.setup}"
+        if name.adapts:
+            text = f"{ADAPTIVE}:{text}"
         return EVALUATIONS / "-".join(distinct(part) for part in re.split("[:@]+", text) if part)
 
 
@@ -233,7 +245,7 @@ def _is_bare_controller(text: str) -> bool:
     if text in CONTROLLERS:
         return True
     module, _, name = text.partition(":")
-    if module in ("pretrained", PREFIX, *CONTROLLERS) or _exists(text):
+    if module in ("pretrained", PREFIX, ADAPTIVE, *CONTROLLERS) or _exists(text):
         return False
     if not all(part.isidentifier() for part in f"{module}.{name}".split(".")):
         return False

@@ -9,7 +9,7 @@ from pathlib import Path
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
-from rans.evaluation.fly.any_craft import for_spacecraft
+from rans.evaluation.fly.any_craft import adapting, for_spacecraft
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.controllers import controller, user_policy
 from rans.evaluation.fly.exported import is_exported, load_exported
@@ -39,7 +39,8 @@ def contestant(
             ``:TASK-2d@SPACECRAFT``, or fly ``default_setup``. A folder may also hold an exported agent
             (`rans.evaluation.fly.exported`). FILE.csv holds flights, which fly ``default_setup``
             (`rans.evaluation.fly.flights_file`). An agent for any craft flies another one than its own as
-            ``any-craft-2d@SPACECRAFT`` (`rans.evaluation.fly.any_craft`).
+            ``any-craft-2d@SPACECRAFT`` (`rans.evaluation.fly.any_craft`), and estimates in flight what the
+            craft's file does not state as ``adaptive:any-craft-2d@SPACECRAFT``.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         default_setup: setup of policies of other libraries, and of a controller named by its bare name or
             MODULE:NAME; None: such contestants are refused.
@@ -80,6 +81,8 @@ def _loaded(
     # A trained agent flies in its own setup, or in that of the protocol; one for any craft with the named one.
     folder = name.own_folder
     run = load_exported(folder) if is_exported(folder) else load_policy(folder)
+    if name.adapts:
+        run = adapting(run)
     if name.craft:
         run = for_spacecraft(run, load_spacecraft(typed(name.craft)))
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)

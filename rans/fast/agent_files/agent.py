@@ -332,12 +332,16 @@ def _check_craft(architecture: Architecture) -> None:
             raise ValueError(
                 "it has symmetries or filters, which are for columns without authority"
             )
+        if architecture.adapts and (architecture.units or architecture.recalled):
+            raise ValueError("it adapts, and has another memory")
         dimension = DIMENSIONS.get(len(architecture.authority) - 1, 0)
         is_positive = all(x > 0.0 for x in architecture.authority)
         if width(dimension) != architecture.column_count or not is_positive:
             raise ValueError(
                 "its authority is not a control period and six accelerations, or twelve in space, above 0"
             )
+    elif architecture.adapts:
+        raise ValueError("it adapts, but knows no authority of its spacecraft")
     if architecture.last.is_advised:
         first, last = architecture.columns.advice
         if (

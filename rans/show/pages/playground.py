@@ -400,7 +400,8 @@ class _Traced:
 
 def _is_allocated_here(architecture: Architecture) -> bool:
     """Whether the page's own script allocates demands, as for craft that a visitor draws: those of the plane."""
-    return architecture.backbone == "allocated" and len(architecture.tokens[0]) == 4
+    is_planar = architecture.backbone == "allocated" and len(architecture.tokens[0]) == 4
+    return is_planar and not architecture.adapts
 
 
 def _may_draw(craft: Spacecraft, architecture: Architecture) -> bool:
@@ -408,6 +409,7 @@ def _may_draw(craft: Spacecraft, architecture: Architecture) -> bool:
     others = craft.wheels or craft.propellant or craft.slosh or craft.further_effectors
     return (
         is_for_any_craft(architecture)
+        and not architecture.adapts
         and craft.dimension == 2
         and craft.actuators.kind == "on-off"
         and not others

@@ -1,0 +1,270 @@
+"""Estimates in flight of what no file states: a lost thruster, and how strongly the thrusters accelerate the craft.
+
+One hypothesis is that every thruster works; each further one, that a thruster which the craft can spare is almost
+dead. A hypothesis has two gains, over the accelerations of the file: of velocities and of angular velocities. A
+heavier craft has smaller gains. Each hypothesis predicts the change of the twist over two control periods, by the
+commands of these. Its gains follow by recursive least squares, and its odds by the likelihood of the readings
+(Magill, "Optimal adaptive estimation of sampled stochastic processes", 1965).
+
+A command answers a reading with its noise, so that the noise of the reading before the command would look like an
+effect of it. Therefore the change is taken from the reading one period earlier, and only the last command corrects
+the gains: it is the instrument of the regression (Young, "Recursive estimation and time-series analysis", 1984).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from rans.model.fields import Field, at_least, log, where, within
+from rans.model.twists import directions
+from rans.policy.frame_rotation import vector_in_rotated_frame
+
+_WEAK = 0.2
+"""Part of its force that a lost thruster gives by hypothesis: a weak one is nearer to it than to a sound one."""
+_NOISE = 0.0045
+"""Standard deviation of the difference of two readings, m/s and rad/s."""
+_MODEL = 0.15
+"""Part of the predicted change of twist that a craft of the file's values may deviate from it."""
+_LATE = 0.25
+"""Part of the effect of a command that may come a control period later."""
+_SPREAD = 0.4**2
+"""Prior variance of the gains."""
+_WANDER = 1e-4
+"""Variance that the gains gain in every control period: a converged estimate still follows a later change."""
+_GAINS = 0.25, 2.5
+"""Range of the gains: masses from 0.5 to 2 times that of the file, with a droop of shared supplies."""
+_OUTLIER = 9.0
+"""Largest squared deviation, in standard deviations, that counts against a hypothesis."""
+_OVERLAP = 0.5
+"""Weight of a likelihood: every reading is in two differences."""
+_FORGOTTEN = 0.99
+"""Part of the odds that stays from period to period."""
+_ODDS = -6.0, 20.0
+"""Range of the logarithm of the odds of a lost thruster over none."""
+_EVIDENCE = 4.0
+"""Logarithm of the odds beyond which a thruster stays shut."""
+
+Row = TypeVar("Row")
+
+
+class Rows(Protocol[Row]):
+    """What computes with rows (N, k), or (k,) that are the same for all N: torch, or a program that is written."""
+
+    def constant(self, values: object) -> Row:
+        """Numbers that are the same for all N, (k,)."""
+        ...
+
+    def product(self, row: Row, table: np.ndarray) -> Row:
+        """A row (N, k) times a table (k, o)."""
+        ...
+
+    def split(self, row: Row, widths: Sequence[int]) -> list[Row]:
+        """Pieces of a row of these widths."""
+        ...
+
+    def joined(self, rows: Sequence[Row]) -> Row:
+        """Rows side by side."""
+        ...
+
+    def computed(self, formula: Callable[..., list[Field]], rows: Sequence[Row]) -> list[Row]:
+        """A formula applied to every number of rows, which are broadcast against each other."""
+        ...
+
+    def largest(self, row: Row, width: int) -> Row:
+        """1 at the largest number of a row (N, width), the first of equal ones, and 0 elsewhere."""
+        ...
+
+
+class Estimate(NamedTuple, Generic[Row]):
+    """What is estimated after a reading."""
+
+    gains: list[Row]
+    """Gain of velocities and gain of angular velocities, (N, 1) each, by the accepted hypothesis."""
+    shut: Row
+    """(N, thrusters) 1 for a thruster that is taken for lost, else 0."""
+    memory: Row
+    """(N, m) what `Adaptation.next_memory` is given: twists, last command, and beliefs of the hypotheses."""
+
+
+class Adaptation(NamedTuple):
+    """Estimator of one spacecraft.
+
+    Its memory is (N, width): two twists, two commands, and of every hypothesis two gains, their variances and the
+    logarithm of its odds. Zeros are the memory where an episode begins.
+    """
+
+    period: float
+    """Control period, s."""
+    effects: tuple[tuple[float, ...], ...]
+    """(commands, d) change of the twist in a period by each thruster, then by each wheel one way, m/s and rad/s."""
+    thrusters: int
+    is_shared: bool
+    """Whether each open thruster gives 1 over their number of its force."""
+    spare: tuple[int, ...]
+    """Numbers of the thrusters without which the others push and turn the craft every way."""
+
+    @property
+    def twist(self) -> int:
+        """Numbers of a twist, with which a reading in B begins."""
+        return len(self.effects[0])
+
+    @property
+    def _hypotheses(self) -> int:
+        return 1 + len(self.spare)
+
+    @property
+    def width(self) -> int:
+        """Numbers of the memory."""
+        return sum(self._widths())
+
+    def _widths(self) -> list[int]:
+        commands = len(self.effects)
+        return [*[self.twist] * 2, *[commands] * 2, *[self._hypotheses] * 5]
+
+    def estimated(self, rows: Rows[Row], twist: Row, memory: Row) -> Estimate[Row]:
+        """Estimate after a reading of the twist (N, d) in B, and the memory (N, width) of the period before."""
+        size = self.twist
+        pushing = directions(size)
+        earlier, latest, last, previous, *beliefs = rows.split(memory, self._widths())
+        odds = beliefs.pop()
+
+        # Change of the twist over two periods, both readings in the present B; the reading between, in B as well.
+        now, before, between = (rows.split(row, [1] * size) for row in (twist, earlier, latest))
+        moved = rows.computed(self._moved, [*now, *before, *between])
+        changes, latest = moved[:size], rows.joined(moved[size:])
+
+        # What the last two commands do by each hypothesis.
+        newer, older = (self._effects(rows, command) for command in (last, previous))
+        variance = beliefs[2]
+        *beliefs, likelihood = rows.computed(
+            lambda *x: _learnt(
+                x[:size], x[size : 2 * size], x[2 * size : 3 * size], x[3 * size :], pushing
+            ),
+            [*changes, *newer, *older, *beliefs],
+        )
+        if not self.spare:
+            shut = rows.product(beliefs[0], np.zeros((1, self.thrusters)))
+            known = rows.joined([latest, twist, last, *beliefs, odds])
+            return Estimate(beliefs[:2], shut, known)
+        none = np.zeros((self._hypotheses, 1))
+        none[0] = 1.0
+        of_none = rows.product(likelihood, none)
+        (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance])
+
+        # The likeliest hypothesis, in favour of none.
+        favour = rows.constant([_EVIDENCE] + [0.0] * len(self.spare))
+        (favoured,) = rows.computed(lambda a, b: [a + b], [odds, favour])
+        accepted = rows.largest(favoured, self._hypotheses)
+        gains = [
+            rows.product(row, np.ones((self._hypotheses, 1)))
+            for row in rows.computed(lambda a, *b: [a * x for x in b], [accepted, *beliefs[:2]])
+        ]
+        lost = np.zeros((self._hypotheses, self.thrusters))
+        lost[np.arange(1, self._hypotheses), list(self.spare)] = 1.0
+        shut = rows.product(accepted, lost)
+        return Estimate(gains, shut, rows.joined([latest, twist, last, *beliefs, odds]))
+
+    def next_memory(self, rows: Rows[Row], estimate: Row, command: Row) -> Row:
+        """Memory after an estimate (`Estimate.memory`) and a command from 0 to 1."""
+        widths = [2 * self.twist, len(self.effects), 5 * self._hypotheses]
+        twists, last, beliefs = rows.split(estimate, widths)
+        if len(self.effects) > self.thrusters:
+            # Half of a wheel's command is no torque.
+            wheels = np.arange(len(self.effects)) >= self.thrusters
+            scale, zero = rows.constant(1.0 + wheels), rows.constant(1.0 * wheels)
+            (command,) = rows.computed(lambda u, a, b: [u * a - b], [command, scale, zero])
+        return rows.joined([twists, command, last, beliefs])
+
+    def _effects(self, rows: Rows[Row], command: Row) -> list[Row]:
+        """Change of the twist by a command along each axis, by every hypothesis, (N, hypotheses) each."""
+        columns = np.array(self.effects)
+        works = np.ones((len(columns), self._hypotheses))
+        works[list(self.spare), np.arange(1, self._hypotheses)] = _WEAK
+        table = [column[:, None] * works for column in columns.T]
+        effects = rows.split(
+            rows.product(command, np.hstack(table)), [self._hypotheses] * self.twist
+        )
+        if not self.is_shared:
+            return effects
+        # A thruster that is lost takes nothing of the supply.
+        opened = (works == 1.0) * (np.arange(len(columns)) < self.thrusters)[:, None]
+        number = rows.product(command, opened)
+        return rows.computed(lambda n, *x: [a / at_least(n, 1.0) for a in x], [number, *effects])
+
+    def _moved(self, *twists: Field) -> list[Field]:
+        """Change of the twist since the reading before the last, then the last reading in the present B."""
+        size = self.twist
+        now, before, between = (twists[k * size : (k + 1) * size] for k in range(3))
+        pushing = directions(size)
+        spins = zip(now[pushing:], between[pushing:], strict=True)
+        # Half of the turn of B in the last period.
+        half_turn = [0.25 * self.period * (a + b) for a, b in spins]
+        before, between = (
+            [*vector_in_rotated_frame(twist[:pushing], half_turn), *twist[pushing:]]
+            for twist in (before, between)
+        )
+        return [*(a - b for a, b in zip(now, before, strict=True)), *between]
+
+
+def _learnt(
+    changes: Sequence[Field],
+    newer: Sequence[Field],
+    older: Sequence[Field],
+    beliefs: Sequence[Field],
+    pushing: int,
+) -> list[Field]:
+    """Gains and their variances after a reading, its log-likelihood, and 1 where the episode had begun before.
+
+    Args:
+        changes: of the twist over two periods, (d,).
+        newer: what the last command does by the hypothesis, (d,).
+        older: what the command before the last does, (d,).
+        beliefs: gains of velocities and of angular velocities, then their variances.
+        pushing: number of velocities in a twist.
+    """
+    gains, variances = beliefs[:2], beliefs[2:]
+    is_first = variances[0] == 0.0
+    deviations: Field = 0.0
+    spread: Field = 1.0
+    after: list[tuple[Field, Field]] = []
+    for gain, variance, axes in (
+        (gains[0], variances[0], range(pushing)),
+        (gains[1], variances[1], range(pushing, len(changes))),
+    ):
+        information: Field = 0.0
+        correction: Field = 0.0
+        for axis in axes:
+            latest = newer[axis]
+            both = latest + older[axis]
+            error = changes[axis] - gain * both
+            late = _LATE * _LATE * (latest * latest + older[axis] * older[axis])
+            noise = _NOISE * _NOISE + _MODEL * _MODEL * both * both + late
+            information = information + both * latest / noise
+            correction = correction + latest * error / noise
+            total = noise + variance * both * both
+            deviations = deviations + within(error * error / total, 0.0, _OUTLIER)
+            # In units of the noise, so that a product of six stays within single precision.
+            spread = spread * (total * (1.0 / _NOISE**2))
+        # Opposite commands give no information about a gain.
+        certain = variance / (1.0 + variance * at_least(information, 0.0))
+        after.append((within(gain + certain * correction, *_GAINS), certain + _WANDER))
+    likelihood = -0.5 * _OVERLAP * (deviations + log(spread))
+    (linear, linear_variance), (angular, angular_variance) = after
+    prior = (1.0, 1.0, _SPREAD, _SPREAD)
+    learnt = (linear, angular, linear_variance, angular_variance)
+    begun = [where(is_first, first, x) for first, x in zip(prior, learnt, strict=True)]
+    return [*begun, likelihood]
+
+
+def _weighed(odds: Field, likelihood: Field, of_none: Field, variance: Field) -> list[Field]:
+    """Logarithm of the odds of a hypothesis over that of no lost thruster, after a reading.
+
+    The variance is that of a gain before the reading, 0 at the first one.
+    """
+    low, high = _ODDS
+    return [
+        where(variance == 0.0, 0.0, within(_FORGOTTEN * odds + likelihood - of_none, low, high))
+    ]

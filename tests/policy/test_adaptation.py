@@ -1,0 +1,138 @@
+"""Lost thrusters and other masses are estimated in flight, by every executor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.aggregate import measure
+from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.adaptation import Adaptation
+from rans.policy.any_craft import for_craft
+from rans.policy.network import Network
+from rans.policy.preprocess import TorchRows
+from rans.randomization.conditions import Conditions, FaultConditions
+
+PERIOD = 0.2
+
+
+def network(name: str) -> Network:
+    craft = load_spacecraft(name)
+    agent = contestant(f"adaptive:any-craft-{craft.dimension}d").controller
+    assert isinstance(agent, Agent)
+    return for_craft(agent.network, craft, PERIOD)
+
+
+class Flown:
+    """An estimator beside a craft that accelerates by a gain times its file's values, and has lost a thruster."""
+
+    def __init__(self, name: str, gain: float, lost: int | None, noise: float = 0.0) -> None:
+        self.adaptation: Adaptation = network(name).architecture.adaptation
+        self.random = np.random.default_rng(1)
+        self.works = np.ones(len(self.adaptation.effects))
+        if lost is not None:
+            self.works[lost] = 0.0
+        self.gain = gain
+        self.noise = noise
+
+    def after(self, periods: int) -> tuple[list[float], list[float]]:
+        """Gains and shut thrusters after random commands, while the craft turns."""
+        own = self.adaptation
+        columns = np.array(own.effects)
+        twist = np.zeros(own.twist)
+        memory = torch.zeros(1, own.width)
+        rows = TorchRows(memory)
+        for _ in range(periods):
+            read = twist + self.noise * self.random.normal(size=own.twist)
+            estimate = own.estimated(rows, torch.tensor(read[None], dtype=torch.float32), memory)
+            shut = estimate.shut[0].double().numpy()
+            # Of some random commands the one after which the craft moves least.
+            commands = (self.random.random((3, len(columns))) < 0.4) * (1.0 - shut)
+            opened = commands * self.works
+            if own.is_shared:
+                opened = opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
+            changes = self.gain * opened @ columns
+            best = int(np.abs(twist + changes).sum(axis=1).argmin())
+            command, change = commands[best], changes[best]
+            memory = own.next_memory(
+                rows, estimate.memory, torch.tensor(command[None], dtype=torch.float32)
+            )
+            # The velocity in B turns against the craft by its mean spin.
+            angle = -(twist[2] + 0.5 * change[2]) * PERIOD
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            twist = np.r_[turn @ twist[:2] + change[:2], twist[2] + change[2]]
+        return [float(x) for x in estimate.gains], estimate.shut[0].tolist()
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "floating-platform-shared"])
+@pytest.mark.parametrize(("gain", "lost"), [(1.0, None), (1.0, 5), (0.5, 0), (2.0, 3)])
+def test_a_lost_thruster_is_shut(name: str, gain: float, lost: int | None) -> None:
+    _, shut = Flown(name, gain, lost, noise=0.003).after(40)
+    assert shut == [float(k == lost) for k in range(8)]
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
+def test_gains_of_another_mass(gain: float) -> None:
+    gains, shut = Flown("floating-platform", gain, None).after(40)
+    assert gains == pytest.approx([gain, gain], rel=0.1)
+    assert shut == [0.0] * 8
+
+
+def test_one_reading_by_hand() -> None:
+    """A craft that cannot spare a thruster: the scalar formulas of least squares with an instrument."""
+    columns = ((0.1, 0.0, 0.0), (0.0, 0.2, 0.3))
+    own = Adaptation(PERIOD, columns, 2, False, ())
+    rows = TorchRows(torch.zeros(1, dtype=torch.float64))
+    # At rest for two readings; then the first command has given half of what the file says along x.
+    memory = rows.constant([[0.0] * own.width])
+    for command in ([0.0, 0.0], [1.0, 0.0]):
+        estimate = own.estimated(rows, rows.constant([[0.0, 0.0, 0.0]]), memory)
+        memory = own.next_memory(rows, estimate.memory, rows.constant([command]))
+    estimate = own.estimated(rows, rows.constant([[0.05, 0.0, 0.0]]), memory)
+    noise = 0.0045**2 + (0.15**2 + 0.25**2) * 0.1**2
+    variance = 1.0 / (1.0 / (0.4**2 + 1e-4) + 0.1**2 / noise)
+    assert float(estimate.gains[0]) == pytest.approx(1.0 - variance * 0.1 * 0.05 / noise)
+    assert float(estimate.gains[1]) == 1.0
+    assert estimate.shut.tolist() == [[0.0, 0.0]]
+
+
+def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
+    """With half of the gains the network is given what it is given of a craft with twice the mass."""
+    craft = load_spacecraft("floating-platform")
+    inertia = tuple(tuple(2.0 * x for x in row) for row in craft.inertia)
+    heavy = replace(craft, mass=2.0 * craft.mass, inertia=inertia)
+    plain = contestant("any-craft-2d").controller
+    assert isinstance(plain, Agent)
+    row = [0.6, 0.8, 0.1, -0.2, 0.3, 1.0, 1.5, -0.4, 0.28, 0.96]
+    stated = for_craft(plain.network, heavy, PERIOD).architecture.preprocessed(row)
+    architecture = network("floating-platform").architecture
+    read = architecture.preprocessed(row)
+    assert architecture.adapted(read, [0.5, 0.5]) == pytest.approx(stated)
+
+
+def solved(spec: str, thruster: int) -> float:
+    """Part of flights of floating-platform-shared that settle with a dead thruster."""
+    run = contestant(spec)
+    faults = FaultConditions(kinds=("dead",), thrusters=(thruster,))
+    run = run._replace(conditions=Conditions(faults=faults))
+    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
+    return {row.name: row for row in measure(flight).rows}["solved"].value
+
+
+@pytest.mark.slow
+def test_a_dead_thruster_that_no_file_states() -> None:
+    assert solved("any-craft-2d@floating-platform-shared", 2) < 80.0
+    assert solved("adaptive:any-craft-2d@floating-platform-shared", 2) > 94.0
+
+
+@pytest.mark.parametrize("spec", ["adaptive:lqr:go-to-pose-2d", "adaptive:go-to-pose-2d"])
+def test_others_do_not_adapt(spec: str) -> None:
+    with pytest.raises(ConfigError, match="adaptive:any-craft-2d"):
+        contestant(spec)
