@@ -70,8 +70,9 @@ class Scene:
         self.width = width
         self.height = height
         self._view = _view(craft.dimension)
-        self._nozzles = np.array([t.position for t in craft.thrusters]) - craft.centre_of_mass
-        self._exhausts = -np.array([t.direction for t in craft.thrusters])
+        nozzles = np.array([t.position for t in craft.thrusters]).reshape(-1, 3)
+        self._nozzles = nozzles - craft.centre_of_mass
+        self._exhausts = -np.array([t.direction for t in craft.thrusters]).reshape(-1, 3)
         self._font = ImageFont.load_default(13 * _SMOOTHING)
 
     def render(
@@ -327,11 +328,10 @@ def draw_layout(craft: Spacecraft) -> Figure:
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
-    positions = np.array([t.position for t in craft.thrusters])[:, : craft.dimension]
-    forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])[
-        :, : craft.dimension
-    ]
-    arrows = forces * (0.5 * craft.radius / np.linalg.norm(forces, axis=1).max())
+    positions = np.array([t.position for t in craft.thrusters]).reshape(-1, 3)[:, : craft.dimension]
+    forces = craft.wrenches[:, : craft.dimension]
+    largest = np.linalg.norm(forces, axis=1).max(initial=1e-9)
+    arrows = forces * (0.5 * craft.radius / largest)
     axes.plot(*positions.T, "o", color=_NOZZLE, markersize=5, label="thruster")
     axes.plot(
         *([x] for x in craft.centre_of_mass[: craft.dimension]),

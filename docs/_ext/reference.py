@@ -63,7 +63,7 @@ API = {
         "Spacecraft Thruster OnOff Pulsed Throttle Wheel Propellant Slosh load_spacecraft spacecraft_names"
     ),
     "Tasks": (
-        "TASKS GoToPosition GoToPose GoToPosePriced TrackVelocity TrackTwist TrackVelocityHeading "
+        "TASKS GoToPosition GoToPose GoToAttitude GoToPosePriced TrackVelocity TrackTwist TrackVelocityHeading "
         "MultiTask Avoid DockPort Dock Hold Rendezvous Inspect Land RestReward TargetOrbit load_task"
     ),
     "Domain randomization": (

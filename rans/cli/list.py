@@ -275,6 +275,8 @@ def _agent_details(name: str) -> Iterable[str | Listing]:
 def _spacecraft_details(name: str) -> Iterable[str | Listing]:
     craft = load_spacecraft(name)
     yield spacecraft_listing(craft)
+    if not craft.thrusters:
+        return
     yield thruster_listing(craft)
     yield f"\n{layout_text(craft)}\n"
     yield f"x to the right, y up; arrows are forces on the craft; {TOWARDS} towards you, {AWAY} away."

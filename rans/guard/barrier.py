@@ -323,7 +323,7 @@ def check_throttles(craft: Spacecraft) -> None:
     """
     if any(command_range.low > 0.0 for command_range in craft.commands[craft.thruster_commands]):
         raise ConfigError(f"no safety filter can brake {craft.name}: its engines cannot be shut.")
-    effects = np.array(craft.wrench_map)
+    effects = craft.wrenches
     forces = effects[:, : craft.dimension]
     alone = [
         k

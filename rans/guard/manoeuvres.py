@@ -77,7 +77,7 @@ class Thrusters:
     def of(cls, world: World) -> Thrusters:
         """Effects of the thrusters of a world's craft, for pulses of its control period."""
         craft = world.craft
-        effects = np.array(craft.wrench_map)
+        effects = craft.wrenches
         forces = effects[:, : craft.dimension]
         torques = effects[:, craft.dimension :]
         inertia = np.array(craft.inertia)

@@ -170,9 +170,12 @@ def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
 
 def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     """Angular acceleration of every body by each fully open thruster, rad/s^2, (bodies, n, 1 or 3)."""
+    tensors = np.atleast_3d(_tensors(body).T).T
     size = craft.dimension
-    table = _wrenches(craft, body)
     count = craft.thruster_count
+    if not count:
+        return np.zeros((len(tensors), 0, tensors.shape[-1]))
+    table = _wrenches(craft, body)
     opened = [
         numbers(gain) + numbers(leak)
         for gain, leak in zip(body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)
@@ -181,7 +184,6 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     offset = map(numbers, body.centre or (0.0,) * size)
     centre = np.atleast_2d(np.stack(np.broadcast_arrays(*offset), axis=-1))[:, None]
     force = table[..., :size]
-    tensors = np.atleast_3d(_tensors(body).T).T
     moment_shift = (
         np.cross(centre, force)
         if size == 3
@@ -194,7 +196,7 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
 def _wrenches(craft: Spacecraft, body: Body) -> np.ndarray:
     """Wrench of each fully open thruster, N and N m: (n, 3 or 6), with true positions (bodies, n, 3 or 6)."""
     if not body.mountings:
-        return np.array(craft.wrench_map)
+        return craft.wrenches
     size = craft.dimension
     offset, direction = (
         np.stack(

@@ -56,7 +56,7 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     wheels = np.zeros((size, craft.wheel_count))
     if craft.wheels:
         wheels[craft.dimension :] = np.array(craft.wheel_map).T
-    table = np.column_stack([np.array(craft.wrench_map).T, wheels])
+    table = np.column_stack([craft.wrenches.T, wheels])
     scale = np.abs(table).max(axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)
     bounds = [(command.low, command.high) for command in craft.commands]

@@ -164,7 +164,9 @@ def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -
     forces = [thruster.force for thruster in craft.thrusters]
     exhaust = None if craft.propellant is None else _dot(openings, forces)
     planar = craft.dimension == 2
-    if body is not None and body.mountings:
+    if not craft.thrusters:
+        total: list[Field] = [0.0] * craft.degrees_of_freedom
+    elif body is not None and body.mountings:
         total = _mounted(craft, openings, body)
     else:
         total = [_dot(openings, column) for column in zip(*craft.wrench_map, strict=True)]

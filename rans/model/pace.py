@@ -19,9 +19,12 @@ it."""
 def seconds_for_a_metre(craft: Spacecraft) -> float:
     """Least time from rest to rest over 1 m, s: half of it with all nozzles open that push along the best axis.
 
-    Bang-bang: t = 2 sqrt(d / a). A spacecraft that first turns, or whose brakes are weaker, takes longer.
+    Bang-bang: t = 2 sqrt(d / a). A spacecraft that first turns, or whose brakes are weaker, takes longer. Infinite
+    without thrusters.
     """
-    forces = np.array(craft.wrench_map)[:, : craft.dimension]
+    if not craft.thrusters:
+        return math.inf
+    forces = craft.wrenches[:, : craft.dimension]
     return 2.0 * math.sqrt(craft.mass / _strongest(craft, forces))
 
 
@@ -30,7 +33,7 @@ def seconds_for_half_a_turn(craft: Spacecraft) -> float:
 
     Bang-bang, t = 2 sqrt(angle / alpha), with thrusters and reaction wheels; a wheel's largest momentum is ignored.
     """
-    torques = np.array(craft.wrench_map)[:, craft.dimension :]
+    torques = craft.wrenches[:, craft.dimension :]
     inertia = np.diag(np.array(craft.inertia))[-torques.shape[1] :]
     wheels = np.abs(np.array(craft.wheel_map)).sum(axis=0) if craft.wheels else 0.0
     further = sum(effector.largest_torque for effector in craft.further_effectors)
@@ -44,7 +47,11 @@ def seconds_for_half_a_turn(craft: Spacecraft) -> float:
 def _sums(craft: Spacecraft, wrenches: np.ndarray) -> np.ndarray:
     """Largest sum of the positive parts along each axis; thrusters that share a supply give as much as one."""
     positive = np.maximum(wrenches, 0.0)
-    return positive.max(axis=0) if craft.thrust_sharing == "split" else positive.sum(axis=0)
+    return (
+        positive.max(axis=0, initial=0.0)
+        if craft.thrust_sharing == "split"
+        else positive.sum(axis=0)
+    )
 
 
 def _strongest(craft: Spacecraft, forces: np.ndarray) -> float:
@@ -54,8 +61,7 @@ def _strongest(craft: Spacecraft, forces: np.ndarray) -> float:
 def misfits(craft: Spacecraft) -> list[str]:
     """Sizes of a body that do not fit its radius, each as a sentence; the usual cause is a unit."""
     radius = craft.radius
-    arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
-    arm = float(np.linalg.norm(arms, axis=1).max())
+    arm = max((math.dist(t.position, craft.centre_of_mass) for t in craft.thrusters), default=0.0)
     tensor = np.array(craft.inertia)
     largest = tensor[2][2] if craft.dimension == 2 else float(np.linalg.eigvalsh(tensor).max())
     gyration = math.sqrt(largest / craft.mass)

@@ -326,6 +326,8 @@ class Spacecraft(NotebookRepr):
     @property
     def thrust(self) -> str:
         """Number of thrusters and their force, such as "8 x 1 N"."""
+        if not self.thrusters:
+            return "none"
         forces = sorted({t.force for t in self.thrusters})
         each = f"{forces[0]:g} N" if len(forces) == 1 else f"{forces[0]:g} to {forces[-1]:g} N"
         return f"{len(self.thrusters)} x {each}"
@@ -350,6 +352,8 @@ class Spacecraft(NotebookRepr):
 
         Plane: (F_x, F_y, tau_z); space: (F_x, F_y, F_z, tau_x, tau_y, tau_z).
         """
+        if not self.thrusters:
+            return ()
         forces = np.array([np.array(t.direction) * t.force for t in self.thrusters])
         arms = np.array([t.position for t in self.thrusters]) - np.array(self.centre_of_mass)
         torques = np.cross(arms, forces)
@@ -359,6 +363,11 @@ class Spacecraft(NotebookRepr):
         wrenches = np.hstack([forces, torques])
         rows = wrenches[:, (0, 1, 5)] if self.dimension == 2 else wrenches
         return tuple(map(tuple, rows.tolist()))
+
+    @property
+    def wrenches(self) -> np.ndarray:
+        """The rows of `wrench_map` as an array (thrusters, 3 or 6), also where there are no thrusters."""
+        return np.array(self.wrench_map).reshape(self.thruster_count, self.degrees_of_freedom)
 
     @cached_property
     def wheel_map(self) -> tuple[tuple[float, ...], ...]:
@@ -400,10 +409,10 @@ def check_spacecraft(craft: Spacecraft) -> None:
     _require(has_name, craft, "name", craft.name, "a non-empty text")
     for key in ("thrusters", "solids", "wheels", "further_effectors"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
-    if not craft.thrusters:
+    if not craft.command_count:
         raise ConfigError(
-            f"spacecraft {craft.name!r} has no thruster: it needs at least one, because wheels turn a craft and "
-            "cannot push it."
+            f"spacecraft {craft.name!r} has nothing that takes commands: it needs at least one thruster or "
+            "reaction wheel."
         )
     _require(
         len(craft.thrusters) <= MOST_THRUSTERS,
@@ -659,16 +668,20 @@ def can_turn(craft: Spacecraft) -> bool:
         return True
     arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
     largest = max(t.force for t in craft.thrusters) * np.linalg.norm(arms, axis=1).max()
-    torques = np.array(craft.wrench_map)[:, craft.dimension :]
+    torques = craft.wrenches[:, craft.dimension :]
     return bool(np.abs(torques).max() > 1e-9 * largest)
 
 
 def is_steerable(craft: Spacecraft) -> bool:
     """Whether effectors accelerate the craft in every direction and, if any gives a torque, about every axis.
 
-    This is true for a craft that `controls_every_direction`, and for one without torque (`can_turn`) whose
-    forces positively span the plane or space.
+    This is true for a craft that `controls_every_direction`, for one without torque (`can_turn`) whose
+    forces positively span the plane or space, and for one without thrusters whose wheels turn it about every axis.
     """
+    if not craft.thrusters:
+        return bool(craft.wheels) and positively_spans(
+            wrenches_either_way(craft)[craft.dimension :]
+        )
     if can_turn(craft):
         return controls_every_direction(craft)
     return positively_spans(wrenches_either_way(craft)[: craft.dimension])
@@ -688,7 +701,7 @@ def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
     wheels = np.zeros((len(turns), craft.degrees_of_freedom))
     if len(turns):
         wheels[:, size:] = turns
-    return np.vstack([craft.wrench_map, wheels]).T
+    return np.vstack([craft.wrenches, wheels]).T
 
 
 def positively_spans(columns: np.ndarray) -> bool:

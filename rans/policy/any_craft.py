@@ -187,7 +187,7 @@ def columns_of(craft: Spacecraft) -> np.ndarray:
 
 def _accelerations(craft: Spacecraft) -> np.ndarray:
     """Accelerations (n, d) by each thruster, m/s^2 and rad/s^2."""
-    wrenches = np.array(craft.wrench_map)
+    wrenches = craft.wrenches
     forces, torques = np.split(wrenches, [craft.dimension], axis=1)
     return np.column_stack([forces / craft.mass, _angular(craft, torques)])
 

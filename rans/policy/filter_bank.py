@@ -76,7 +76,7 @@ class Filters(NamedTuple):
                 f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "
                 f'{allowed(craft)}: train without filters, with memory.kind="history".'
             )
-        force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
+        force, torque = np.split(craft.wrenches, [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
         inertia = np.array(craft.inertia)[spins, spins]
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T

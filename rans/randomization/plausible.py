@@ -76,7 +76,7 @@ def implausible(conditions: Conditions, craft: Spacecraft) -> list[str]:
 
 def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
     """Disturbances that are stronger than all effectors together."""
-    wrenches = np.array(craft.wrench_map)
+    wrenches = craft.wrenches
     force = float(np.linalg.norm(wrenches[:, : craft.dimension], axis=1).sum())
     torque = float(np.linalg.norm(wrenches[:, craft.dimension :], axis=1).sum())
     torque += sum(wheel.max_torque for wheel in craft.wheels)

@@ -15,6 +15,7 @@ from rans.tasks.base import SingleTask, Task, observation
 from rans.tasks.derived import example_state, observation_columns, observation_width
 from rans.tasks.dock import Dock
 from rans.tasks.dock_port import DockPort
+from rans.tasks.go_to_attitude import GoToAttitude
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
@@ -94,6 +95,7 @@ TASKS = Registry(
     {
         "go-to-position": "rans.tasks:GoToPosition",
         "go-to-pose": "rans.tasks:GoToPose",
+        "go-to-attitude": "rans.tasks:GoToAttitude",
         "track-velocity": "rans.tasks:TrackVelocity",
         "track-twist": "rans.tasks:TrackTwist",
         "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
@@ -164,6 +166,7 @@ __all__ = [
     "Avoid",
     "DockPort",
     "Dock",
+    "GoToAttitude",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",

@@ -24,12 +24,20 @@ def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
     own = task.timing
     episode = max(source.control_period * source.episode_steps for source in (timing, own))
     name = f"spacecraft {craft.name!r}"
-    if (metre := seconds_for_a_metre(craft)) > episode:
+    parts = task.parts().values()
+    asked = sorted({name for part in parts for name in part.tolerances()})
+    if not craft.thrusters:
+        if moves := [name for name in asked if name in ("position", "velocity")]:
+            result.append(
+                f"{name} has no thruster, and {type(task).__name__} asks for a {moves[0]}: wheels turn a craft and "
+                "cannot push it. Fly go-to-attitude"
+            )
+    elif (metre := seconds_for_a_metre(craft)) > episode:
         result.append(
             f"{name} needs at least {metre:.3g} s for 1 m from rest to rest, and an episode has {episode:g} s: the "
             "usual cause is a mass in g or forces in kN, where RANS takes kg and N"
         )
-    if not any("attitude" in part.tolerances() for part in task.parts().values()):
+    if "attitude" not in asked:
         return result
     if not can_turn(craft):
         result.append(

@@ -71,8 +71,8 @@ class Transition:
     """State at the start of the period, for rewards by the difference of a potential."""
     period: float = 0.0
     """Length of the period, s."""
-    forces: tuple[float, ...] = ()
-    """Full force of each thruster, N."""
+    forces: tuple[float, ...] | None = None
+    """Full force of each thruster, N; None: every command is that of a thruster."""
 
     def __iter__(self) -> Iterator[Any]:
         """Iterator over state, goal, command and previous, so that a reward may unpack them."""
@@ -80,8 +80,13 @@ class Transition:
 
     @property
     def thrusters(self) -> Sequence[Field]:
-        """Commands of the thrusters, without those of other effectors; all commands if ``forces`` is empty."""
-        return self.command[: len(self.forces)] if self.forces else self.command
+        """Commands of the thrusters, without those of other effectors; all commands if ``forces`` is None."""
+        return self.command if self.forces is None else self.command[: len(self.forces)]
+
+    @property
+    def beyond_thrusters(self) -> Sequence[Field]:
+        """Commands of reaction wheels and further effectors; none if ``forces`` is None."""
+        return () if self.forces is None else self.command[len(self.forces) :]
 
     @property
     def impulse(self) -> Field:
@@ -89,9 +94,9 @@ class Transition:
 
         Thrusters that share a supply give less; `rans.evaluation.measure.metrics` counts the actual impulse.
         """
-        return reduce(add, (c * f for c, f in zip(self.thrusters, self.forces, strict=True))) * (
-            self.period
-        )
+        return reduce(
+            add, (c * f for c, f in zip(self.thrusters, self.forces or (), strict=True))
+        ) * (self.period)
 
 
 @now_constant(switching_weight=0.0, speed_weight=0.0)
@@ -110,7 +115,7 @@ class Prices:
     def prices(self, transition: Transition) -> dict[str, Field]:
         """Price terms whose weight is not zero, by name."""
         terms: dict[str, Field] = {}
-        if is_used(self.thrust_weight):
+        if is_used(self.thrust_weight) and transition.thrusters:
             terms["thrust"] = reduce(add, transition.thrusters) * -self.thrust_weight
         if is_used(self.spin_weight):
             terms["spin"] = speed(transition.state.spin()) * -self.spin_weight
@@ -178,7 +183,7 @@ class RestReward(Settings):
             worth = sum(closest) * self.fine_weight + self.weight
             if is_used(self.still_weight):
                 worth = worth + nearness(state.v.norm(), self.still_scale) * self.still_weight
-            if is_used(self.thrust_weight):
+            if is_used(self.thrust_weight) and transition.thrusters:
                 worth = worth - reduce(add, transition.thrusters) * self.thrust_weight
             terms["arrived"] = self._at_rest(state, errors) * worth
         if is_used(self.boundary_weight):

@@ -64,6 +64,7 @@ def test_shipped_spacecraft_are_found() -> None:
         "free-flyer",
         "free-flyer-shared",
         "freeflyer2",
+        "innocube",
         "mars-lander-steered",
         "pingu",
         "roboran-platform",
@@ -163,7 +164,7 @@ def test_thrusters_must_be_tables(thrusters: str) -> None:
     assert "thruster" in refusal(head + f"thruster = {thrusters}")
 
 
-def test_a_craft_of_wheels_alone_is_refused_with_the_reason() -> None:
+def test_a_craft_of_one_wheel_alone_is_read_with_a_warning_and_one_of_nothing_refused() -> None:
     text = """name = "turning"
 dimension = 3
 mass = 8.0
@@ -175,7 +176,14 @@ max_torque = 0.1
 max_momentum = 1.0
 inertia = 0.001
 """
-    assert "it needs at least one, because wheels turn a craft and cannot push it" in refusal(text)
+    with pytest.warns(
+        UserWarning, match="its 0 thrusters and 1 reaction wheel cannot push and turn"
+    ):
+        craft = parse_spacecraft(text, "probe.toml")
+    assert (craft.thruster_count, craft.wheel_count) == (0, 1)
+    assert craft.wrenches.shape == (0, 6)
+    nothing = text[: text.index("[[wheel]]")]
+    assert "it needs at least one thruster or reaction wheel" in refusal(nothing)
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:

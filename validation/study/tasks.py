@@ -37,6 +37,11 @@ _FAST = exp(-0.5 / 0.25)
 _REWARDS = {
     "go-to-position": _NEAR + _APPROACH + _STILL - 0.02 * 2,
     "go-to-pose": 2 * _NEAR + _APPROACH + _TURN - 0.02 * 2,
+    # The scales are 1, 0.25 and 0.02 rad, and 0.02 rad/s; wheels, where there are any, do nothing.
+    "go-to-attitude": exp(-0.25 / 1.0)
+    + _NEAR * (1.0 + exp(-0.2 / 0.02))
+    + exp(-0.25 / 0.02)
+    - 0.02 * 2,
     "track-velocity": _FAST + 1.0 * exp(-0.5 / 0.02) + _STILL - 0.02 * 2,
     "track-twist": 2 * _FAST + 0.5 * exp(-0.5 / 0.05) - 0.02 * 2,
     "track-velocity-heading": _FAST + _NEAR + 0.5 * exp(-0.5 / 0.05) + _TURN - 0.05 * 2,
@@ -46,6 +51,7 @@ _REWARDS = {
 _FLAGS = {
     "go-to-position": 0.0,
     "go-to-pose": 1.0,
+    "go-to-attitude": -1.0,
     "track-velocity": 2.0,
     "track-twist": 3.0,
     "track-velocity-heading": 4.0,
@@ -79,6 +85,7 @@ class Moment:
         return {
             "go-to-position": self.way,
             "go-to-pose": pose,
+            "go-to-attitude": self.turn,
             "track-velocity": self.faster,
             "track-twist": self.faster + self.spin,
             "track-velocity-heading": self.faster + self.turn,

@@ -96,7 +96,7 @@ def write_excitation(
     # agent.npz and agent.py: the craft's numbers, and the source of the law that reads them.
     turns = 1 if craft.dimension == 2 else 3
     tables: dict[str, Any] = {
-        "wrenches": np.array(craft.wrench_map),
+        "wrenches": craft.wrenches,
         "mass": craft.mass,
         "inertia": np.array(craft.inertia)[3 - turns :, 3 - turns :],
         "low": np.array([command.low for command in craft.commands]),

@@ -544,7 +544,7 @@ def _moved_goal(goal: State, position: np.ndarray, attitude: np.ndarray) -> Stat
 
 def _agility(craft: Spacecraft) -> tuple[float, float]:
     """Largest acceleration by one thruster, m/s^2, and angular, rad/s^2: how quickly velocities change."""
-    rows = np.array(craft.wrench_map)
+    rows = craft.wrenches
     size = craft.dimension
     force = float(np.linalg.norm(rows[:, :size], axis=1).max())
     torque = float(np.linalg.norm(rows[:, size:], axis=1).max())

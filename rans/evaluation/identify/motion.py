@@ -204,7 +204,7 @@ def predicted(
     delivered = thrusts.delivered(grid, physics.latency, physics.rise)
     gain = np.stack([np.broadcast_to(g, len(times)) for g in physics.body.gain], axis=-1)
     fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
-    wrenches = fractions @ np.array(craft.wrench_map)
+    wrenches = fractions @ craft.wrenches
 
     motors = np.diff(thrusts.spun(grid), axis=1) / step[..., None]
     if craft.dimension == 2:

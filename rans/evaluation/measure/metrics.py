@@ -117,10 +117,9 @@ def forces(flight: Flight) -> np.ndarray:
     It is 0 after a success, where engines that cannot be shut in flight are shut too.
     """
     openings = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
-    total = np.sum(
-        [opening * t.force for opening, t in zip(openings, flight.craft.thrusters, strict=True)],
-        axis=0,
-    )
+    total = np.zeros(flight.commands.shape[:2])
+    for opening, thruster in zip(openings, flight.craft.thrusters, strict=True):
+        total = total + opening * thruster.force
     if flight.lengths is None:
         return total
     return np.where(np.arange(len(total))[:, None] < flight.lengths, total, 0.0)
@@ -357,14 +356,20 @@ def _motion(flight: Flight) -> Iterator[Sample]:
 def _effort(flight: Flight) -> Iterator[Sample]:
     opened = np.diff(flight.openings, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
     last = flight.openings[-verdict.last_fifth(len(flight.commands)) :]
+    thrusters = max(1, flight.craft.thruster_count)  # of a craft without thrusters the duty is 0
     for name, meaning, unit, values in (
         (
             "duty",
             "mean duty cycle of the thrusters (AAC)",
             "%",
-            100.0 * flight.openings.mean(axis=(0, 2)),
+            100.0 * flight.openings.mean(axis=0).sum(axis=1) / thrusters,
         ),
-        ("duty at rest", "the same over the last fifth", "%", 100.0 * last.mean(axis=(0, 2))),
+        (
+            "duty at rest",
+            "the same over the last fifth",
+            "%",
+            100.0 * last.mean(axis=0).sum(axis=1) / thrusters,
+        ),
         ("openings", "times a thruster opens, an episode", "", opened),
         ("on-time", "thruster-seconds an episode", "s", on_times(flight)),
         ("impulse", "thrust spent an episode", "N s", impulses(flight)),

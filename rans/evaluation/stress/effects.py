@@ -165,7 +165,7 @@ def _of_body() -> Iterator[Effect]:
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
-    wrenches = np.array(craft.wrench_map)
+    wrenches = craft.wrenches
     size = craft.dimension
     force, torque = (
         float(np.linalg.norm(part, axis=1).max())

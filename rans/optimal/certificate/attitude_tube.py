@@ -337,7 +337,7 @@ def _corners(craft: Spacecraft) -> tuple[_Corners, float]:
         sets = np.vstack([np.zeros(count), np.eye(count)])
     else:
         sets = ((np.arange(2**count)[:, None] >> np.arange(count)) & 1).astype(float)
-    wrench = sets @ np.array(craft.wrench_map)
+    wrench = sets @ craft.wrenches
     wheels = float(np.linalg.norm(np.array(craft.wheel_map).reshape(-1, 1), axis=1).sum())
     largest = float(np.linalg.norm(wrench[:, size:], axis=1).max()) + wheels
     torque = wrench[:, size] if size == 2 else np.zeros(len(sets))

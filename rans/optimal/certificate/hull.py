@@ -68,7 +68,7 @@ class Reach:
         gain, leak = np.array(health or Health.sound(craft))
         able = gain + leak > 0.0
         whole = np.array([t.force for t in craft.thrusters])
-        torques = np.linalg.norm(np.array(craft.wrench_map)[:, craft.dimension :], axis=1)
+        torques = np.linalg.norm(craft.wrenches[:, craft.dimension :], axis=1)
         torques = np.maximum(torques, _LEVER * whole) * able
         forces = whole * able
         arm = float((torques / whole).max())
@@ -81,7 +81,7 @@ class Reach:
             return cls(ends, ends, float(torques.sum()), arm, strongest)
         sets = (np.arange(2 ** len(forces))[:, None] >> np.arange(len(forces))) & 1
         opened = sets * gain + leak
-        total = opened @ np.array(craft.wrench_map)
+        total = opened @ craft.wrenches
         size = np.linalg.norm(total[:, : craft.dimension], axis=1)
         turning = float(np.linalg.norm(total[:, craft.dimension :], axis=1).max())
         return cls(

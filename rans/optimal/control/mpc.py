@@ -474,7 +474,7 @@ def _wrenches(craft: Spacecraft) -> np.ndarray:
     wheels = np.zeros((craft.wheel_count, craft.degrees_of_freedom))
     if craft.wheels:
         wheels[:, craft.dimension :] = craft.wheel_map
-    return np.vstack([np.array(craft.wrench_map), wheels])
+    return np.vstack([craft.wrenches, wheels])
 
 
 def _margins(craft: Spacecraft, task: Task, like: State) -> ca.Function | None:

@@ -19,7 +19,8 @@ from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
 from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.control.linear_motion import LinearMotion
-from rans.optimal.trajectory.allocation import Allocation, check_attitude
+from rans.optimal.trajectory.allocation import Allocation, check_aims, inertia
+from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.scenario import scenarios
 from rans.tasks import Task
 from rans.tasks.base import goal_after
@@ -200,7 +201,7 @@ class ModelBased:
     ) -> None:
         self._craft, self._task = craft_and_task(craft, task)
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
-        check_attitude(self._craft, self._task)
+        check_aims(self._craft, self._task)
         if not self.follows_orbits:
             steady(self._task.drift, f"{self.name} computes once")
         if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:
@@ -326,21 +327,33 @@ class Regulator:
     def of(cls, craft: Spacecraft, task: Task, timing: Timing, weights: Weights) -> Regulator:
         """Holds the position and the attitude where the task has a tolerance for them.
 
-        Translation is that of the task's drift. Rotation has no gains where no thruster turns the craft.
+        Translation is that of the task's drift, and has no gains where there is no thruster. Rotation has none
+        where nothing turns the craft.
 
         Raises:
             ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
         """
         checked("weights", weights, Weights)
-        push, turn = Allocation(craft).accelerations()
         held = task.tolerances()
         period = timing.control_period
+        if craft.thrusters:
+            push, turn = Allocation(craft).accelerations()
+        else:
+            push, turn = 0.0, WheelTorques(craft, period).acceleration(inertia(craft))
         motion = LinearMotion.of(task.drift, craft.dimension, period)
-        axis = (
-            Axis.held(period, push, weights.position * distance_scale(task, craft))
-            if "position" in held
-            else Axis.free(period, push, weights.velocity)
-        )
+        if push == 0.0:
+            translation = Gains.none(craft.dimension)
+        else:
+            axis = (
+                Axis.held(period, push, weights.position * distance_scale(task, craft))
+                if "position" in held
+                else Axis.free(period, push, weights.velocity)
+            )
+            translation = (
+                Gains.of_axes(axis, craft.dimension)
+                if task.drift.in_straight_lines
+                else Gains.coupled(axis, motion, push)
+            )
         angles = craft.degrees_of_freedom - craft.dimension
         if not can_turn(craft):
             rotation = Gains.none(angles)
@@ -348,13 +361,7 @@ class Regulator:
             rotation = Gains.of_axes(Axis.held(period, turn, weights.attitude), angles)
         else:
             rotation = Gains.of_axes(Axis.free(period, turn, weights.spin), angles)
-        return cls(
-            Gains.of_axes(axis, craft.dimension)
-            if task.drift.in_straight_lines
-            else Gains.coupled(axis, motion, push),
-            rotation,
-            motion,
-        )
+        return cls(translation, rotation, motion)
 
     def holding(self, state: Any, goal: Any, later: Any) -> np.ndarray:
         """Acceleration in W, (d, N) m/s^2, that keeps craft at their goals for one period, see `holding`."""

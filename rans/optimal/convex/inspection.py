@@ -73,7 +73,7 @@ def inspection_bound(
         [_rows(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
     )
     along = np.einsum("ij,tjk->tik", normals, responses) / craft.mass
-    wrenches = np.array(craft.wrench_map)
+    wrenches = craft.wrenches
     turns = bool(craft.wheels) or bool(np.any(np.abs(wrenches[:, 3:]) > 0.0))
     if turns or np.any(start.spin()):
         effect = np.linalg.norm(along, axis=2)

@@ -216,7 +216,7 @@ def largest_turning(craft: Spacecraft) -> float | None:
     kept. Thrust along z of B is therefore tilted by no more than half of this number times the squared time after
     a start at rest. None where something else turns the craft too, of which this is not true.
     """
-    turns = np.array(craft.wrench_map)[:, 3:]
+    turns = craft.wrenches[:, 3:]
     if craft.further_effectors or np.abs(turns).max() > 1e-9 or not craft.wheels:
         return None
     torques = np.array([np.multiply(wheel.axis, wheel.max_torque) for wheel in craft.wheels])

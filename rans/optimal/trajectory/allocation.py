@@ -69,7 +69,7 @@ class Allocation:
             columns, self._basis = _with_wheels(craft)
         else:
             rows = craft.degrees_of_freedom if can_turn(craft) else craft.dimension
-            columns = np.array(craft.wrench_map).T[:rows]
+            columns = craft.wrenches.T[:rows]
         self._joint = columns.shape[1] > self._thrusters
         self._size = np.abs(columns).max(axis=1)
         self._columns = columns / self._size[:, None]
@@ -201,7 +201,7 @@ def _with_wheels(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     basis = np.zeros((size, craft.dimension + turns.shape[1]))
     basis[: craft.dimension, : craft.dimension] = np.eye(craft.dimension)
     basis[craft.dimension :, craft.dimension :] = turns
-    columns = basis.T @ np.array(craft.wrench_map).T
+    columns = basis.T @ craft.wrenches.T
     if positively_spans(columns):
         return columns, basis
     return wrenches_either_way(craft), np.eye(size)
@@ -272,12 +272,18 @@ def check_relaxation(craft: Spacecraft) -> None:
         )
 
 
-def check_attitude(craft: Spacecraft, task: Task) -> None:
-    """Refuse a task that asks a craft to turn which cannot.
+def check_aims(craft: Spacecraft, task: Task) -> None:
+    """Refuse a task that asks a craft to turn or to move which cannot.
 
     Raises:
-        ConfigError: no thruster gives a torque, and the task has a tolerance for the attitude or the spin.
+        ConfigError: nothing gives a torque, and the task has a tolerance for the attitude or the spin; or there is
+            no thruster, and it has one for the position or the velocity.
     """
+    if not craft.thrusters and (asked := sorted(aims(task) & {"position", "velocity"})):
+        raise ConfigError(
+            f"{type(task).__name__} asks for {' and '.join(asked)}, and spacecraft {craft.name!r} has no thruster: "
+            "wheels turn it and cannot push it. Choose a task of attitudes, such as go-to-attitude."
+        )
     if can_turn(craft):
         return
     if asked_angles := sorted(aims(task) & {"attitude", "spin"}):
@@ -302,7 +308,7 @@ class ThrusterPatterns:
     """
 
     def __init__(self, craft: Spacecraft) -> None:
-        self.wrenches = np.array(craft.wrench_map)
+        self.wrenches = craft.wrenches
         self._shared = craft.thrust_sharing == "split"
         single = np.eye(
             len(self.wrenches), dtype=bool
@@ -441,7 +447,7 @@ class Proportional:
     def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
         self._craft = craft
         self._allocation = Allocation(craft)
-        self._wrenches = np.array(craft.wrench_map)
+        self._wrenches = craft.wrenches
         self.kept = np.ones(craft.degrees_of_freedom, bool) if carried is None else carried
         self.owed = np.zeros((0, craft.degrees_of_freedom))
         self.left = self.owed
@@ -469,6 +475,26 @@ class Proportional:
             openings = np.stack(thrust(self._craft, opened), axis=1)
             mean += np.reshape(duration, (-1, 1)) * openings
         return mean
+
+
+class WheelsAlone:
+    """Gives torques to the reaction wheels of a craft without thrusters, as far as they can; nothing is owed."""
+
+    def __init__(self, craft: Spacecraft, period: float) -> None:
+        self._wheels = WheelTorques(craft, period)
+        self._turns = slice(craft.dimension, None)
+        self.owed = np.zeros((0, craft.degrees_of_freedom))
+
+    def reset(self, count: int) -> None:
+        """See `Rounding`."""
+        self.owed = np.zeros((count, self.owed.shape[1]))
+
+    def round(
+        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
+    ) -> np.ndarray:
+        """See `Rounding`; wheels never rest."""
+        low, high = self._wheels.bounds(stores, len(wrench))
+        return self._wheels.commands(wrench[:, self._turns], low, high)
 
 
 class WithWheels:
@@ -538,6 +564,8 @@ def rounding(craft: Spacecraft, period: float, carried: np.ndarray | None = None
         period: control period, s.
         carried: see `SigmaDelta`.
     """
+    if not craft.thrusters:
+        return WheelsAlone(craft, period)
     kind = Proportional if craft.actuators.is_continuous else SigmaDelta
     thrusters = kind(craft, carried)
     return WithWheels(craft, thrusters, period) if craft.wheels else thrusters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.trajectory.allocation import check_attitude
+from rans.optimal.trajectory.allocation import check_aims
 from rans.optimal.trajectory.arrival import Arrival, goal_motion, moves_goal
 from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective
@@ -36,7 +36,7 @@ def solve_all(
     Raises:
         ConfigError: see `Transcription`.
     """
-    check_attitude(craft, task)
+    check_aims(craft, task)
     example = scenario(task, craft.dimension, seed=0, episode=0)
     for (
         objective

@@ -21,7 +21,7 @@ from rans.model.drift import Drift, steady
 from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, is_steerable
-from rans.optimal.trajectory.allocation import Allocation, check_attitude, check_relaxation
+from rans.optimal.trajectory.allocation import Allocation, check_aims, check_relaxation
 from rans.optimal.trajectory.arrival import (
     LEAST_MARGIN,
     ROUNDINGS,
@@ -268,7 +268,7 @@ class Transcription:
         objective: Objective,
         limits: PathLimits | None = None,
     ) -> None:
-        check_attitude(craft, task)
+        check_aims(craft, task)
         check_relaxation(craft)
         self._craft = craft
         self._task = task
@@ -280,7 +280,7 @@ class Transcription:
         self._later = goal_motion(task, example.goal) if moves_goal(task) else None
         self._margins = path_margins(task, example.start, example.goal, limits)
         self._checks = max(task.timing.checks, 1 if limits is None else limits.checks)
-        self._wrenches = np.array(craft.wrench_map).T
+        self._wrenches = craft.wrenches.T
         self._step = _step(craft, example.start, steady(task.drift, "a trajectory is computed"))
         self._low, self._high = np.array(
             [(command.low, command.high) for command in craft.commands]

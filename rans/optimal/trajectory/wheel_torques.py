@@ -44,6 +44,11 @@ class WheelTorques:
         self._momentum = np.where(unloaded, (1.0 - _RESERVE) * momenta, momenta)
         self._first = int(craft.propellant is not None)
 
+    def acceleration(self, inertia: np.ndarray) -> float:
+        """Angular acceleration that wheels give about every axis of B, rad/s^2, of an inertia (1, 1) or (3, 3)."""
+        reach = 1.0 / np.abs(self._inverse).max(axis=1)
+        return float((reach / np.linalg.norm(inertia, axis=0)).min())
+
     def bounds(self, stores: Sequence[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest commands, (N, wheels) each, of craft with these stores (`rans.model.spacecraft.Store`).
 
@@ -71,16 +76,18 @@ class WheelTorques:
 
 def thruster_turns(craft: Spacecraft) -> np.ndarray:
     """Orthonormal directions in B about which thrusters give torques, (1 or 3, r) with r from 0 to 1 or 3."""
-    torques = np.array(craft.wrench_map)[:, craft.dimension :]
+    torques = craft.wrenches[:, craft.dimension :]
     directions, sizes, _ = np.linalg.svd(torques.T)
-    return directions[:, : int((sizes > _DEPENDENT * max(sizes.max(), 1e-300)).sum())]
+    return directions[:, : int((sizes > _DEPENDENT * sizes.max(initial=1e-300)).sum())]
 
 
 def _thrusters_turn(craft: Spacecraft, torque: np.ndarray) -> bool:
     """Whether open thrusters give a torque and its opposite, without a force."""
+    if not craft.thrusters:
+        return False
     from scipy.optimize import nnls
 
-    columns = np.array(craft.wrench_map).T
+    columns = craft.wrenches.T
     size = np.abs(columns).max(axis=1)
     size[size == 0.0] = 1.0
     unit_torque = (

@@ -105,8 +105,13 @@ def legend_beside(figure: SubFigure, axes: Axes) -> None:
 
 
 def activation_spread(axes: Axes, flight: Flight) -> None:
-    """Per thruster, the spread over episodes of how long it was open."""
-    seconds = flight.openings.sum(axis=0) * flight.timing.control_period
+    """Per thruster, the spread over episodes of how long it was open; without thrusters the use of each wheel."""
+    what = ("thruster activations", "thruster", "open time an episode, s")
+    used = flight.openings
+    if not flight.craft.thrusters:
+        what = ("wheel use", "wheel", "share of the largest torque times time, s")
+        used = np.abs(flight.commands)
+    seconds = used.sum(axis=0) * flight.timing.control_period
     parts = axes.boxplot(
         seconds,
         positions=range(seconds.shape[1]),
@@ -131,7 +136,7 @@ def activation_spread(axes: Axes, flight: Flight) -> None:
         ["middle half (whiskers 5 to 95 %)", "median", "mean"],
     )
     axes.set_ylim(0.0, 1.35 * max(0.1, axes.get_ylim()[1]))
-    label(axes, "(a) thruster activations", "thruster", "open time an episode, s")
+    label(axes, f"(a) {what[0]}", *what[1:])
 
 
 def _lines(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:

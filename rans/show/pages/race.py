@@ -57,7 +57,7 @@ def race(
         three decimals.
     """
     planar = craft.dimension == 2
-    largest = max(thruster.force for thruster in craft.thrusters)
+    largest = max((thruster.force for thruster in craft.thrusters), default=1.0)
     centre = np.array(craft.centre_of_mass)
     results = [_start(label, tracks, craft) for label, tracks in starts]
     return Race(

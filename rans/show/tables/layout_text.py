@@ -24,7 +24,7 @@ def layout_text(craft: Spacecraft) -> str:
         [p - c for p, c in zip(t.position, craft.centre_of_mass, strict=True)]
         for t in craft.thrusters
     ]
-    unit = max(craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms))
+    unit = max([craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms)])
     cells: dict[tuple[int, int], str] = {}
     for angle in range(0, 360, 6):
         x, y = (craft.radius / unit * f(math.radians(angle)) for f in (math.cos, math.sin))

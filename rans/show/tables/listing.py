@@ -50,7 +50,12 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
             ("thrust sharing", craft.thrust_sharing),
             ("actuators", craft.actuators.kind),
             *_further(craft),
-            ("1 m from rest to rest, at the quickest", f"{seconds_for_a_metre(craft):.3g} s"),
+            (
+                "1 m from rest to rest, at the quickest",
+                f"{seconds_for_a_metre(craft):.3g} s"
+                if craft.thrusters
+                else "never: it has no thruster",
+            ),
             (
                 "half a turn from rest to rest, at the quickest",
                 f"{seconds_for_half_a_turn(craft):.3g} s"
