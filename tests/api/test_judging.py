@@ -147,7 +147,6 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
             "--trust",
         ],
         ["view", "pretrained:go-to-pose-2d", "{}", "--save", "view.html", "--trust"],
-        ["assure", "{}:go-to-pose-2d", "--episodes", "20", "--worst", "0", "--trust"],
         ["compare", "{}:go-to-pose-2d@floating-platform", "--with", "--episodes", "2", "--trust"],
     ],
     ids=lambda command: " ".join(command[:2]),

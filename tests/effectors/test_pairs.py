@@ -51,11 +51,11 @@ def duration(number: int) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(PAIRS)), ids=lambda k: " and ".join(PAIRS[k]))
-def test_every_pair_of_effects_agrees_with_scipy(number: int) -> None:
-    """A pair is in the plane or in space, at one of two periods; the other of both is Drake's."""
-    dimension: Literal[2, 3] = 3 if number % 2 else 2
-    agrees(PAIRS[number], dimension, (0.5, 0.2)[number // 2 % 2], seed=2, seconds=duration(number))
+@pytest.mark.parametrize("number", range(1, len(PAIRS), 2), ids=lambda k: " and ".join(PAIRS[k]))
+def test_every_second_pair_of_effects_agrees_with_scipy(number: int) -> None:
+    """A pair is in the plane or in space, at one of two periods. Drake flies the other pairs."""
+    dimension: Literal[2, 3] = 3 if number // 2 % 2 else 2
+    agrees(PAIRS[number], dimension, (0.5, 0.2)[number // 4 % 2], seed=2, seconds=duration(number))
 
 
 @pytest.mark.slow
@@ -76,7 +76,7 @@ def test_a_pair_of_effects_agrees_with_drake(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(0, len(PAIRS), 2), ids=lambda k: " and ".join(PAIRS[k]))
-def test_every_second_pair_of_effects_agrees_with_drake(number: int) -> None:
+def test_every_other_pair_of_effects_agrees_with_drake(number: int) -> None:
     """Drake has its own masses, nozzles and joints. A pair is in the plane or in space, at one of two periods."""
     dimension: Literal[2, 3] = 2 if number // 2 % 2 else 3
     period = (0.2, 0.5)[number // 4 % 2]

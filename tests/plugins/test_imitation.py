@@ -111,12 +111,12 @@ def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> Non
 @pytest.mark.slow
 def test_it_resumes_bit_by_bit(tmp_path: Path) -> None:
     learner = {"expert": "damping", "updates": 10, "roll_in": 0.05}
-    short = config(learner=learner, report_interval=3)
+    short = config(learner=learner, total_timesteps=2 * 640)
     whole = trained(tmp_path / "whole", short)
     run = RunFolder(tmp_path / "half")
     half = Trainer([short], DEPUTY, run)
     run.begin(short, "test")
-    half.train(lambda _: None, lambda: half.steps >= 2 * 640)
+    half.train(lambda _: None, lambda: half.steps >= 640)
     again = Trainer([run.config()], DEPUTY, run)
     again.resume()
     again.train(lambda _: None)

@@ -102,7 +102,8 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         dead: Sequence[int] = (),
     ) -> None:
         super().__init__(craft, task, timing, reserve)
-        self._dead = tuple(dead)
+        self.dead = tuple(dead)
+        """Numbers of the engines that it knows to be dead."""
         mission = Land.expected(self._task, "landing guidance flies descents")
         self._mission = mission
         lander = Lander.of(self._craft, dead)
@@ -160,7 +161,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
             ConfigError: see `LandingGuidance`.
         """
         dead = () if conditions is None else conditions.dead
-        if dead == self._dead:
+        if dead == self.dead:
             return self
         return LandingGuidance(self._craft, self._task, self._timing, self._reserve, dead)
 

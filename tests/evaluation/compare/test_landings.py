@@ -25,7 +25,7 @@ from rans.tasks.land import Land
 
 CRAFT = load_spacecraft("mars-lander-steered")
 TASK = Land()
-CONTEST = Contest(CRAFT, TASK, TASK.timing, seed=9, episodes=2)
+CONTEST = Contest(CRAFT, TASK, TASK.timing, seed=9, episodes=1)
 
 
 def line(axes: Axes, name: str) -> np.ndarray:
@@ -43,13 +43,13 @@ def entry() -> Entry:
 
 @pytest.fixture(scope="module")
 def bounds() -> MissionBounds:
-    return mission_bounds(CONTEST, 2)
+    return mission_bounds(CONTEST, 1)
 
 
 @pytest.mark.slow
 def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionBounds) -> None:
     over = bounds.over(entry)
-    assert over.shape == (2,)
+    assert over.shape == (1,)
     assert np.all((over > 1.0) & (over < 1.03))
     assert bounds.impossible([entry]) == []
     wrong = replace(bounds, lower=1.001 * propellant_used(entry.flight))
@@ -57,8 +57,8 @@ def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionB
     assert "landing beats the certified least propellant" in sentence
     headings, rows = bounds.table([entry])
     assert headings == ("start", "least propellant, kg", "landing")
-    assert [row[0] for row in rows] == ["0", "1"]
-    assert f"({over[1]:.3f})" in rows[1][2]
+    assert [row[0] for row in rows] == ["0"]
+    assert f"({over[0]:.3f})" in rows[0][2]
 
 
 @pytest.mark.slow

@@ -35,8 +35,6 @@ AGENTS = {
     "avoid-3d": Limits(60.0, 41.0, 0.0, 0.95),
     # It stays in the cone, and fires as much as on the way: 0.6 m/s a second.
     "dock-port-3d": Limits(60.0, 44.0, 0.0, 0.02),
-    # It holds its cone too, with 0.3 m/s a second, and is within the tolerances a third of the time.
-    "dock-port-2d-atmos": Limits(60.0, 22.0, 0.0, 0.3),
     # Nothing is said of the ground, which is no contact here: the engines go on until the tank is empty.
     "land-3d": Limits(60.0, 520.0, -math.inf, -1.0),
     # It leaves the outer limit of 800 m, by 155 m in 500 s. What it has inspected stays so.

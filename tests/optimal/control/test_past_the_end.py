@@ -127,7 +127,7 @@ def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
 def test_inspections_end_where_nothing_pulls(name: str) -> None:
     """Once everything is seen a craft stays behind the target or on a closed orbit."""
     setup = setup_of(Inspect())
-    starts = scenarios(setup.task, setup.craft, 90210, 4)
+    starts = scenarios(setup.task, setup.craft, 90210, 1)
     latest = setup.timing.episode_steps * setup.timing.control_period
     continued = flown_on(setup, made(name, setup), starts, latest + 1000.0)
     rest = continued.after(latest)
