@@ -25,7 +25,7 @@ override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help setup demo test test-slow test-all lint docs release clean
+.PHONY: help setup demo test test-slow test-all suite lint style types docs release clean
 
 help:
 	@echo "make demo    set everything up, then validate, train two agents, evaluate, compare and report into"
@@ -47,21 +47,29 @@ demo: .venv/installed
 	rans compare $(RUN)/good $(RUN)/quick pretrained:go-to-pose-2d-fast --with lqr optimal --output $(RUN)/good $(COMPARE_OPTIONS)
 	rans report $(RUN)/good
 
-test: lint
-	pytest -n 2 --dist worksteal
+# Types and tests at once: pyright uses one processor for minutes, and the suite waits for single tests at its end.
+test: style
+	$(MAKE) --jobs 2 --no-print-directory types suite
 
 test-slow: .venv/installed-dev
 	pytest -n 2 --dist worksteal -m slow
 
-# Both at once: every process collects and imports for 20 s.
-test-all: lint
-	pytest -n 2 --dist worksteal -m ""
+# Both suites at once: every process collects and imports for 20 s.
+test-all: style
+	$(MAKE) --jobs 2 --no-print-directory types suite PYTEST='-m ""'
 
-lint: .venv/installed-dev
+suite: .venv/installed-dev
+	pytest -n 2 --dist worksteal $(PYTEST)
+
+lint: style types
+
+style: .venv/installed-dev
 	ruff format --check --quiet
 	ruff check
-	pyright
 	python docs/_ext/prose.py
+
+types: .venv/installed-dev
+	pyright
 
 docs: .venv/installed-docs
 	sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/site
