@@ -55,9 +55,22 @@ def examples() -> list[doctest.DocTest]:
     return found
 
 
-@pytest.mark.parametrize("example", examples(), ids=lambda one: one.name)
+SLOW_EXAMPLES = {"rans.api.judging.benchmark"}
+"""Which measure for seconds, and whose command has quick tests."""
+
+
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(one, id=one.name, marks=pytest.mark.slow if one.name in SLOW_EXAMPLES else ())
+        for one in examples()
+    ],
+)
+@pytest.mark.usefixtures("unswept")
 def test_examples_in_docstrings(example: doctest.DocTest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RANS_TRUST", "")  # one of them sets it for the rest of the process
+    # Ten seconds of flights in every kind of condition, which have tests of their own.
+    monkeypatch.setattr("rans.deploy.export.measure_margins", lambda *_: None)
     said: list[str] = []
     outcome = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(example, out=said.append)
     assert outcome.failed == 0, "".join(said)

@@ -36,6 +36,7 @@ def test_a_shipped_agent_gives_the_recorded_commands(shipped: tuple[str, Flight]
     assert departed == []
 
 
+@pytest.mark.slow
 def test_an_agent_is_worth_what_its_card_says(shipped: tuple[str, Flight]) -> None:
     """In a perfect world, also if it is for another, which takes minutes: it misses a goal rarely then."""
     name, flight = shipped

@@ -111,6 +111,7 @@ def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(
     assert imported_in(folder, [sys.executable, script]) == "42\n"
 
 
+@pytest.mark.slow
 def test_machine_code_of_the_folder(folder: Path, tmp_path: Path) -> None:
     """Its settings would have numba take functions from a cache of the folder, whose files are pickles."""
     (folder / ".numba_config.yaml").write_text("cache_dir: kept\n")

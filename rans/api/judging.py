@@ -172,7 +172,7 @@ def compare(
 ) -> Comparison:
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
-    >>> found = rans.compare("go-to-pose-2d", beside=["lqr"], episodes=4)
+    >>> found = rans.compare("go-to-pose-2d", beside=["lqr"], episodes=4, certified=0)
     >>> [entry.name for entry in found.entries]
     ['go-to-pose-2d', 'LQR']
 

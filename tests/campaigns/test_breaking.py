@@ -135,6 +135,7 @@ def test_a_fork_says_what_a_process_started_from_nothing_says(tmp_path: Path) ->
     assert len(outcomes) == 2 * len(lines)
 
 
+@pytest.mark.slow
 def test_limits_and_what_is_asked_for_reach_a_process_started_from_nothing(tmp_path: Path) -> None:
     seen = (
         "import os, resource, sys; print(os.getcwd(), resource.getrlimit(resource.RLIMIT_AS)[0], "
@@ -251,6 +252,7 @@ def test_commands_that_take_conditions_get_them() -> None:
     assert under("", asked) == asked
 
 
+@pytest.mark.slow
 def test_trainings_take_place_under_them(tmp_path: Path) -> None:
     one = tmp_path / "one"
     trained(one, tiny("harsh"))

@@ -73,6 +73,7 @@ def test_latches_that_are_too_weak_do_not_capture() -> None:
     assert not plant.capture(seconds=6.0).captured
 
 
+@pytest.mark.slow
 def test_a_spacecraft_follows_a_port_that_turns() -> None:
     """It is captured at the port's rate, on the port's circle."""
     rate = math.radians(3.0)

@@ -68,7 +68,7 @@ def test_a_line_of_the_certificates() -> None:
     assert _line(3, FOUND).split() == ["3", "1.250", "1.500", "1.875", "25.0%", "7", "2.0"]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_one_start_is_as_good_as_every_firing_sequence(seed: int) -> None:
     """All 2^10 of a craft of five thrusters in two periods: some arrive, none after one."""
     craft = lopsided()

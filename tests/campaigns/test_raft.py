@@ -81,6 +81,7 @@ def test_drawn_faults_are_of_the_three_kinds() -> None:
     assert [stuck.sum() / 1500, dead.sum() / 1500] == pytest.approx([0.34, 0.33], abs=0.049)
 
 
+@pytest.mark.slow
 def test_faults_in_flight_begin_after_ten_seconds() -> None:
     faults = degraded(4, 8, 8, 0.0, np.random.default_rng(0))
     craft = load_spacecraft("floating-platform-shared")

@@ -99,8 +99,10 @@ def test_a_seed_trains_the_same_agent_again() -> None:
 
 @pytest.mark.parametrize(
     ("learns", "expected"),
-    [(9.0, [*range(14)] * 2), (0.0, [0, 1] * 5 + [*range(2, 14)])],
-    ids=["all", "none"],
+    [
+        pytest.param(9.0, [*range(14)] * 2, id="all", marks=pytest.mark.slow),
+        pytest.param(0.0, [0, 1] * 5 + [*range(2, 14)], id="none"),
+    ],
 )
 def test_who_does_not_learn_is_left_for_another(
     monkeypatch: pytest.MonkeyPatch, learns: float, expected: list[int]

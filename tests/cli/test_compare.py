@@ -19,6 +19,7 @@ from tests.support.training import CONFIG, tiny_trainer
 IDLE = "python:tests.support.policies:idle"
 
 
+@pytest.mark.usefixtures("undrawn", "unswept")
 def test_writes_page_and_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -30,6 +31,8 @@ def test_writes_page_and_numbers(
         "lqr",
         "--episodes",
         "3",
+        "--certified",
+        "0",
         "--output",
         str(tmp_path),
     ]

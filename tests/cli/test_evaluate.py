@@ -142,6 +142,7 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
     assert "velocity error" in names["track-twist"] - names["go-to-pose"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.usefixtures("undrawn")
 def test_the_seed_decides(run_folder: Path) -> None:

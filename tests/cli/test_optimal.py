@@ -43,9 +43,7 @@ def test_writes_what_it_found(capsys: pytest.CaptureFixture[str], tmp_path: Path
 @pytest.mark.parametrize(
     ("objective", "measure"),
     [
-        ("fuel", "fuel N s"),
         ("energy", "energy N^2 s"),
-        ("tracking", "cost s"),
         ("reward", "minus return"),
     ],
 )

@@ -383,6 +383,7 @@ COMMANDS = {
 """Each with cells or words that must be whole."""
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_it_fits(
     command: str,

@@ -263,6 +263,7 @@ def test_places_are_about_the_centre_of_mass() -> None:
         assert np.subtract(b["position"], a["position"]) == pytest.approx([0.01, -0.02, 0.0])
 
 
+@pytest.mark.slow
 def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
     """With its memory, which begins anew with every flight, as a contestant."""
     network, (craft, task, _, _, _) = shipped("go-to-pose-2d-robust")

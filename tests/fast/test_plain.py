@@ -174,11 +174,8 @@ def test_a_state_saved_by_one_way_is_gone_on_from_by_the_other() -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        {},
-        {"ent_coef": 0.01},
-        {"symmetric": False, "zoom": 100.0},
-        {"memory": MemorySettings("history", 2)},
-        {"privileged_critic": True},
+        {"ent_coef": 0.01, "memory": MemorySettings("history", 2)},
+        {"symmetric": False, "zoom": 100.0, "privileged_critic": True},
     ],
     ids=str,
 )

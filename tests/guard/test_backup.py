@@ -167,6 +167,7 @@ def test_engines_and_environments_fly_it() -> None:
     assert env.step(np.ones(8, int))[0].shape == env.observation_space.shape
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:LQR does not know the constraints:UserWarning")
 def test_metrics_tell_what_the_filter_did() -> None:
     with pytest.warns(UserWarning, match="does not know the constraints"):

@@ -35,7 +35,7 @@ def flown(p: Vec3, v: Vec3, goal: Any, periods: int) -> tuple[np.ndarray, np.nda
     return np.array(distances), np.array(speeds), spent
 
 
-@pytest.mark.parametrize("behind", [0.0, 100.0])
+@pytest.mark.parametrize("behind", [pytest.param(0.0, marks=pytest.mark.slow), 100.0])
 def test_a_craft_stays_for_three_hours(behind: float) -> None:
     """At the target and behind it, from three states; every radial error drifts away along the track."""
     goal: Any = SimpleNamespace(p=vector(0.0, -behind, 0.0), v=vector(0.0, 0.0, 0.0))

@@ -16,7 +16,7 @@ from rans.randomization.conditions import BodyConditions, Conditions, ThrusterCo
 from rans.scenario import draws, scenarios
 from rans.tasks import TASKS
 from rans.tasks.derived import layout
-from tests.support.engines import both_crafts
+from tests.support.engines import FLYER, PLATFORM
 from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body
 
 LATE = 0.05
@@ -48,15 +48,25 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
     assert np.abs(best - (0.4, -0.2)).max() < 0.2  # twice the deviation that 36 such readings leave
 
 
-@both_crafts
 @pytest.mark.parametrize(
-    ("conditions", "forces", "torques"),
+    ("craft", "conditions", "forces", "torques"),
     [
-        (Conditions(), (0.0, 0.0), (0.0, 0.0)),
-        (Conditions(body=BodyConditions(mass=(SLOW, SLOW))), (1.0 / SLOW - 1.0, 0.0), (0.0, 0.0)),
-        (Conditions(body=BodyConditions(inertia=(0.8, 0.8))), (0.0, 0.0), (0.25, 0.0)),
-        (Conditions(thrusters=ThrusterConditions(thrust=(0.9, 0.9))), (-0.1, 0.0), (-0.1, 0.0)),
+        (FLYER, Conditions(), (0.0, 0.0), (0.0, 0.0)),
         (
+            PLATFORM,
+            Conditions(body=BodyConditions(mass=(SLOW, SLOW))),
+            (1.0 / SLOW - 1.0, 0.0),
+            (0.0, 0.0),
+        ),
+        (FLYER, Conditions(body=BodyConditions(inertia=(0.8, 0.8))), (0.0, 0.0), (0.25, 0.0)),
+        (
+            PLATFORM,
+            Conditions(thrusters=ThrusterConditions(thrust=(0.9, 0.9))),
+            (-0.1, 0.0),
+            (-0.1, 0.0),
+        ),
+        (
+            FLYER,
             Conditions(thrusters=ThrusterConditions(latency=(LATE, LATE))),
             (-0.25, 0.25),
             (-0.25, 0.25),
@@ -65,10 +75,10 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
     ids=["perfect", "a fourth heavier", "a fifth less inertia", "a tenth weaker", "a fourth late"],
 )
 def test_what_is_not_as_designed_is_found(
+    craft: Spacecraft,
     conditions: Conditions,
     forces: tuple[float, float],
     torques: tuple[float, float],
-    craft: Spacecraft,
 ) -> None:
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task = TASKS["go-to-pose"]()

@@ -111,10 +111,8 @@ def test_a_mirror_image_gets_mirrored_commands() -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "floating-platform",
         "roboran-platform",
         "pingu",
-        "spheres",
         pytest.param("cubesat-3u", marks=pytest.mark.slow),
     ],
 )

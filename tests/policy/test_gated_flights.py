@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 
 from rans.episode import Setup, World, step
 from rans.model.spacecraft import Spacecraft
@@ -91,10 +92,11 @@ def test_what_was_missed_is_expected(craft: Spacecraft) -> None:
     assert came[changed].mean() > 0.95, "what sensors told anew counts"
 
 
+@pytest.mark.slow
 @both_crafts
 def test_perfect_sensors_are_believed(craft: Spacecraft) -> None:
     """Also where nothing moves, so that every reading is the one before."""
-    for often in (0.0, 0.02, 0.3):
+    for often in (0.0, 0.3):
         apart = [
             np.abs(one.told - one.counted).max(axis=0)
             for one in flown(craft, SensorsConditions(), 40, often)
@@ -103,6 +105,7 @@ def test_perfect_sensors_are_believed(craft: Spacecraft) -> None:
         assert np.mean(np.array(apart) > 1e-3) < 0.01
 
 
+@pytest.mark.slow
 @both_crafts
 def test_wild_readings_count_once_they_stay(craft: Spacecraft) -> None:
     noisy = SensorConditions(noise=0.005)

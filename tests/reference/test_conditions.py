@@ -44,21 +44,10 @@ def test_every_effect_is_the_same_in_drake(effect: str) -> None:
 
     All together for 10 s; alone each flies for 25 s in `rans validate`.
     """
-    fly_alike(PLANE, EFFECTS[effect], steps=50 if effect == "all" else 25)
+    fly_alike(PLANE, EFFECTS[effect], steps=50 if effect == "all" else 15)
 
 
-IN_SPACE = (
-    "body",
-    "thrust",
-    "latency",
-    "hold",
-    "faults",
-    "swing",
-    "kicks",
-    "mountings",
-    "range",
-    "all",
-)
+IN_SPACE = ("latency", "swing", "mountings", "all")
 """The others alone are the same code in both dimensions; "all" has every one."""
 
 
@@ -68,13 +57,23 @@ def test_and_in_space(effect: str) -> None:
     fly_alike(SPACE, EFFECTS[effect], steps=10)
 
 
-@pytest.mark.parametrize("effect", [*LAGS, "faults"])
-@pytest.mark.parametrize("kind", [Pulsed(4), Throttle()], ids=str)
+@pytest.mark.parametrize(
+    ("effect", "kind"),
+    [
+        ("latency", Throttle()),
+        ("rise", Pulsed(4)),
+        ("fall", Throttle()),
+        ("faults", Pulsed(4)),
+        ("all", Throttle()),
+        ("all", Pulsed(4)),
+    ],
+    ids=str,
+)
 def test_slow_valves_and_faults_of_every_kind(kind: Any, effect: str) -> None:
     fly_alike(replace(PLANE, actuators=kind), without_least_times(EFFECTS[effect]), steps=8)
 
 
-@pytest.mark.parametrize("effect", [*LAGS, "faults"])
+@pytest.mark.parametrize("effect", ["rise", "all"])
 def test_pulses_that_end_at_any_time(effect: str) -> None:
     fly_alike(
         replace(PLANE, actuators=Pulsed(10_000, 40)), without_least_times(EFFECTS[effect]), steps=8
@@ -88,17 +87,17 @@ def without_least_times(conditions: Conditions) -> Conditions:
 
 
 @pytest.mark.parametrize(
-    "thrusters",
+    ("thrusters", "sharing"),
     [
-        ThrusterConditions(rise=0.05, fall=0.0),
-        ThrusterConditions(fall=(0.0, 0.1)),
-        ThrusterConditions(latency=0.2),
-        ThrusterConditions(latency=0.05, rise=0.15),
-        ThrusterConditions(latency=0.33, rise=0.4, fall=0.1),
+        (ThrusterConditions(rise=0.05, fall=0.0), "none"),
+        (ThrusterConditions(fall=(0.0, 0.1)), "split"),
+        (ThrusterConditions(latency=0.2), "none"),
+        (ThrusterConditions(latency=0.05, rise=0.15), "split"),
+        (ThrusterConditions(latency=0.33, rise=0.4, fall=0.1), "none"),
+        (ThrusterConditions(latency=0.33, rise=0.4, fall=0.1), "split"),
     ],
     ids=str,
 )
-@pytest.mark.parametrize("sharing", ["none", "split"])
 def test_at_once_exactly_one_period_and_longer_than_one(thrusters: Any, sharing: Any) -> None:
     """Where kinks meet, or fall on the beginning of a period; the last has ramps that overlap."""
     fly_alike(replace(PLANE, thrust_sharing=sharing), Conditions(thrusters=thrusters), steps=20)
@@ -143,7 +142,7 @@ def fly_alike(craft: Spacecraft, conditions: Conditions, count: int = 2, steps: 
 
 @pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
 def test_pairs_of_thrusters_that_can_be_done_without(name: str) -> None:
-    fly_alike(load_spacecraft(name), PAIRS, count=3, steps=15)
+    fly_alike(load_spacecraft(name), PAIRS, count=3, steps=8)
 
 
 @functools.cache
@@ -153,7 +152,7 @@ def once(dimension: int) -> tuple[Flight, Random]:
 
 @pytest.mark.parametrize(
     ("dimension", "name"),
-    [(2, "numpy"), (3, "torch"), (2, "float32"), (2, "fast"), (3, "fast"), (3, "drake")],
+    [(2, "numpy"), (3, "torch"), (2, "float32"), (2, "fast"), (3, "drake")],
 )
 def test_a_scenario_is_the_same_wherever_it_flies(dimension: int, name: str) -> None:
     """All effects at once for eight periods: states, observations and rewards."""

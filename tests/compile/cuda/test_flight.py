@@ -90,6 +90,7 @@ def test_heads_and_activations_that_only_have_a_formula(
     agree(kernel, stepped, 1e-4)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_path: Path) -> None:
     """More inputs than are kept in registers, layers that take one tile at a time, and wind."""

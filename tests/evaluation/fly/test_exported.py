@@ -31,12 +31,9 @@ def test_it_flies_by_its_contract(folder: Path) -> None:
     np.testing.assert_array_equal(exported.fly(4).commands, agent.fly(4).commands)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "command",
-    [
-        pytest.param(["evaluate", "--episodes", "2"], marks=pytest.mark.slow),
-        ["view", "--save", "view.html"],
-    ],
+    "command", [["evaluate", "--episodes", "2"], ["view", "--save", "view.html"]]
 )
 def test_commands_take_it(
     command: list[str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -98,6 +98,7 @@ def test_algorithms_train_on_it(craft: Any, algorithm: Any) -> None:
     assert model.num_timesteps == 512
 
 
+@pytest.mark.slow
 def test_training_is_reproducible() -> None:
     weights = []
     for engine_seed in (1, 2):  # the algorithm's seed overrides the engine's

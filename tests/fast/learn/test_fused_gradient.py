@@ -92,10 +92,9 @@ def test_the_kernel_finds_what_autograd_finds(craft: Any, settings: Any, tmp_pat
 
 
 @CASES
-@pytest.mark.parametrize("activation", ["tanh", "relu"])
-def test_products_find_what_autograd_finds(craft: Any, settings: Any, activation: str) -> None:
+def test_products_find_what_autograd_finds(craft: Any, settings: Any) -> None:
     history = {"memory": MemorySettings("history", 2, (0.5,))}
-    learner, batch = collected(craft, **{"activation": activation} | settings | history)
+    learner, batch = collected(craft, **{"activation": "relu"} | settings | history)
     agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
 
 

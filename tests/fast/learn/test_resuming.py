@@ -57,11 +57,9 @@ training.train(lambda members: print(members[0].rows[-1]["steps"], flush=True))
 """A training in another process, with a checkpoint after every iteration."""
 
 
-@pytest.mark.parametrize("stop_at", [5, 8])
-def test_a_resumed_training_ends_as_if_never_stopped(
-    whole: Trainer, tmp_path: Path, stop_at: int
-) -> None:
-    """Stopped between reports or at one; the same reports are made but for the one at the stop."""
+def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: Path) -> None:
+    """Stopped between reports; the same reports are made but for the one at the stop."""
+    stop_at = 5
     tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(stop_at))
     trainer = resumed(tmp_path / "cut")
     assert trainer.steps == stop_at * 128

@@ -339,9 +339,7 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
     assert trainer.run.checkpoint_file.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    "failing", ["checkpoint.safetensors", "agent.safetensors", "metrics.jsonl"]
-)
+@pytest.mark.parametrize("failing", ["checkpoint.safetensors", "metrics.jsonl"])
 def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """One sentence, and what was written before is still there to continue from."""
     trainer = tiny_trainer(tmp_path / "run")

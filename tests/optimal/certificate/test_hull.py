@@ -297,8 +297,11 @@ def transcription(craft: Spacecraft, task: Task, objective: Any) -> Transcriptio
     return Transcription(craft, task, objective)
 
 
-@pytest.mark.parametrize("task", TASKS, ids=lambda task: type(task).__name__)
-@pytest.mark.parametrize("craft", [nasty_planar(), FLYER], ids=lambda c: c.name)
+@pytest.mark.parametrize(
+    ("craft", "task"),
+    [((nasty_planar(), FLYER)[number % 2], task) for number, task in enumerate(TASKS)],
+    ids=lambda x: getattr(x, "name", type(x).__name__),
+)
 def test_no_optimum_beats_its_bound(craft: Spacecraft, task: Task) -> None:
     for episode in range(2 if craft.dimension == 2 else 1):
         case = scenario(task.for_evaluation(), craft.dimension, 21, episode)
@@ -374,7 +377,7 @@ def test_no_firing_sequence_beats_its_bounds(craft: Spacecraft) -> None:
     h = 0.2
     shares = np.array(thrust(craft, tuple(np.moveaxis(flown.commands, 2, 0))))
     spent = np.einsum("imk,i->m", shares, [t.force for t in craft.thrusters]) * h
-    for k in np.random.default_rng(0).integers(0, len(spent), 60):
+    for k in np.random.default_rng(0).integers(0, len(spent), 20):
         end = unflatten(start, [float(x[k]) for x in leaves(flown.final)])
         assert hull.least_fuel(craft, POSE, start, end, 3 * h, EXACT) <= spent[k] + 1e-9
         assert hull.least_time(craft, POSE, start, end, EXACT) <= 3 * h + 1e-9

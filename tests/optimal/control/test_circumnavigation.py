@@ -129,6 +129,7 @@ def test_two_burns_inspect_everything_and_leave_a_safe_orbit() -> None:
     assert result.later.max() < 0.01 * 12.0
 
 
+@pytest.mark.slow
 def test_less_time_needs_more_impulse() -> None:
     result = flown(Circumnavigation(DEPUTY, TASK, within=5_400.0), 5_400.0)
     assert result.finish.max() <= 5_400.0
@@ -136,6 +137,7 @@ def test_less_time_needs_more_impulse() -> None:
     assert result.least.min() > 15.0
 
 
+@pytest.mark.slow
 def test_noise_and_weak_thrusters_are_expected() -> None:
     """Readings with errors of 0.3 m and 3 mm/s, from which an orbit of 18 m a millimetre per second drifts away."""
     expected = Conditions(

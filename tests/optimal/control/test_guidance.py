@@ -155,7 +155,7 @@ def settled(craft: Spacecraft, task: Any, timing: Timing, **given: Any) -> Fligh
     [
         ("floating-platform", GoToPosition()),
         pytest.param("floating-platform-shared", GoToPose(), marks=pytest.mark.slow),
-        ("free-flyer", GoToPose()),
+        pytest.param("free-flyer", GoToPose(), marks=pytest.mark.slow),
     ],
     ids=lambda x: getattr(x, "name", x if isinstance(x, str) else type(x).__name__),
 )

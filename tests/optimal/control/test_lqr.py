@@ -37,7 +37,6 @@ TASK = GoToPose().for_evaluation()
             cycle(("floating-platform", "free-flyer", "floating-platform-shared")),
             strict=False,
         ),
-        ("go-to-pose", "free-flyer"),
         ("go-to-pose", "floating-platform-shared"),
     ],
 )
@@ -45,7 +44,7 @@ def test_settles_from_every_start(name: str, craft: str) -> None:
     spacecraft = load_spacecraft(craft)
     timing = Timing()
     task = TASKS[name]().for_evaluation()
-    starts = scenarios(task, spacecraft, EVALUATION_SEED, 50)
+    starts = scenarios(task, spacecraft, EVALUATION_SEED, 16)
     settled = settling_times(fly(spacecraft, task, LQR(spacecraft, task, timing), starts, timing))
     assert np.isfinite(settled).all()
     # a shared supply accelerates a quarter as much: twice the time for a way, up to 4 times for a speed
@@ -72,7 +71,11 @@ def test_deadband_saves_thrust_and_costs_no_time(craft: str) -> None:
     assert np.isfinite(settling_times(resting)).all()
 
 
-@pytest.mark.parametrize("task", [TASK, TrackTwist(target_spin=0.3)], ids=["pose", "twist"])
+@pytest.mark.parametrize(
+    "task",
+    [pytest.param(TASK, marks=pytest.mark.slow), TrackTwist(target_spin=0.3)],
+    ids=["pose", "twist"],
+)
 def test_brings_an_awkward_spacecraft_home(task: GoToPose | TrackTwist) -> None:
     """An off-centre body with three different moments of inertia and unequal thrusters."""
     craft = nasty_spatial()

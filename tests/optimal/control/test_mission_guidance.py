@@ -50,6 +50,7 @@ def hurried() -> Row:
     return row_of("", fly(DEPUTY, HURRY, MissionGuidance(DEPUTY, HURRY), starts, HURRY.timing))
 
 
+@pytest.mark.slow
 def test_it_docks_in_a_hurry_below_the_speed_limit(hurried: Row) -> None:
     assert hurried.docked.all()
     assert not hurried.violated.any()

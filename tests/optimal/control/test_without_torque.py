@@ -56,8 +56,11 @@ def test_forces_are_met_and_torques_ignored(craft: Spacecraft) -> None:
     assert (commands >= 0.0).all()
 
 
-@every_kind
-@pytest.mark.parametrize("number", [0, 1], ids=["place", "velocity"])
+@pytest.mark.parametrize(
+    ("kind", "number"),
+    [(LQR, 0), (MPC, 0), (ObserverMPC, 1), (MPPI, 1), (Switching, 0), (Switching, 1)],
+    ids=lambda x: getattr(x, "name", ("place", "velocity")[x] if isinstance(x, int) else None),
+)
 def test_every_controller_settles(kind: Any, number: int) -> None:
     """The position with one craft, the velocity with the other.
 

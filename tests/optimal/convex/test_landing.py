@@ -83,6 +83,7 @@ def test_bound_and_flight_enclose_the_optimum() -> None:
     assert np.degrees(np.arccos(thrust[:, 2] / size)).max() < 40.01
 
 
+@pytest.mark.slow
 def test_no_flight_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """With random costs on top, the propellant has many minima over the time, and the least of all counts."""
     period = 4.0
@@ -134,7 +135,7 @@ def test_no_landing_is_below_the_bounds_of_its_flight_time(apart: bool) -> None:
     assert np.mean(sharpness) > 0.99
 
 
-@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("apart", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_landings_in_the_middle_of_a_period_are_hardly_cheaper(apart: bool) -> None:
     """The mission is judged there too, and the bound is of whole periods.
 

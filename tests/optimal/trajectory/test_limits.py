@@ -39,6 +39,7 @@ class SpeedLimit(GoToPosition):
         return {"speed": 0.2 - state.v.norm()}
 
 
+@pytest.mark.slow
 def test_least_time_under_a_speed_limit_is_bang_coast_bang() -> None:
     """1/12 m/s^2 up to 0.2 m/s, coast, brake: distance / speed + speed / acceleration. Commands are held for
     a fiftieth of it, which costs part of one."""

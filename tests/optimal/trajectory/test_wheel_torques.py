@@ -179,7 +179,7 @@ def check_momenta(flight: Any) -> None:
     "name",
     [
         "roboran-platform",
-        "afrl-12kg",
+        pytest.param("afrl-12kg", marks=pytest.mark.slow),
         pytest.param("pingu", marks=pytest.mark.slow),
     ],
 )
@@ -214,7 +214,7 @@ def test_others_refuse_wheels() -> None:
         rans.optimal_trajectory("go-to-pose", BURNING)
 
 
-@pytest.mark.parametrize("kind", [rans.LQR, rans.Switching])
+@pytest.mark.parametrize("kind", [rans.LQR, pytest.param(rans.Switching, marks=pytest.mark.slow)])
 def test_propellant_makes_the_craft_lighter(kind: Any) -> None:
     """Half of 2 of 5.32 kg is left, so that forces are 4.32 / 5.32 of those of the full craft; flights settle."""
     task = GoToPose().for_evaluation()

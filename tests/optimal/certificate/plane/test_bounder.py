@@ -50,8 +50,7 @@ from tests.support.tiny_lattice import (
 )
 
 
-@pytest.mark.parametrize("name", CRAFTS)
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("seed", "name"), [*enumerate(CRAFTS)])
 def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
     craft, steps = CRAFTS[name]
     start, goal, flown = instance(craft, steps, seed)
