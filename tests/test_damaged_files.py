@@ -83,7 +83,7 @@ def check(files: list[Path], ask: Callable[[], object], count: int) -> None:
     assert refused > 0
 
 
-COUNTS = pytest.mark.parametrize("count", [8, pytest.param(40, marks=pytest.mark.slow)])
+COUNTS = pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.slow)])
 
 
 @pytest.fixture(scope="module")

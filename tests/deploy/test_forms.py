@@ -81,13 +81,10 @@ KINDS: list[dict[str, Any]] = [
     {"continuous": True, "symmetric": True, "memory": MemorySettings("history", 1)},
     {"memory": MemorySettings("history", 3, (0.5, 0.9)), "symmetric": True, "zoom": 4.0},
     {"filters": FilterSettings((0.01, 1.0)), "symmetric": True, "zoom": 4.0},
-    {"filters": FilterSettings((0.1,)), "memory": MemorySettings("history")},
-    {"filters": FilterSettings((0.1,), steady=(25.0,)), "symmetric": True},
     {
         "filters": FilterSettings((0.01, 1.0), steady=(0.0, 25.0), response=(0.1, 0.0)),
         "symmetric": True,
     },
-    {"filters": FilterSettings((0.01,), response=(2.0,), gate=5.0), "symmetric": True},
     {
         "filters": FilterSettings((0.01,), gate=5.0),
         "symmetric": True,
@@ -98,7 +95,6 @@ KINDS: list[dict[str, Any]] = [
         "symmetric": True,
         "filters": FilterSettings((0.1,)),
     },
-    {"memory": MemorySettings("commands", 2, (0.5,))},
     {"memory": MemorySettings("recurrent", units=12)},
     {"privileged_critic": True},
 ]

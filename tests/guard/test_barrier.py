@@ -238,10 +238,9 @@ def test_a_mixture_is_expected_with_all_of_its_parts() -> None:
                 position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
             )
         ),
-        Conditions(thrusters=ThrusterConditions(command_delay=10.0)),
         Conditions(thrusters=ThrusterConditions(command_delay=4.0)),
     ],
-    ids=["noise", "delay of a period", "delay within a period"],
+    ids=["noise", "delay within a period"],
 )
 def test_noise_and_delay_are_expected(conditions: Conditions) -> None:
     """A filter that expects none of them breaks the limit of docking in some flights, one that does in none."""

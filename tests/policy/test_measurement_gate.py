@@ -198,9 +198,13 @@ WORLDS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "flights"), [("go-to-pose-2d-robust", 1000), ("go-to-pose-3d-robust", 150)]
+    ("name", "flights", "world"),
+    [
+        ("go-to-pose-2d-robust", 1000, "spin"),
+        ("go-to-pose-2d-robust", 1000, "outages"),
+        ("go-to-pose-3d-robust", 150, "all"),
+    ],
 )
-@pytest.mark.parametrize("world", WORLDS)
 def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str) -> None:
     """97 % with 30 % missed and 95 % with outages are promised; without the gate, 55 and 5 % were held."""
     network, setup = loaded(f"pretrained:{name}", "cpu")

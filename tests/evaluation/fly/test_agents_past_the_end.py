@@ -37,8 +37,6 @@ AGENTS = {
     "dock-port-3d": Limits(60.0, 44.0, 0.0, 0.02),
     # Nothing is said of the ground, which is no contact here: the engines go on until the tank is empty.
     "land-3d": Limits(60.0, 520.0, -math.inf, -1.0),
-    # It leaves the outer limit of 800 m, by 155 m in 500 s. What it has inspected stays so.
-    "inspect-3d": Limits(500.0, 1.0, -200.0, 0.99),
 }
 """One agent of each mission."""
 

@@ -73,7 +73,7 @@ def test_every_controller_of_the_registry_is_flown_past_the_end() -> None:
     ("name", "mission"),
     [
         *(("lqr", "rendezvous"), ("switching", "hold"), ("guidance", "dock")),
-        *(("mission", "hold"), ("mission", "dock"), ("mission", "rendezvous")),
+        *(("mission", "hold"), ("mission", "rendezvous")),
         *(("mpc", "hold"), ("mpc-observer", "dock"), ("mppi", "dock"), ("convex", "rendezvous")),
     ],
 )

@@ -235,7 +235,7 @@ def test_what_is_found_flies_there() -> None:
     lattice = SpinLattice(FLYER, PERIOD)
     for found in (
         certified_least_time(
-            SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 40, SearchEffort(6.0)
+            SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 40, SearchEffort(2.0)
         ),
         certified_least_fuel(
             SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 20, SearchEffort(0.1)
