@@ -30,6 +30,10 @@ from rans.reference.plant import Plant
 from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import commands, states
 from tests.support.effector_flights import Scripted, untrained_policy
+from tests.support.host_kernels import (
+    needs_compiler,
+    on_host,  # noqa: F401  (a fixture)
+)
 from tests.support.pairs import FallingInThePlane, InOrbit
 from tests.support.slosh import SLOSH, SLOSHING, sums
 
@@ -159,6 +163,23 @@ def test_flights_as_machine_code_are_those_of_numpy() -> None:
     one, other = (Flights(policy, setup, plain=plain).fly(0, 64, 1) for plain in (True, False))
     assert one.flights == other.flights == 64
     assert one.sums["impulse"].mean == pytest.approx(other.sums["impulse"].mean, rel=2e-3)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_kernel_steps_as_numpy(on_host: Any) -> None:  # noqa: F811
+    """The source of the GPU's kernel, compiled for a CPU."""
+    made: Any = (SLOSHING, "go-to-pose", 16, Timing(episode_steps=5))
+    how: Any = {"seed": 3, "dtype": torch.float64}
+    ours = rans.Engine(*made, **how)
+    theirs = on_host(*made, **how)
+    for k in range(7):
+        action = torch.from_numpy(commands(SLOSHING, 16, seed=k))
+        expected = ours.step(action)
+        found = theirs.step(action)
+        torch.testing.assert_close(found.observation, expected.observation, rtol=0, atol=1e-9)
+    for one, other in zip(leaves(theirs.state), leaves(ours.state), strict=True):
+        np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=0, atol=1e-9)
 
 
 def test_its_file_says_what_it_is() -> None:

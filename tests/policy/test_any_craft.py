@@ -19,8 +19,9 @@ from rans.evaluation.fly.any_craft import for_spacecraft, timing_for
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
+from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.policy.any_craft import authority, for_craft
 from rans.policy.authority import Authority
@@ -319,3 +320,17 @@ def test_on_off_thrusters_in_space_whose_pulse_turns_far_have_a_short_period(
     timing = timing_for(body, Timing(0.2, 1, 125))
     assert timing.control_period == period
     assert timing.episode_steps * timing.control_period >= 25.0
+
+
+def test_an_agent_flies_its_own_craft_with_slosh_and_no_other() -> None:
+    run = contestant("pretrained:go-to-pose-2d")
+    slosh = Slosh(0.5, 0.06, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    # As a file has it, whose directions differ in their last digits.
+    text = to_toml(replace(run.craft, name="sloshing", slosh=slosh))
+    sloshing = parse_spacecraft(text, "a file")
+    found = for_spacecraft(run, sloshing)
+    assert found.craft == sloshing
+    assert found.controller is run.controller
+    assert found.timing == run.timing
+    with pytest.raises(ConfigError, match="any-craft-2d"):
+        for_spacecraft(run, replace(sloshing, mass=6.0))
