@@ -311,9 +311,14 @@ def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
     for name in names:
         craft = contestant(f"pretrained:{name}").craft
         for prefix in _ANY.values():
-            cells = [
+            sound = next(judged)
+            cells = [_settled(sound)]
+            if not isinstance(sound, str):
+                spent = sound["settling time"].value, sound["impulse"].value
+                cells[0] += f", {spent[0]:.1f} s, {spent[1]:,.1f} N s"
+            cells += [
                 _settled(next(judged)) if spare[name] or "fault" not in kind else "-"
-                for kind in kinds
+                for kind in kinds[1:]
             ]
             label = f"{prefix}{AGENTS[craft.dimension]}"
             yield f"| {craft.name} | {label} | {' | '.join(cells)} |"

@@ -28,6 +28,9 @@ _NOISE = 0.0045
 """Standard deviation of the difference of two readings, m/s and rad/s."""
 _MODEL = 0.15
 """Part of the predicted change of twist that a craft of the file's values may deviate from it."""
+_EACH = 0.15
+"""Part by which the effect of each effector may deviate, independently of the others: effects that cancel each
+other, such as those of thrusters and of wheels that balance them, do not cancel their errors."""
 _LATE = 0.25
 """Part of the effect of a command that may come a control period later."""
 _SPREAD = 0.4**2
@@ -138,17 +141,20 @@ class Adaptation(NamedTuple):
 
         # What the last two commands do by each hypothesis.
         newer, older = (self._effects(rows, command) for command in (last, previous))
+        squares = [self._squares(rows, command) for command in (last, previous)]
+        (scatter,) = rows.computed(lambda a, b: [a + b], squares)
+        scatters = rows.split(scatter, [1] * size)
         variance = beliefs[2]
         *beliefs, likelihood = rows.computed(
             lambda *x: _learnt(
-                x[:size], x[size : 2 * size], x[2 * size : 3 * size], x[3 * size :], pushing
+                *(x[k * size : (k + 1) * size] for k in range(4)), x[4 * size :], pushing
             ),
-            [*changes, *newer, *older, *beliefs],
+            [*changes, *newer, *older, *scatters, *beliefs],
         )
         if not self.spare:
             shut = rows.product(beliefs[0], np.zeros((1, self.thrusters)))
             known = rows.joined([latest, twist, last, *beliefs, odds])
-            return Estimate(beliefs[:2], shut, known)
+            return Estimate(self._gains(beliefs[:2]), shut, known)
         none = np.zeros((self._hypotheses, 1))
         none[0] = 1.0
         of_none = rows.product(likelihood, none)
@@ -165,7 +171,16 @@ class Adaptation(NamedTuple):
         lost = np.zeros((self._hypotheses, self.thrusters))
         lost[np.arange(1, self._hypotheses), list(self.spare)] = 1.0
         shut = rows.product(accepted, lost)
-        return Estimate(gains, shut, rows.joined([latest, twist, last, *beliefs, odds]))
+        known = rows.joined([latest, twist, last, *beliefs, odds])
+        return Estimate(self._gains(gains), shut, known)
+
+    def _gains(self, gains: list[Row]) -> list[Row]:
+        """Gains of velocities and of angular velocities, of estimated ones.
+
+        A wheel at the limit of its momentum gives no torque, and its momentum is not observed: with wheels the gain
+        of velocities stands for both.
+        """
+        return gains if len(self.effects) == self.thrusters else [gains[0], gains[0]]
 
     def next_memory(self, rows: Rows[Row], estimate: Row, command: Row) -> Row:
         """Memory after an estimate (`Estimate.memory`) and a command from 0 to 1."""
@@ -194,6 +209,16 @@ class Adaptation(NamedTuple):
         number = rows.product(command, opened)
         return rows.computed(lambda n, *x: [a / at_least(n, 1.0) for a in x], [number, *effects])
 
+    def _squares(self, rows: Rows[Row], command: Row) -> Row:
+        """Sum of the squared changes of the twist by every effector that works, (N, d)."""
+        (square,) = rows.computed(lambda u: [u * u], [command])
+        squares = rows.product(square, np.square(self.effects))
+        if not self.is_shared:
+            return squares
+        thrusters = np.arange(len(self.effects)) < self.thrusters
+        number = rows.product(command, 1.0 * thrusters[:, None])
+        return rows.computed(lambda s, n: [s / at_least(n * n, 1.0)], [squares, number])[0]
+
     def _moved(self, *twists: Field) -> list[Field]:
         """Change of the twist since the reading before the last, then the last reading in the present B."""
         size = self.twist
@@ -213,6 +238,7 @@ def _learnt(
     changes: Sequence[Field],
     newer: Sequence[Field],
     older: Sequence[Field],
+    scatters: Sequence[Field],
     beliefs: Sequence[Field],
     pushing: int,
 ) -> list[Field]:
@@ -222,6 +248,7 @@ def _learnt(
         changes: of the twist over two periods, (d,).
         newer: what the last command does by the hypothesis, (d,).
         older: what the command before the last does, (d,).
+        scatters: sums of the squares of what every effector does by both commands, (d,).
         beliefs: gains of velocities and of angular velocities, then their variances.
         pushing: number of velocities in a twist.
     """
@@ -241,7 +268,8 @@ def _learnt(
             both = latest + older[axis]
             error = changes[axis] - gain * both
             late = _LATE * _LATE * (latest * latest + older[axis] * older[axis])
-            noise = _NOISE * _NOISE + _MODEL * _MODEL * both * both + late
+            own = _MODEL * _MODEL * both * both + _EACH * _EACH * scatters[axis]
+            noise = _NOISE * _NOISE + own + late
             information = information + both * latest / noise
             correction = correction + latest * error / noise
             total = noise + variance * both * both

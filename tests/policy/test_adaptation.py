@@ -74,7 +74,7 @@ class Flown:
 @pytest.mark.parametrize("name", ["floating-platform", "floating-platform-shared"])
 @pytest.mark.parametrize(("gain", "lost"), [(1.0, None), (1.0, 5), (0.5, 0), (2.0, 3)])
 def test_a_lost_thruster_is_shut(name: str, gain: float, lost: int | None) -> None:
-    _, shut = Flown(name, gain, lost, noise=0.003).after(40)
+    _, shut = Flown(name, gain, lost, noise=0.003).after(60)
     assert shut == [float(k == lost) for k in range(8)]
 
 
@@ -96,7 +96,7 @@ def test_one_reading_by_hand() -> None:
         estimate = own.estimated(rows, rows.constant([[0.0, 0.0, 0.0]]), memory)
         memory = own.next_memory(rows, estimate.memory, rows.constant([command]))
     estimate = own.estimated(rows, rows.constant([[0.05, 0.0, 0.0]]), memory)
-    noise = 0.0045**2 + (0.15**2 + 0.25**2) * 0.1**2
+    noise = 0.0045**2 + (0.15**2 + 0.15**2 + 0.25**2) * 0.1**2
     variance = 1.0 / (1.0 / (0.4**2 + 1e-4) + 0.1**2 / noise)
     assert float(estimate.gains[0]) == pytest.approx(1.0 - variance * 0.1 * 0.05 / noise)
     assert float(estimate.gains[1]) == 1.0
