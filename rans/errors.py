@@ -311,9 +311,11 @@ class MissingPackage(ConfigError, ImportError):
     """
 
     def __init__(self, module: str, user: str = "This") -> None:
-        super().__init__(
-            f"{user} needs the package {module}, which is not installed: pip install 'rans[{EXTRAS[module]}]'"
-        )
+        command = f"pip install 'rans[{EXTRAS[module]}]'"
+        sentence = f"{user} needs the package {module}, which is not installed: {command}"
+        if module == "rans_agents":  # a distribution of its own, from the same place as this one
+            sentence += "; in a checkout pip install ./agents, with wheels pip install the one of rans_agents"
+        super().__init__(sentence)
         self.module = module
         self.user = user
 

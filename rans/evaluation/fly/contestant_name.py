@@ -130,7 +130,8 @@ class ContestantName:
             raise ConfigError(
                 f"{whole} is a task, and a contestant is who flies it: type {_who_flies(task, agents)}."
             )
-        if not _exists(whole) and (near := CONTROLLERS.meant(whole, agents)):
+        is_path = whole != Path(whole).name
+        if not _exists(whole) and not is_path and (near := CONTROLLERS.meant(whole, agents)):
             raise ConfigError(
                 f"{whole} has no task; add one, as in {whole}:go-to-pose-2d."
                 if whole in CONTROLLERS
@@ -138,7 +139,7 @@ class ContestantName:
             )
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)
-        if not craft and whole == Path(whole).name:
+        if not craft and not is_path:
             raise ConfigError(
                 f"there is no run folder {brief(whole)}{meant_file(whole)}, and no controller or agent of this "
                 f"name; controllers are {', '.join(CONTROLLERS)}; `rans list AGENTS` prints the agents."

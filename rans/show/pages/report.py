@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -104,8 +105,9 @@ def _first_screen(
     run: Path, evaluations: Sequence[Path], assurances: Sequence[Path], sections: Sequence[Section]
 ) -> tuple[str, list[Tile]]:
     """The result in a sentence, and tiles: how good, against what, how sure."""
-    screen = _read(run / "screen-compare.json", Screen.from_json)
     compared = _read(run / "compare.json", _compared)
+    trained = _read(run / "metrics.jsonl", lambda rows: _trained(rows, run))
+    screen = None if compared is None else _read(run / "screen-compare.json", Screen.from_json)
     measured = [measurement for file in evaluations for measurement in _read(file, _measured) or ()]
     sure = [tile for file in assurances for tile in _read(file, _failure_probability) or ()]
     tiles: list[Tile] = []
@@ -117,6 +119,9 @@ def _first_screen(
         hero = " ".join(filter(None, (hero, compared)))
     elif compared:
         hero = compared
+    elif trained and not sure and [section.title for section in sections][:1] == ["Training"]:
+        hero = trained
+        tiles += [Tile(what, value) for what, value in sections[0].summary]
     else:
         # The first section says the result of what else there is, and its table at the end of a training.
         first = sections[0]
@@ -131,17 +136,42 @@ def _first_screen(
         ]
     # What a decision still lacks has its command.
     missing = []
-    if measured and not compared:
-        missing.append(Tile("comparison", "not yet", f"rans compare {run.name}"))
-    if (measured or compared) and not sure and (run / "config.json").is_file():
-        missing.append(Tile("failure probability", "not yet", f"rans assure {run.name}"))
+    agent = _contestant(run, evaluations)
+    is_agent = bool(measured or compared or trained)
+    if trained and not measured and not compared:
+        missing.append(Tile("evaluation", "not yet", f"rans evaluate {agent}"))
+    if is_agent and not compared:
+        missing.append(Tile("comparison", "not yet", f"rans compare {agent}"))
+    if is_agent and not sure and (run / "config.json").is_file():
+        missing.append(Tile("failure probability", "not yet", f"rans assure {agent}"))
     sure = sure[:1]
     return hero, [*tiles[: _ROW - len(sure) - len(missing)], *sure, *missing]
 
 
+def _contestant(run: Path, evaluations: Sequence[Path]) -> str:
+    """The contestant of a folder as commands name it: the run folder, or who was evaluated into another one."""
+    if (run / "config.json").is_file() or not evaluations:
+        return shlex.quote(str(run))
+    result = _read(evaluations[0], lambda result: result.get("conditions", {}).get("contestant"))
+    return shlex.quote(result if isinstance(result, str) else str(run))
+
+
+def _trained(rows: Sequence[Mapping[str, Any]], run: Path) -> str:
+    """The result of a training in a sentence; empty where its lines do not say it."""
+    last = rows[-1]
+    if not {"success", "steps"} <= last.keys():
+        return ""
+    return (
+        f"{run.resolve().name} solved {last['success']:.1%} of its last episodes in training, after "
+        f"{last['steps']:,} steps; other starts have not judged it yet."
+    )
+
+
 def _pictured(run: Path, evaluations: Sequence[Path]) -> Iterator[Section]:
     """Replay, time and impulse, paths and spacecraft, of whatever has been flown."""
-    screen = _read(run / "screen-compare.json", Screen.from_json) or Screen()
+    has_comparison = (run / "compare.json").is_file()
+    flown = has_comparison and _read(run / "screen-compare.json", Screen.from_json)
+    screen = flown or Screen()
     replay = screen.race
     for file in evaluations:
         flown = _read(run / f"screen-{file.name}", Screen.from_json)

@@ -17,7 +17,7 @@ from rich.console import Console
 import rans
 from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import measure
-from rans.files import plain, write_json
+from rans.files import plain, read_json, write_json
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile
 from rans.show.pages.race import median_and_slowest
@@ -251,10 +251,29 @@ def test_the_first_screen_says_how_sure(run: Path) -> None:
         ("0.0146", "17 of 2,000 flights failed\n99 % confidence")
     ]
     (run / "assurance-lab.json").unlink()
-    assert of("failure probability") == [("not yet", f"rans assure {run.name}")]
+    assert of("failure probability") == [("not yet", f"rans assure {run}")]
     assert of("comparison") == []
     (run / "compare.json").unlink()
-    assert of("comparison") == [("not yet", f"rans compare {run.name}")]
+    assert of("comparison") == [("not yet", f"rans compare {run}")]
+
+
+def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text("{}")
+    rows = [{"steps": 1000, "success": 0.5}, {"steps": 2000, "success": 0.75}]
+    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    page = report_from_run(tmp_path)
+    assert "75.0% of its last episodes in training, after 2,000 steps" in page.hero
+    assert [(tile.value, tile.note) for tile in page.tiles if tile.value == "not yet"] == [
+        ("not yet", f"rans {command} {tmp_path}") for command in ("evaluate", "compare", "assure")
+    ]
+
+
+def test_an_evaluation_of_an_agent_is_compared_by_its_name(run: Path, tmp_path: Path) -> None:
+    result = read_json(run / "evaluation.json")
+    result["conditions"] = {"contestant": "pretrained:go-to-pose-2d"}
+    write_json(tmp_path / "evaluation.json", result)
+    notes = [tile.note for tile in report_from_run(tmp_path).tiles if tile.label == "comparison"]
+    assert notes == ["rans compare pretrained:go-to-pose-2d"]
 
 
 SCREEN = Screen(
