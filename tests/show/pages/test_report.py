@@ -268,11 +268,13 @@ def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
     ]
 
 
-def test_an_evaluation_of_an_agent_is_compared_by_its_name(run: Path, tmp_path: Path) -> None:
+def test_an_evaluation_of_an_agent_is_compared_by_its_name(run: Path) -> None:
+    alone = run / "alone"
+    alone.mkdir()
     result = read_json(run / "evaluation.json")
     result["conditions"] = {"contestant": "pretrained:go-to-pose-2d"}
-    write_json(tmp_path / "evaluation.json", result)
-    notes = [tile.note for tile in report_from_run(tmp_path).tiles if tile.label == "comparison"]
+    write_json(alone / "evaluation.json", result)
+    notes = [tile.note for tile in report_from_run(alone).tiles if tile.label == "comparison"]
     assert notes == ["rans compare pretrained:go-to-pose-2d"]
 
 
