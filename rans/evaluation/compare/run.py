@@ -34,6 +34,7 @@ from rans.evaluation.compare.mission_bounds import (
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
 from rans.files import first_line
+from rans.model.spacecraft import check_rigid
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import check_goal
 from rans.progress import Stages, unseen_stages
@@ -264,6 +265,7 @@ def _nothing_claimed(contest: Contest) -> str:
         )
     try:
         check_goal(contest.task)
+        check_rigid(contest.craft, "optima and bounds")
     except ConfigError as reason:
         return f"Neither optima nor bounds are claimed: {reason}"
     return ""
