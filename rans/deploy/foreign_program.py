@@ -257,6 +257,10 @@ class _Reader:
                 slope = attributes.get("alpha", 0.01) if operator == "LeakyRelu" else operands[1]
                 below = self._each("Mul", first, slope)
                 return self._each("Where", self._each("Less", first, 0.0), below, first)
+            case "Erf":
+                return self._error_function(first)
+            case "Gelu":
+                return self._gelu(first, attributes.get("approximate", b"none"))
             case "Softplus":
                 # log(1 + exp(x)) without overflow.
                 small = self._each("Exp", self._each("Neg", self._each("Abs", first)))
@@ -281,6 +285,35 @@ class _Reader:
             case "ArgMax":
                 return self._largest(first.places, attributes)
         raise _Refused("which exported files do not know")
+
+    def _error_function(self, x: _Numbers) -> _Numbers:
+        """Error function, within 1.5e-7, which is single precision of numbers near 1.
+
+        Source: Abramowitz and Stegun, Handbook of Mathematical Functions, 1964, formula 7.1.26.
+        """
+        size = self._each("Abs", x)
+        inverse = self._each("Div", 1.0, self._each("Add", self._each("Mul", size, 0.3275911), 1.0))
+        sum_so_far: Any = 1.061405429
+        for coefficient in (-1.453152027, 1.421413741, -0.284496736, 0.254829592):
+            sum_so_far = self._each("Add", self._each("Mul", inverse, sum_so_far), coefficient)
+        tail = self._each("Exp", self._each("Neg", self._each("Mul", size, size)))
+        rest = self._each("Mul", self._each("Mul", sum_so_far, inverse), tail)
+        positive = self._each("Sub", 1.0, rest)
+        negative = self._each("Neg", positive)
+        return self._each("Where", self._each("Less", x, 0.0), negative, positive)
+
+    def _gelu(self, x: _Numbers, approximation: bytes | str) -> _Numbers:
+        """Gaussian error linear unit: x times the normal distribution function of x, or its approximation by tanh.
+
+        Source: Hendrycks and Gimpel, "Gaussian Error Linear Units (GELUs)", arXiv:1606.08415, 2016.
+        """
+        if approximation in (b"tanh", "tanh"):
+            cube = self._each("Mul", self._each("Mul", x, x), x)
+            inner = self._each("Add", x, self._each("Mul", cube, 0.044715))
+            step = self._each("Tanh", self._each("Mul", inner, math.sqrt(2.0 / math.pi)))
+        else:
+            step = self._error_function(self._each("Mul", x, math.sqrt(0.5)))
+        return self._each("Mul", self._each("Mul", x, 0.5), self._each("Add", step, 1.0))
 
     def _numbers(self, row: str, shape: Sequence[int]) -> _Numbers:
         """Places of all columns of a row of the program."""

@@ -178,9 +178,17 @@ def test_sb3s_own_recipe_for_its_export(kind: str, tmp_path: Path) -> None:
 
 def test_what_no_file_can_have_is_refused_by_operator_and_node(tmp_path: Path) -> None:
     craft = load_spacecraft(PLATFORM)
-    layers = torch.nn.Sequential(torch.nn.Linear(WIDTH, 8), torch.nn.GELU())
-    file = written(layers, tmp_path / "gelu.onnx")
-    with pytest.raises(ConfigError, match=r"'/1/Erf' is the operator Erf"):
+
+    class Recurrent(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.cell = torch.nn.LSTM(WIDTH, 8)
+
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            return self.cell(x[None])[0][0]
+
+    file = written(Recurrent(), tmp_path / "lstm.onnx", batch="")
+    with pytest.raises(ConfigError, match=r"LSTM"):
         foreign_program(file, WIDTH, craft)
     file = written(torch.nn.Linear(WIDTH, 7), tmp_path / "few.onnx")
     with pytest.raises(ConfigError, match=r"7 numbers, but floating-platform takes 8"):
@@ -205,6 +213,45 @@ def test_a_policy_that_cannot_be_exported_is_a_sentence(
 ) -> None:
     assert main(["export", policy, "--format", "c"]) == 2
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("approximate", ["none", "tanh"])
+def test_gelu_as_one_operation_and_as_several(approximate: str, tmp_path: Path) -> None:
+    """As exporters write it for version 20 of the operators; also far from zero, where it is zero or the input."""
+    import onnx
+    from onnx import TensorProto, helper
+
+    graph = helper.make_graph(
+        [
+            helper.make_node("Gelu", ["observation"], ["units"], approximate=approximate),
+            helper.make_node("Slice", ["units", "first", "last", "axis"], ["command"]),
+        ],
+        "gelu",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["N", WIDTH])],
+        [helper.make_tensor_value_info("command", TensorProto.FLOAT, ["N", 8])],
+        [
+            helper.make_tensor(name, TensorProto.INT64, [1], [number])
+            for name, number in (("first", 0), ("last", 8), ("axis", 1))
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=9)
+    file = tmp_path / "gelu.onnx"
+    onnx.save(model, str(file))
+    rows = np.linspace(-8.0, 8.0, 21 * WIDTH, dtype=np.float32).reshape(21, WIDTH)
+    expected = np.clip(judged(file, rows), 0.0, 1.0)
+    found = by_numpy(file, load_spacecraft(THROTTLED), rows)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert {0.0, 1.0} < {*np.round(expected.ravel(), 3)}
+    # Torch writes several operations in its place: Erf among them, or those of the approximation.
+    torch.manual_seed(0)
+    layers = torch.nn.Sequential(torch.nn.Linear(WIDTH, 8), torch.nn.GELU(approximate))
+    file = written(layers, tmp_path / "layers.onnx")
+    expected = np.clip(judged(file, observations()), 0.0, 1.0)
+    found = by_numpy(file, load_spacecraft(THROTTLED), observations())
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    if shutil.which("cc"):
+        found = by_c(file, load_spacecraft(THROTTLED), observations(), tmp_path)
+        np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 def test_an_answer_that_is_no_number_stays_so_for_the_watchdog(tmp_path: Path) -> None:
