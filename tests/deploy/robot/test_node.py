@@ -21,6 +21,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rans.cli.fly import Fly
+from rans.deploy.foreign import export_foreign_for_flight
 from rans.deploy.robot.bag import bag_entries
 from rans.deploy.robot.bus import Receive, UDPBus, open_bus
 from rans.deploy.robot.frames import Motion
@@ -43,6 +44,7 @@ from rans.tasks import Avoid, GoToPose
 from tests.support.robots import AWAY
 
 PLATFORM = "floating-platform"
+FOREIGN = Path(__file__).parents[3] / "examples" / "trainers" / "agents" / "sb3-ppo.onnx"
 TASK = {"name": "go-to-pose", "settings": {}}
 
 
@@ -373,6 +375,45 @@ def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> 
     for cut in range(1, 200):
         short.write_bytes(whole[:-cut])
         assert [*bag_entries(short)] == kept[: len([*bag_entries(short)])]
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A network of another library, as a node flies it."""
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    folder = tmp_path_factory.mktemp("foreign") / "sb3-ppo"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rans.deploy.foreign._FLIGHTS_FOR_A_FLIGHT", 16)
+        export_foreign_for_flight(f"onnx:{FOREIGN}:go-to-pose-2d@{PLATFORM}", folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_foreign_network_gives_the_commands_of_onnx_runtime(foreign: Path) -> None:
+    import onnxruntime
+
+    pilot = MessagePilot(plan_for(foreign, goal=(0.5, -0.5, 30.0)), GoToPose())
+    decision = steps(pilot, AWAY)[0]
+    turn = np.radians(30.0) - 0.5
+    row = [np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(turn), np.sin(turn)]
+    session = onnxruntime.InferenceSession(str(FOREIGN))
+    name = session.get_inputs()[0].name
+    expected = session.run(None, {name: np.array([row], np.float32)})[0][0] > 0.5
+    np.testing.assert_array_equal(decision.command > 0.5, expected)
+    assert expected.any()
+
+
+@pytest.mark.slow
+def test_a_foreign_network_flies_against_a_twin(foreign: Path, tmp_path: Path) -> None:
+    """Its bag has its commands, and it comes nearer to the goal than the start, which is 36 cm away."""
+    bag = tmp_path / "flight.mcap"
+    report, motion, _ = flown(Wire(), foreign, bag, 3.0)
+    assert report.fault == ""
+    assert report.decisions >= 5
+    again = replay_bag(bag)
+    assert (again.equal, again.first_difference) == (report.decisions, None)
+    assert float(np.linalg.norm(motion.position)) < 0.36
 
 
 def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -> None:
