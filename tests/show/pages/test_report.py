@@ -26,6 +26,7 @@ from rans.show.pages.report import (
     assurance_section,
     comparison_section,
     evaluation_section,
+    learning_charts,
     report_from_run,
     validation_section,
 )
@@ -563,3 +564,14 @@ def test_an_assurance_alone_says_its_bound_in_one_tile(tmp_path: Path) -> None:
     tiles = report_from_run(tmp_path).tiles
     bound = f"{ASSURANCE['bounds']['any']['at most']:.3g}"
     assert [tile.value for tile in tiles].count(bound) == 1
+
+
+def test_charts_of_a_training_have_percent_and_returns_over_steps() -> None:
+    rows = [
+        {"steps": 1000, "success": 0.25, "return/position": 3.0},
+        {"steps": 2000, "success": 0.5, "return/position": 4.0},
+    ]
+    solved, returns = learning_charts(rows)
+    assert [(mark.x, mark.y) for mark in solved.series[0].marks] == [(1000, 25.0), (2000, 50.0)]
+    assert [(mark.x, mark.y) for mark in returns.series[0].marks] == [(1000, 3.0), (2000, 4.0)]
+    assert returns.series[0].name == "position"
