@@ -35,9 +35,9 @@ def test_every_example_is_run() -> None:
     ("name", "craft"),
     [
         ("rl-games-ppo", "floating-platform"),
-        ("sb3-ppo", "floating-platform"),
+        pytest.param("sb3-ppo", "floating-platform", marks=pytest.mark.slow),
         ("sb3-dqn", "floating-platform"),
-        ("sb3-sac", str(FOLDER / "throttled-platform.toml")),
+        pytest.param("sb3-sac", str(FOLDER / "throttled-platform.toml"), marks=pytest.mark.slow),
         ("sb3-td3", str(FOLDER / "throttled-platform.toml")),
     ],
 )

@@ -53,7 +53,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     assert len(again) == 4
 
 
-@pytest.mark.parametrize("layer", ["period", "optimal"])
+@pytest.mark.parametrize("layer", ["period", pytest.param("optimal", marks=pytest.mark.slow)])
 def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
     assert main(["validate", "--quick", "atmos", "--layer", layer]) == 0, capsys.readouterr()

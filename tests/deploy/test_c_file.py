@@ -380,6 +380,7 @@ def test_an_agent_leaves_as_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert f"It needs {stated:,} bytes of stack." in said
 
 
+@pytest.mark.slow
 def test_an_answer_that_is_not_finite_shuts_the_valves(folder: Path, tmp_path: Path) -> None:
     call = "rans_agent_answer(agent->last, agent->memory, command, after);"
     text = (folder / "agent.c").read_text("utf-8")

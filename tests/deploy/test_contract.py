@@ -282,6 +282,7 @@ def test_a_contract_names_the_filter_that_its_files_lack() -> None:
     assert known["go-to-pose-2d"] is None
 
 
+@pytest.mark.slow
 def test_valid_ranges_leave_out_flights_that_failed() -> None:
     """A task in space that fails above 2 rad/s: of 32 flights some are faster, and none of them is kept."""
     folder = pretrained_folder("go-to-pose-3d")

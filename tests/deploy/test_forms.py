@@ -168,10 +168,8 @@ ERRORS: dict[str, Callable[[Network], Network]] = {
         action_net__weight=swapped(0, 1, 2), action_net__bias=swapped(0, 1, 2)
     ),
     "a mean 2 cm off": changed(features_extractor__mean=lambda x: x + 0.02),
-    "another column's mean": changed(features_extractor__mean=swapped(0, 4)),
     "thrusters swapped in a view": other_place,
     "a mirror image that turns the wrong way": other_hand,
-    "another zoom": of_another(zoom=15.0),
     "averages that forget sooner": of_another(averages=(0.5, 0.8, 0.9, 0.94)),
 }
 

@@ -14,7 +14,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity
-from tests.support.engines import NEAR, PLATFORM, SHORT, actions, by_turns, run
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, by_turns, run
 from tests.support.switching import SwitchingGoToPose
 
 COSTLY = SwitchingGoToPose(**vars(NEAR), switching_weight=0.25)
@@ -57,8 +57,12 @@ def test_it_remembers_what_the_task_looks_at_and_nothing_more(backend: Any) -> N
     assert set(engines[1].term_names) - set(engines[0].term_names) == {"switching"}
 
 
-@by_turns
-@pytest.mark.parametrize("task", [COSTLY, MIXED], ids=["switching", "multi-task"])
+@pytest.mark.parametrize(
+    ("backend", "craft", "task"),
+    [("torch", FLYER, COSTLY), ("numpy", PLATFORM, MIXED)],
+    indirect=["backend"],
+    ids=["switching", "multi-task"],
+)
 def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft, task: Any) -> None:
     engine, other = (backend(craft, task, 16, SHORT, seed=seed) for seed in (9, 123))
     run(engine, 7)

@@ -44,13 +44,13 @@ by_name = pytest.mark.parametrize("craft", CRAFTS, ids=lambda craft: craft.name)
 @by_name
 def test_closed_loop_agrees_with_our_equations(craft: Spacecraft) -> None:
     """The same decisions, so the same commands, and states within the accuracy of 64 substeps."""
-    timing = Timing(substeps=64, episode_steps=20)
+    timing = Timing(substeps=64, episode_steps=10)
     starts = scenarios(TASK, craft, 5, 2)
     ours = fly(craft, TASK, Restless(craft, 1), starts, timing)
     drake = fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing)
     assert np.array_equal(drake.commands, ours.commands)
     assert 0.05 < ours.commands.mean() < 0.95, "a controller that does something"
-    assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 4 s
+    assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 2 s
     assert (drake.engine, drake.controller) == ("drake", "restless")
 
 
@@ -219,7 +219,7 @@ def test_gymnasium_and_sb3_find_nothing_wrong(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "nasty"), [*((name, True) for name in [*NASTY][1:]), (SHIPPED[1], False)]
+    ("name", "nasty"), [*((name, True) for name in [*NASTY][1::2]), (SHIPPED[1], False)]
 )
 def test_same_rewards_and_ends_as_the_fast_environment(name: str, nasty: bool) -> None:
     """Two episodes of a seed under the same random commands, at a step size that plays no part."""

@@ -39,7 +39,11 @@ def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
     return Trainer([config], run.spacecraft(), run)
 
 
-@KINDS
+@pytest.mark.parametrize(
+    "kind",
+    [Throttle(), pytest.param(Pulsed(4, 1), marks=pytest.mark.slow)],
+    ids=["throttle", "pulsed"],
+)
 def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) -> None:
     begun(tmp_path, kind).train(ignore)
     loaded = load_policy(tmp_path / "run")

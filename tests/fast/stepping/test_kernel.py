@@ -370,9 +370,7 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
         *(
             (effect, False, (PLATFORM, FLYER)[number % 2])
             for number, effect in enumerate(
-                one
-                for one in EFFECTS
-                if one in ("fall", "hold", "faults", "swing", "outage", "range", "mountings")
+                one for one in EFFECTS if one in ("fall", "faults", "outage", "mountings")
             )
         ),
         *((effect, False, PLATFORM) for effect in ("all", "pairs")),

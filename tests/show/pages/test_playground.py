@@ -44,7 +44,7 @@ from rans.tasks import Dock, TargetOrbit
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaScript")
 AGENTS = (
-    "go-to-pose-2d",
+    pytest.param("go-to-pose-2d", marks=pytest.mark.slow),
     "go-to-pose-2d-robust",
     "go-to-pose-2d-pingu",
     "go-to-pose-3d-astrobee-iss",

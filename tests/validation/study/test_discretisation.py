@@ -29,7 +29,9 @@ def test_the_originals_scheme_by_hand() -> None:
     assert angle == pytest.approx(2.0 * coasting.w.norm(), abs=1e-13)
 
 
-@pytest.mark.parametrize("spacecraft", ["floating-platform", "pingu"])
+@pytest.mark.parametrize(
+    "spacecraft", ["floating-platform", pytest.param("pingu", marks=pytest.mark.slow)]
+)
 def test_the_default_step_must_gain_a_decade(
     spacecraft: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,7 +7,7 @@ responsible.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -56,13 +56,25 @@ def name(value: Any) -> str:
     return getattr(value, "name", None) or getattr(value, "__name__", str(value))
 
 
-@pytest.mark.parametrize(("craft", "patch", "layer"), MUTATIONS, ids=name)
+def each(errors: Sequence[tuple[Spacecraft, Patch, str]]) -> Any:
+    """By turns among the default tests and the slow ones."""
+    return pytest.mark.parametrize(
+        ("craft", "patch", "layer"),
+        [
+            pytest.param(*one, marks=pytest.mark.slow if number % 2 else ())
+            for number, one in enumerate(errors)
+        ],
+        ids=name,
+    )
+
+
+@each(MUTATIONS)
 def test_found_where_it_lies(craft: Spacecraft, patch: Patch, layer: str, monkeypatch: Any) -> None:
     patch(monkeypatch)
     assert next(failures(craft), ("nowhere", ""))[0] == layer
 
 
-@pytest.mark.parametrize(("craft", "patch", "layer"), SHARED, ids=name)
+@each(SHARED)
 def test_found_although_drake_shares_it(
     craft: Spacecraft, patch: Patch, layer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
