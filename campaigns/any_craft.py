@@ -2,9 +2,10 @@
 
 ``python -m campaigns.any_craft train`` trains that of the plane and writes it into the package, ``train
 --dimension 3 --seed 1 --device cuda`` that of space;
-``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts, ``dead`` that of
-a dead thruster, ``mass`` that of another mass, ``unstated`` that of faults and masses that no file states, all of
-docs/any_craft.md; ``joined`` that of two docked craft, of docs/any_craft_training.md; ``picture`` draws layouts.
+``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts (with ``--engine
+drake`` that of some as spacecraft, in the engine and in Drake), ``dead`` that of a dead thruster, ``mass`` that
+of another mass, ``unstated`` that of faults and masses that no file states, all of docs/any_craft.md; ``joined``
+that of two docked craft, of docs/any_craft_training.md; ``picture`` draws layouts.
 ``--dimension 3`` does the same in space, of docs/any_craft_in_space.md.
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import cache
@@ -25,6 +27,7 @@ from scipy.linalg import solve_discrete_are
 from torch import Tensor
 
 from campaigns.any_craft_training import (
+    RANGES_OF_LAYOUTS,
     DemandNetwork,
     DemandSettings,
     Law,
@@ -48,6 +51,7 @@ from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.evaluation.measure.aggregate import measure
+from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.fast.agent_files.agent import actor_bytes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import environment, write_json, write_text
@@ -62,6 +66,7 @@ from rans.pretrained import FOLDER
 from rans.processes import Workers
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
+from rans.randomization.layout_bodies import layout_spacecraft
 from rans.randomization.layouts import authority_margin, layouts
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPose
@@ -416,6 +421,53 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
         yield f"| {bound} | {number} | {' | '.join(cells)} |"
 
 
+class _Crafts(NamedTuple):
+    """Number of flights of every layout as a spacecraft of its own."""
+
+    episodes: int
+
+    def flights(
+        self, layout: np.ndarray, engine: Literal["fast", "drake"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Whether each flight of the agent settles, settling time, s, impulse, N s, and last position, m."""
+        craft = layout_spacecraft(load_spacecraft(_OWN[2][0]), layout)
+        with warnings.catch_warnings():
+            # A layout may be outside of what the agent was trained for.
+            warnings.filterwarnings("ignore", message=".*agent for any craft was trained")
+            run = for_spacecraft(contestant(f"pretrained:{AGENTS[2]}"), craft)
+        flight = fly_episodes(
+            run.controller, run.judged, EVALUATION_SEED, self.episodes, engine
+        ).flight
+        last = np.stack([x[-1] for x in flight.states.p.columns()], axis=1)
+        return np.asarray(flight.verdict.solved), settling_times(flight), impulses(flight), last
+
+
+def judged_layouts(count: int, episodes: int) -> Iterator[str]:
+    """Rows of the table of random layouts in the engine and in Drake, which builds a plant of each."""
+    yield "| engine | layouts | flights | settled | settling time, s | impulse, N s |"
+    yield "|---|---|---|---|---|---|"
+    drawn = list(layouts(count, _LAYOUT_SEED, RANGES_OF_LAYOUTS[2]))
+    workers = Workers(_Crafts, (episodes,), work="flew layouts")
+    outcomes = {}
+    engines: tuple[Literal["fast", "drake"], ...] = ("fast", "drake")
+    for engine in engines:
+        parts = workers.ordered(_Crafts.flights, [(layout, engine) for layout in drawn])
+        outcomes[engine] = [np.concatenate(x) for x in zip(*parts, strict=True)]
+        settled, settles, spent, _ = outcomes[engine]
+        name = "Drake" if engine == "drake" else "RANS"
+        yield (
+            f"| {name} | {count} | {len(settled)} | {100 * settled.mean():.1f} % | "
+            f"{np.median(settles):.1f} | {np.median(spent):.1f} |"
+        )
+    ours, theirs = (outcomes[engine] for engine in engines)
+    apart = np.linalg.norm(ours[3] - theirs[3], axis=1)
+    yield ""
+    yield (
+        f"Flights with another verdict in Drake: {int((ours[0] != theirs[0]).sum())}. Largest distance between "
+        f"the ends of two flights: {apart.max():.1g} m."
+    )
+
+
 def _law(layers: Layers, periods: float) -> Law:
     """Demands of a network that coasts for some control periods near the goal, or for 0 never."""
 
@@ -576,7 +628,9 @@ def main() -> None:
     parser.add_argument(
         "--agent", help="run folder whose agent craft flies; by default the shipped one"
     )
-    parser.add_argument("--engine", choices=("fast", "drake"), default="fast", help="of joined")
+    parser.add_argument(
+        "--engine", choices=("fast", "drake"), default="fast", help="of joined and layouts"
+    )
     parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
     given = parser.parse_args()
     names = given.only or SPECIALISTS[given.dimension]
@@ -593,7 +647,11 @@ def main() -> None:
         "mass": lambda: heavier(given.episodes, names),
         "unstated": lambda: unstated(given.episodes, names),
         "joined": lambda: docked(given.episodes, given.dimension, given.engine),
-        "layouts": lambda: random_layouts(given.layouts, given.dimension),
+        "layouts": lambda: (
+            judged_layouts(given.layouts, given.episodes)
+            if given.engine == "drake"
+            else random_layouts(given.layouts, given.dimension)
+        ),
     }
     for row in rows[given.part]():
         print(row, flush=True)  # noqa: T201

@@ -19,7 +19,7 @@ from rans.effectors.slosh import check_slosh
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.dynamics import NODES, advance
+from rans.model.dynamics import NODES, advance, thruster_effects
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
@@ -67,6 +67,9 @@ class Episode:
     """Last commands, the newest first, as far as delayed valves or the reward need them."""
     violated: Field | None = None
     """1 where a constraint was violated before, else 0; None: there are none, or a violation ends the episode."""
+    thrusters: tuple[Field, ...] = ()
+    """Effects of the thrusters at the start of the episode (`rans.model.dynamics.thruster_effects`), if the task
+    has them in the observation."""
 
     def memory(self) -> list[Field]:
         """Fields that vary, in the order of definition."""
@@ -242,7 +245,7 @@ class World:
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """Columns of the observation of an episode."""
-        return observation(self.task, self.sensed(episode, draws), episode.goal)
+        return observation(self.task, self.sensed(episode, draws), episode.goal, episode.thrusters)
 
     def number(self, clock: Field, draws: Draws) -> Field:
         """Number of the episode at a clock; with the seed it determines all draws."""
@@ -288,11 +291,27 @@ class World:
             ),
             draws,
         )
+        if self.task.observed_thrusters:
+            new = replace(new, thrusters=self._effects(new))
         # Sensors that repeat readings need a first one.
         sensors = None if new.parameters is None else new.parameters.sensors
         if sensors is None or not sensors.repeats:
             return new
         return replace(new, reading=self.read(new, draws))
+
+    def _effects(self, episode: Episode) -> tuple[Field, ...]:
+        """Numbers of `Episode.thrusters`, with zeros for thrusters that the craft has not."""
+        body = episode.body or Body.of(self.craft)
+        if episode.parameters is not None:
+            body = episode.parameters.body
+        missing = self.task.observed_thrusters - self.craft.thruster_count
+        if missing < 0:
+            raise ConfigError(
+                f"the policy observes {self.task.observed_thrusters} thrusters (observed_thrusters), but "
+                f"{self.craft.name} has {self.craft.thruster_count}: raise it to that number."
+            )
+        padding = (0.0,) * (missing * self.craft.degrees_of_freedom)
+        return (*thruster_effects(self.craft, body), *padding)
 
     @cached_property
     def forces(self) -> tuple[float, ...]:

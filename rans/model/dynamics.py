@@ -7,6 +7,7 @@ hold) or over each of its pieces. Disturbances are constant in W. Without both, 
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from rans.model.body import Body
+from rans.model.body import Body, Mounting
 from rans.model.drift import FREE, Drift
 from rans.model.fields import (
     Attitude,
@@ -28,7 +29,7 @@ from rans.model.fields import (
     map_leaves,
 )
 from rans.model.rotation import Rotation, at, even, exponential, pulled, spin_series, turned
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, Thruster
 
 Rule = tuple[tuple[float, float], ...]
 
@@ -184,14 +185,61 @@ def _mounted(craft: Spacecraft, openings: Sequence[Field], body: Body) -> list[F
     wrenches = []
     for thruster, mounting, opening in zip(craft.thrusters, body.mountings, openings, strict=True):
         magnitude = opening * thruster.force
-        designed = zip(thruster.position, craft.centre_of_mass, mounting.offset, strict=False)
-        arm = [position - centre + offset for position, centre, offset in designed]
         force = [magnitude * x for x in mounting.direction]
-        if craft.dimension == 2:
-            wrenches.append([*force, arm[0] * force[1] - arm[1] * force[0]])
-        else:
-            wrenches.append([*force, *Vec3(*arm).cross(Vec3(*force)).columns()])
+        wrenches.append([*force, *_torque(craft, thruster, mounting, force)])
     return [sum(column[1:], start=column[0]) for column in zip(*wrenches, strict=True)]
+
+
+def thruster_effects(craft: Spacecraft, body: Body) -> tuple[Field, ...]:
+    """What each fully open thruster alone does to the motion of a body, without delays and droop of the supply.
+
+    For every thruster its linear acceleration in B over the mean one of the thrusters as designed (2 numbers in
+    the plane, 3 in space), then its torque about the true centre of mass, in B, over the mean moment of inertia
+    and the root mean square of the same as designed (1 number, or 3).
+    """
+    size = craft.dimension
+    designed = Body.of(craft)
+    count = craft.thruster_count
+    linear = sum(thruster.force for thruster in craft.thrusters) / (count * craft.mass)
+    torques = [row[size:] for row in craft.wrench_map]
+    angular = math.sqrt(sum(x * x for row in torques for x in row) / count) / _mean_moment(designed)
+    numbers: list[Field] = []
+    for k, thruster in enumerate(craft.thrusters):
+        row = craft.wrench_map[k]
+        force, torque = list(row[:size]), list(row[size:])
+        if body.mountings:
+            force = [thruster.force * x for x in body.mountings[k].direction]
+            torque = _torque(craft, thruster, body.mountings[k], force)
+        shift = body.centre or (0.0,) * size
+        if size == 2:
+            torque = [torque[0] - (shift[0] * force[1] - shift[1] * force[0])]
+        else:
+            moved = Vec3(*shift).cross(Vec3(*force)).columns()
+            torque = [x - y for x, y in zip(torque, moved, strict=True)]
+        gain = body.gain[k] if body.gain else 1.0
+        pushing = gain / (body.mass * linear)
+        turning = gain / (_mean_moment(body) * (angular or 1.0))
+        numbers += [pushing * x for x in force]
+        numbers += [turning * x for x in torque]
+    return tuple(numbers)
+
+
+def _mean_moment(body: Body) -> Field:
+    """Mean of the moments of inertia about the axes of B that the craft can turn about, kg m^2."""
+    if len(body.inertia) == 1:
+        return body.inertia[0]
+    return (body.inertia[0] + body.inertia[3] + body.inertia[5]) / 3.0
+
+
+def _torque(
+    craft: Spacecraft, thruster: Thruster, mounting: Mounting, force: Sequence[Field]
+) -> list[Field]:
+    """Torque of a force at the true position of a thruster about the designed centre of mass: 1 or 3 numbers."""
+    designed = zip(thruster.position, craft.centre_of_mass, mounting.offset, strict=False)
+    arm = [position - centre + offset for position, centre, offset in designed]
+    if craft.dimension == 2:
+        return [arm[0] * force[1] - arm[1] * force[0]]
+    return list(Vec3(*arm).cross(Vec3(*force)).columns())
 
 
 def _dot(factors: Sequence[Field], coefficients: Sequence[float]) -> Field:

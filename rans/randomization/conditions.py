@@ -279,6 +279,11 @@ class Conditions(Settings):
                 f"layouts.count is for craft in the plane with at least {self.layouts.fewest} thrusters "
                 f"(layouts.fewest); {craft.name!r} has {count} and moves in {craft.dimension} dimensions."
             )
+        if self.layouts.count and craft.thrust_sharing != "none":
+            raise ConfigError(
+                f"layouts.count is for craft whose thrusters do not share their force, but {craft.name!r} has "
+                f'thrust_sharing = "{craft.thrust_sharing}", which counts open thrusters of one force.'
+            )
         if any(k >= count for k in self.faults.thrusters):
             raise ConfigError(
                 f"Conditions have faults of thrusters {[*self.faults.thrusters]}; those of {craft.name!r} have the "
@@ -543,6 +548,13 @@ def _check_layouts(conditions: Conditions) -> None:
                 value,
                 "left out with random layouts (layouts.count), whose thrusters have no designed place",
             )
+        droop = part.thrusters.droop
+        _require(
+            droop is None or largest(droop) == 0.0,
+            "thrusters.droop",
+            droop,
+            "left out with random layouts (layouts.count): it counts open thrusters of one force",
+        )
         _require(
             part.faults.among == "any",
             "faults.among",

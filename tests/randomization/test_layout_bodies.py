@@ -22,6 +22,7 @@ from rans.randomization.conditions import Conditions, LayoutConditions
 from rans.randomization.layout_bodies import layout_bodies, layout_spacecraft
 from rans.randomization.layouts import LayoutRanges, layouts, sample_layout
 from rans.scenario import draws, scenarios
+from rans.tasks import observation_width
 
 CRAFT = rans.load_spacecraft("floating-platform")
 RANDOM = Conditions(layouts=LayoutConditions(count=4, seed=3))
@@ -45,24 +46,28 @@ class Played:
         return self.commands[self.step]
 
 
-def commands(count: int) -> np.ndarray:
-    shape = (TIMING.episode_steps, count, CRAFT.thruster_count)
-    return np.random.default_rng(1).integers(0, 2, shape).astype(float)
+def commands(count: int, craft: rans.Spacecraft = CRAFT) -> np.ndarray:
+    shape = (TIMING.episode_steps, count, craft.thruster_count)
+    random = np.random.default_rng(1)
+    return random.random(shape) if craft.is_continuous else random.integers(0, 2, shape) * 1.0
 
 
-def flown(conditions: Conditions, count: int = 4, **own: Any) -> Flight:
-    starts = scenarios(rans.GoToPose(), CRAFT, 0, count)
-    played = Played(own.get("commands", commands(count)))
+def flown(
+    conditions: Conditions, craft: rans.Spacecraft = CRAFT, given: np.ndarray | None = None
+) -> Flight:
+    count = 4
+    starts = scenarios(rans.GoToPose(), craft, 0, count)
+    played = Played(commands(count, craft) if given is None else given)
     return fly(
-        CRAFT, rans.GoToPose(), played, starts, TIMING, conditions=conditions, draws=draws(0, count)
+        craft, rans.GoToPose(), played, starts, TIMING, conditions=conditions, draws=draws(0, count)
     )
 
 
-def flown_alone(number: int) -> Flight:
+def flown_alone(number: int, usual: rans.Spacecraft) -> Flight:
     """Flight of a layout as a spacecraft of its own, whose file has these thrusters only."""
-    craft = layout_spacecraft(CRAFT, DRAWN[number])
-    start = map_leaves(lambda x: x[number : number + 1], scenarios(rans.GoToPose(), CRAFT, 0, 4))
-    played = Played(commands(4)[:, number : number + 1, : craft.thruster_count])
+    craft = layout_spacecraft(usual, DRAWN[number])
+    start = map_leaves(lambda x: x[number : number + 1], scenarios(rans.GoToPose(), usual, 0, 4))
+    played = Played(commands(4, usual)[:, number : number + 1, : craft.thruster_count])
     return fly(craft, rans.GoToPose(), played, start, TIMING)
 
 
@@ -104,10 +109,13 @@ def test_wrenches_are_the_columns(seed: int) -> None:
     assert np.allclose(layout_spacecraft(CRAFT, layout).wrench_map, expected, atol=1e-12)
 
 
-def test_episodes_fly_as_spacecraft_of_their_own() -> None:
-    every = flown(RANDOM)
+@pytest.mark.parametrize("name", ["floating-platform", "freeflyer2"], ids=["on/off", "pulsed"])
+def test_episodes_fly_as_spacecraft_of_their_own(name: str) -> None:
+    craft = rans.load_spacecraft(name)
+    assert craft.thruster_count == 8
+    every = flown(RANDOM, craft)
     for number in range(4):
-        alone = flown_alone(number)
+        alone = flown_alone(number, craft)
         own = map_leaves(lambda x, k=number: x[:, k : k + 1], every.states)
         # Rounding of sums in another order.
         assert difference(own, alone.states) < 1e-12
@@ -120,10 +128,7 @@ def test_commands_of_missing_thrusters_do_nothing() -> None:
     opened[:, fewer, len(DRAWN[fewer]) :] = 1.0
     shut = opened.copy()
     shut[:, fewer, len(DRAWN[fewer]) :] = 0.0
-    assert (
-        difference(flown(RANDOM, commands=opened).states, flown(RANDOM, commands=shut).states)
-        == 0.0
-    )
+    assert difference(flown(RANDOM, given=opened).states, flown(RANDOM, given=shut).states) == 0.0
 
 
 @pytest.mark.slow
@@ -209,6 +214,8 @@ def test_errors_of_the_designed_layout_are_refused() -> None:
     moved = rans.ThrusterConditions(position=0.01)
     with pytest.raises(ConfigError, match="position"):
         replace(RANDOM, thrusters=moved)
+    with pytest.raises(ConfigError, match="droop"):
+        replace(RANDOM, thrusters=rans.ThrusterConditions(droop=0.1))
     with pytest.raises(ConfigError, match="among"):
         replace(RANDOM, faults=rans.FaultConditions(count=1.0, among="recoverable"))
 
@@ -216,8 +223,67 @@ def test_errors_of_the_designed_layout_are_refused() -> None:
 def test_engines_that_cannot_have_them_say_why() -> None:
     with pytest.raises(ConfigError, match="free-flyer"):
         rans.Engine("free-flyer", "go-to-pose", 4, conditions=RANDOM)
+    with pytest.raises(ConfigError, match="thrust_sharing"):
+        rans.Engine("floating-platform-shared", "go-to-pose", 4, conditions=RANDOM)
     with pytest.raises(ConfigError, match="multiple"):
         rans.Engine(CRAFT, "go-to-pose", 6, conditions=RANDOM, compiled=True)
     body = Body.of(CRAFT)
     with pytest.raises(ConfigError, match="body"):
         rans.Engine(CRAFT, "go-to-pose", 4, conditions=RANDOM, body=body)
+
+
+def told(num_envs: int, conditions: Conditions = RANDOM, **how: Any) -> np.ndarray:
+    """Observed thrusters (N, 9, 3) of a craft with eight."""
+    task = rans.GoToPose(observed_thrusters=9)
+    engine = rans.Engine(CRAFT, task, num_envs, Timing(0.2, 1, 4), conditions=conditions, **how)
+    for _ in range(5):
+        observation = engine.step(torch.zeros(num_envs, 8, dtype=how.get("dtype", torch.float32)))
+    rows = np.asarray(observation.observation)
+    assert rows.shape[1] == observation_width(rans.GoToPose(), 2) + 27
+    return rows[:, -27:].reshape(num_envs, 9, 3)
+
+
+@pytest.mark.parametrize("how", [{}, {"plain": True}, {"dtype": torch.float64}])
+@pytest.mark.parametrize("num_envs", [4, 3])
+def test_policies_observe_the_accelerations_of_thrusters(num_envs: int, how: Any) -> None:
+    heavy = replace(RANDOM, body=rans.BodyConditions(mass=2.0, inertia=3.0))
+    rows = told(num_envs, heavy, **how)
+    designed = np.array(CRAFT.wrench_map)
+    unit = np.abs(designed[:, 2]).mean()  # all thrusters of this craft turn it as much
+    for number in range(num_envs):
+        # The second episode of an environment.
+        layout = DRAWN[(num_envs + number) % 4]
+        own = np.array(layout_spacecraft(CRAFT, layout).wrench_map)
+        expected = np.zeros((9, 3))
+        expected[: len(layout)] = own / np.array([2.0, 2.0, 3.0 * unit])
+        assert np.allclose(rows[number], expected, atol=1e-5)
+
+
+def test_policies_observe_designed_thrusters_without_conditions() -> None:
+    engine = rans.Engine(CRAFT, rans.GoToPose(observed_thrusters=8), 2)
+    rows = np.asarray(engine.reset(0))[:, -24:].reshape(2, 8, 3)
+    assert np.allclose(np.abs(rows[:, :, 2]), 1.0)
+    assert np.allclose(np.linalg.norm(rows[:, :, :2], axis=2), 1.0)
+    with pytest.raises(ConfigError, match="observed_thrusters"):
+        rans.Engine(CRAFT, rans.GoToPose(observed_thrusters=7), 2)
+    with pytest.raises(ConfigError, match="observed_thrusters"):
+        rans.GoToPose(observed_thrusters=2.5)  # type: ignore[arg-type]
+
+
+def test_flights_with_observed_thrusters_have_them_in_space_too() -> None:
+    craft = rans.load_spacecraft("free-flyer")
+    task = rans.GoToPose(observed_thrusters=craft.thruster_count)
+    starts = scenarios(task, craft, 0, 2)
+    seen: list[np.ndarray] = []
+
+    class Looking(Played):
+        def act(self, state: Any, goal: Any, observations: np.ndarray) -> np.ndarray:
+            seen.append(observations)
+            return np.zeros((2, craft.command_count))
+
+    fly(craft, task, Looking(np.zeros(0)), starts, Timing(0.2, 1, 2))
+    table = np.array(craft.wrench_map)
+    torque = np.sqrt(np.square(table[:, 3:]).sum(axis=1).mean())
+    force = np.linalg.norm(table[:, :3], axis=1).mean()
+    expected = table / np.repeat([force, torque], 3)
+    assert np.allclose(seen[0][0, -table.size :].reshape(table.shape), expected, atol=1e-6)

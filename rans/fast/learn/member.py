@@ -42,7 +42,10 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         layers=tuple(settings.layers),
         activation=settings.activation,
         zoom=settings.zoom,
-        symmetries=symmetries(craft) if settings.symmetric else None,
+        # A mirror image of a craft with other thrusters than designed is another craft.
+        symmetries=symmetries(craft)
+        if settings.symmetric and not engine.task.observed_thrusters
+        else None,
         bf16=settings.matmul == "bf16",
         head=_head(engine, settings),
         levers=per_velocity(craft, engine.timing.control_period)
