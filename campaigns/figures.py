@@ -26,6 +26,7 @@ from campaigns import (
     inspection,
     missions,
     passive,
+    perturbed,
     published_optima,
     raft,
     rest,
@@ -125,6 +126,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "dock with errors": dock_errors.in_document,
     "dock on ellipses": elliptic.in_document,
     "coasts on ellipses": elliptic.errors_in_document,
+    "hold with J2 and drag": perturbed.in_document,
     **{
         f"errors: {name}": partial(error_sources.in_document, table=name)
         for name in error_sources.TABLE_NAMES

@@ -1,8 +1,9 @@
 """What Clohessy-Wiltshire leaves out of two-body gravity, by mission: ``python -m campaigns.orbits``.
 
 Free coasts from random states near the target, flown by RANS's equations and by `validation.two_body`: in two-body
-gravity, with the oblate Earth (J2), and with drag as well. Also the starts of dock as the benchmark's code draws
-them, counted above the speed limit.
+gravity, with the oblate Earth (J2), and with drag as well. The last columns have the errors of the equations for
+the oblate Earth and drag, for coasts of up to half an orbit. Also the starts of dock as the code of the benchmark
+draws them, counted above the speed limit.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import tyro
 
 from campaigns.command import ended
+from rans.model.drift import EARTH, EARTH_RADIUS, PerturbedOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
@@ -22,7 +24,7 @@ from rans.tasks.hold import Hold
 from rans.tasks.inspect import Inspect
 from rans.tasks.rendezvous import Rendezvous
 from rans.terminal import Terminal
-from validation.two_body import Perturbations, perturbed_motion, relative_motion
+from validation.two_body import Perturbations, density, perturbed_motion, relative_motion
 
 _COASTS: tuple[tuple[str, Any, float, tuple[float, ...]], ...] = (
     ("dock, 150 m", Dock(), 150.0, (600.0, 2000.0)),
@@ -38,6 +40,8 @@ _TARGET_DRAG = 0.02
 """Drag coefficient times area over mass of the target, m^2/kg: 2.2 times 1 m^2 for 110 kg."""
 _CRAFT_DRAG = 0.04
 """Drag coefficient times area over mass of the craft, m^2/kg: twice that of the target."""
+_EARTH_RATE = 7.292115e-5
+"""Rate of the Earth's rotation, with which the air turns, rad/s (WGS 84)."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,13 @@ class Orbits:
             latitude = random.uniform(0.0, 2.0 * np.pi, self.coasts)
             oblate = Perturbations(_INCLINATION, latitude)
             dragged = replace(oblate, target_drag=_TARGET_DRAG, craft_drag=_CRAFT_DRAG)
-            truths = [exact, *(perturbed_motion(n, p, v, times, x) for x in (oblate, dragged))]
+            truths = [exact, *(perturbed_motion(n, p, v, times, x)[0] for x in (oblate, dragged))]
+            # The same drag as an acceleration, at the height and the speed in the air of the circle.
+            size = np.cbrt(EARTH / n**2)
+            wind = n * size - _EARTH_RATE * size * np.cos(_INCLINATION)
+            air = float(density(np.array([size - EARTH_RADIUS]))[0])
+            drag = 0.5 * (_CRAFT_DRAG - _TARGET_DRAG) * air * wind**2
+            perturbed = PerturbedOrbit.around_earth(n, float(_INCLINATION), drag, latitude)
             for number, time in enumerate(times):
                 linear, _ = task.drift.carry(Vec3(*p.T), Vec3(*v.T), time)
                 cells = [name, f"{time:,.0f} s"]
@@ -72,11 +82,20 @@ class Orbits:
                     away = np.stack(linear.columns(), axis=1) - truth[number]
                     gap = np.linalg.norm(away, axis=1)
                     cells += [_metres(np.median(gap)), _metres(gap.max())]
+                if n * time > np.pi:
+                    cells += ["-", "-"]
+                else:
+                    ours, _ = perturbed.carry(Vec3(*p.T), Vec3(*v.T), time)
+                    away = np.stack(ours.columns(), axis=1) - truths[2][number]
+                    gap = np.linalg.norm(away, axis=1)
+                    cells += [_metres(np.median(gap)), _metres(gap.max())]
                 rows.append(cells)
         headings = (
             "coast from",
             "for",
             *(f"{x}{name}" for name in ("", ", J2", ", J2, drag") for x in ("median", "largest")),
+            "median of the perturbed orbit",
+            "largest",
         )
         Terminal().show(f"Errors of Clohessy-Wiltshire, seed {self.seed}", headings, rows)
         task = replace(Dock(), starts_as_coded=True)

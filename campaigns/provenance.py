@@ -258,6 +258,16 @@ SOURCES: dict[str, Source] = {
         evidence=("elliptic.json",),
         quick_seconds=127.0,
     ),
+    "hold with J2 and drag": Source(
+        tables=("hold with J2 and drag",),
+        page="missions/perturbed.md",
+        commands=("python -m campaigns.perturbed --docs docs",),
+        quick=("python -m campaigns.perturbed --docs docs --episodes 4 --true 1",),
+        flights=(32, 4),
+        uncompared=("starts", "mean spent, N s", "over the sphere, %", "worst, %"),
+        evidence=("perturbed.json",),
+        quick_seconds=150.0,
+    ),
     "error sources": Source(
         tables=tuple(f"errors: {name}" for name in error_sources.TABLE_NAMES),
         page="missions/errors.md",

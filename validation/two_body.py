@@ -1,8 +1,8 @@
 """Two-body gravity: what moves a craft near a target on an orbit without linearised equations.
 
-It shares no equation with RANS, which flies those of Clohessy and Wiltshire, or of Tschauner and Hempel: target
-and craft fall about the Earth in axes that do not rotate, and SciPy integrates the difference of their
-accelerations.
+It shares no equation with RANS, which flies linear ones in a frame that turns with the target: target and craft
+fall about the Earth in axes that do not rotate, and SciPy integrates the difference of their accelerations. The
+Earth may be oblate and have an atmosphere.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import EARTH, EllipticOrbit
+from rans.model.drift import EARTH, EllipticOrbit, PerturbedOrbit
 from rans.model.fields import Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -165,6 +165,23 @@ class Perturbations:
     craft_drag: float = 0.0
     """Drag coefficient times area over mass of the craft, m^2/kg."""
 
+    def near_circle(self, mean_motion: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Start of a target on the orbit that is nearest to a circle of mean radius (mu / n^2)^(1/3), of each (N,).
+
+        Its radius only has the short-period term of J2 (D. A. Vallado, section 9.6), k/6 sin(i)^2 cos 2u, k = 3/2
+        J2 (R / a)^2, which no choice of the start removes.
+
+        Returns:
+            Radius, m, its rate, m/s, and the rate of the angle in the plane of the orbit, rad/s.
+        """
+        size = (EARTH / mean_motion**2) ** (1.0 / 3.0)
+        k = 1.5 * J2 * (_EARTH_RADIUS / size) ** 2 if self.oblate else 0.0
+        tilt = np.sin(self.inclination) ** 2
+        swing = k / 6.0 * tilt * np.cos(2.0 * self.latitude)
+        rate = -k / 3.0 * tilt * np.sin(2.0 * self.latitude)
+        angular = 1.0 + 0.5 * k * (1.0 - 1.5 * tilt) + swing
+        return size * (1.0 + swing), size * mean_motion * rate, mean_motion * angular
+
     def acceleration(self, r: np.ndarray, v: np.ndarray, drag: float) -> np.ndarray:
         """Acceleration (N, 3), m/s^2, at positions and velocities (N, 3), z along the Earth's axis."""
         square = np.sum(r**2, axis=1, keepdims=True)
@@ -195,12 +212,12 @@ def perturbed_motion(
     v: np.ndarray,
     times: Sequence[float] | np.ndarray,
     perturbations: Perturbations,
-) -> np.ndarray:
-    """Positions (times, N, 3), m, of N craft in the Hill frame of a target whose orbit is a circle at time 0.
+    push: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of N craft in the Hill frame of a target on a nearly circular orbit.
 
     Target and the difference between craft and target are integrated in axes that do not turn. The frame is
-    that of the target's perturbed orbit: x radially outwards, z along its angular momentum. The speed of the
-    target at time 0 is that of a circle without perturbations.
+    that of the target's perturbed orbit: x radially outwards, z along its angular momentum.
 
     Args:
         mean_motion: mean motion n of the target, rad/s.
@@ -208,9 +225,12 @@ def perturbed_motion(
         v: velocities relative to it, m/s, (N, 3).
         times: increasing instants above 0, s.
         perturbations: what acts besides.
+        push: acceleration by thrusters, constant in the Hill frame, m/s^2, (N, 3); None: no thrust.
+
+    Returns:
+        Positions, m, and velocities, m/s, (times, N, 3).
     """
     count = len(p)
-    size = (EARTH / mean_motion**2) ** (1.0 / 3.0)
     # Axes of the Hill frame at time 0 as columns (N, 3, 3).
     turn = Rotation.from_euler(
         "ZXZ",
@@ -219,7 +239,9 @@ def perturbed_motion(
         ),
     )
     axes = turn.as_matrix()
-    place, along = size * axes[:, :, 0], mean_motion * size * axes[:, :, 1]
+    radius, outwards, angular = perturbations.near_circle(mean_motion)
+    place = radius[:, None] * axes[:, :, 0]
+    along = outwards[:, None] * axes[:, :, 0] + (radius * angular)[:, None] * axes[:, :, 1]
     relative = np.einsum("nij,nj->ni", axes, p)
     # The frame turns as the target does, and tilts with its orbital plane.
     twist = _frame_rate(place, along, perturbations)
@@ -232,6 +254,8 @@ def perturbed_motion(
         own = perturbations.acceleration(place, along, perturbations.target_drag)
         craft = perturbations.acceleration(place + r, along + rate, perturbations.craft_drag)
         pull = _difference(r, place, EARTH, square, distance) + craft - own
+        if push is not None:
+            pull = pull + np.einsum("nij,nj->ni", _hill_axes(place, along), push)
         return np.concatenate([rate, pull, along, own - EARTH / square**1.5 * place]).ravel()
 
     solution = solve_ivp(
@@ -243,15 +267,22 @@ def perturbed_motion(
         rtol=_RELATIVE,
         atol=_ABSOLUTE,
     )
-    results = []
+    positions, velocities = [], []
     for flat in solution.y.T:
-        r, _, place, along = flat.reshape(4, count, 3)
-        outwards = place / np.linalg.norm(place, axis=1, keepdims=True)
-        across = np.cross(place, along)
-        across /= np.linalg.norm(across, axis=1, keepdims=True)
-        basis = np.stack([outwards, np.cross(across, outwards), across], axis=1)
-        results.append(np.einsum("nij,nj->ni", basis, r))
-    return np.array(results)
+        r, rate, place, along = flat.reshape(4, count, 3)
+        basis = _hill_axes(place, along)
+        twist = _frame_rate(place, along, perturbations)
+        positions.append(np.einsum("nji,nj->ni", basis, r))
+        velocities.append(np.einsum("nji,nj->ni", basis, rate - np.cross(twist, r)))
+    return np.array(positions), np.array(velocities)
+
+
+def _hill_axes(place: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Axes of the Hill frame of a target as columns (N, 3, 3), from its position and velocity."""
+    outwards = place / np.linalg.norm(place, axis=1, keepdims=True)
+    across = np.cross(place, along)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.stack([outwards, np.cross(across, outwards), across], axis=2)
 
 
 def _frame_rate(place: np.ndarray, along: np.ndarray, perturbations: Perturbations) -> np.ndarray:
@@ -289,6 +320,7 @@ class TwoBodyMover:
         mean_motion: mean motion of the target's orbit, rad/s.
         mu: gravitational parameter, m^3/s^2.
         eccentricity: eccentricity of the target's orbit; where the target is on it is a note of the task's goal.
+        perturbations: what acts besides; the latitude is a note of the task's goal. None: nothing.
 
     Raises:
         ConfigError: thrusters of the craft turn it.
@@ -301,7 +333,9 @@ class TwoBodyMover:
         mean_motion: float,
         mu: float = EARTH,
         eccentricity: float = 0.0,
+        perturbations: Perturbations | None = None,
     ) -> None:
+        self._perturbations = perturbations
         self._forces = np.array(
             [thruster.force * np.array(thruster.direction) for thruster in craft.thrusters]
         )
@@ -345,16 +379,14 @@ class TwoBodyMover:
         if isinstance(step_inputs.drift, EllipticOrbit):
             true = _true_anomaly(step_inputs.drift.mean_anomaly, self._eccentricity)
         push = attitude.apply(_rows(step_inputs.commands[0]) @ self._forces) / self._mass
-        moved = relative_motion(
-            self._mean_motion,
-            _rows(state.p.columns()),
-            _rows(state.v.columns()),
-            self._times,
-            push,
-            self._mu,
-            self._eccentricity,
-            true,
-        )
+        begin = self._mean_motion, _rows(state.p.columns()), _rows(state.v.columns()), self._times
+        if self._perturbations is None:
+            moved = relative_motion(*begin, push, self._mu, self._eccentricity, true)
+        else:
+            assert isinstance(step_inputs.drift, PerturbedOrbit)
+            latitude = np.broadcast_to(step_inputs.drift.latitude, shape).ravel()
+            now = replace(self._perturbations, latitude=latitude)
+            moved = perturbed_motion(*begin, now, push)
         return tuple(
             replace(state, p=Vec3(*p.T.reshape(3, *shape)), v=Vec3(*v.T.reshape(3, *shape)))
             for p, v in zip(*moved, strict=True)

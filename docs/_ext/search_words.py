@@ -178,6 +178,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "missions/hold": ("station keeping", "station-keeping", "formation flying"),
     "missions/inspect": ("inspection", "circumnavigation"),
     "missions/land": ("powered descent", "landing", "lander", "lossless convexification", "g-fold"),
+    "missions/perturbed": ("j2", "oblateness", "differential drag", "schweighart-sedwick"),
     "missions/passive_safety": ("passive safety", "free drift", "abort"),
     "missions/rendezvous": ("rendezvous", "proximity operations", "rpo"),
     "missions/slosh": ("slosh", "sloshing", "fuel slosh", "pendulum"),

@@ -20,7 +20,14 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from rans.errors import ConfigError
 from rans.model.actuators import Wheel
 from rans.model.body import Body
-from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, FreeFlight, UniformGravity
+from rans.model.drift import (
+    ClohessyWiltshire,
+    Drift,
+    EllipticOrbit,
+    FreeFlight,
+    PerturbedOrbit,
+    UniformGravity,
+)
 from rans.model.spacecraft import Spacecraft, Thruster
 
 
@@ -153,71 +160,82 @@ def gravity(drift: Drift) -> np.ndarray:
     """
     if isinstance(drift, UniformGravity):
         return np.append(drift.acceleration, 0.0)[:3]
-    if not isinstance(drift, FreeFlight | ClohessyWiltshire | EllipticOrbit):
+    if not isinstance(drift, FreeFlight | Orbit):
         raise ConfigError(
-            "Drake knows free flight, uniform gravity, Clohessy-Wiltshire frames and elliptic orbits, got "
-            f"{drift!r}."
+            "Drake knows free flight, uniform gravity, Clohessy-Wiltshire frames, elliptic and perturbed orbits, "
+            f"got {drift!r}."
         )
     return np.zeros(3)
+
+
+Orbit = ClohessyWiltshire | EllipticOrbit | PerturbedOrbit
+"""Drifts of which `OrbitForces` are the pseudo-forces."""
 
 
 class OrbitForces(LeafSystem):
     """Adds the pseudo-forces of a Hill frame, at every spacecraft's present place and velocity.
 
-    They are m ((w^2 + 2 g) x + w' y + 2 w v_y, (w^2 - g) y - w' x - 2 w v_x, -g z), for x radial, y along the
-    track, z across, with the rate w of the frame and the planet's gravitational parameter over the cube of the
-    radius, g. On a circle w = n, w' = 0 and g = n^2. On an ellipse they follow from Kepler's equation at the time.
+    With x radial, y along the track and z across, the frame's angular velocity w and the gradient G of gravity at
+    the target, they are m (G p - w' x p - w x (w x p) - 2 w x v), and m times a drag. Circles have a constant w
+    along z. On ellipses w and G follow from Kepler's equation at the time. Around an oblate planet w tilts with
+    the plane of the orbit, and G has the part of J2.
 
-    The mean motion n is in rad/s, the input of masses (N,) in kg, that of mean anomalies at time 0 (N,) in rad.
-    Places (N, 2 or 3) tell where each spacecraft's place stands among the plant's positions, speeds (N, 2 or 3)
-    where its velocity stands among the velocities, and its force among the generalised forces. The plant has so
-    many positions, and a count of velocities.
+    The input of masses (N,) is in kg, that of angles at time 0 (N,) in rad: mean anomalies on an ellipse, arguments
+    of latitude around an oblate planet. Places (N, 2 or 3) tell where each spacecraft's place stands among the
+    plant's positions, speeds (N, 2 or 3) where its velocity stands among the velocities, and its force among the
+    generalised forces. The plant has so many positions, and a count of velocities.
     """
 
     def __init__(
         self,
-        mean_motion: float,
-        eccentricity: float,
+        drift: Orbit,
         mountings: np.ndarray,
         speeds: np.ndarray,
         positions: int,
         count: int,
     ) -> None:
         super().__init__()
-        self._n = mean_motion
-        self._e = eccentricity
+        self._drift = drift
+        self._n = drift.mean_motion
         self._positions = positions
         self._places = mountings
         self._speeds = speeds
         self.state = self.DeclareVectorInputPort("state", positions + count)
         self.masses = self.DeclareVectorInputPort("masses", len(mountings))
-        self.anomalies = self.DeclareVectorInputPort("anomalies", len(mountings))
+        self.angles = self.DeclareVectorInputPort("angles", len(mountings))
         self.others = self.DeclareVectorInputPort("others", count)
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
     def _pull(self, context: Context, output: BasicVector) -> None:
-        rate, change, gravity = self._orbit(context)
         state = np.array(self.state.Eval(context))
         total = np.array(self.others.Eval(context))
         masses = np.array(self.masses.Eval(context))
-        position = state[self._places]
-        speed = state[self._positions + self._speeds]
-        pull = np.zeros_like(position)
-        x, y = position[:, 0], position[:, 1]
-        pull[:, 0] = (rate**2 + 2.0 * gravity) * x + change * y + 2.0 * rate * speed[:, 1]
-        pull[:, 1] = (rate**2 - gravity) * y - change * x - 2.0 * rate * speed[:, 0]
-        pull[:, 2:] = -np.reshape(gravity, (-1, 1)) * position[:, 2:]
-        total[self._speeds] += masses[:, None] * pull
+        angles = np.array(self.angles.Eval(context))
+        dimension = self._places.shape[1]
+        position, speed = np.zeros((2, len(masses), 3))
+        position[:, :dimension] = state[self._places]
+        speed[:, :dimension] = state[self._positions + self._speeds]
+        rate, change, gradient = self._orbit(angles, context.get_time())
+        turn = _crossing(rate)
+        pull = ((gradient - _crossing(change) - turn @ turn) @ position[:, :, None])[:, :, 0]
+        pull -= 2.0 * (turn @ speed[:, :, None])[:, :, 0]
+        if isinstance(self._drift, PerturbedOrbit):
+            pull[:, 1] -= self._drift.drag
+        total[self._speeds] += masses[:, None] * pull[:, :dimension]
         output.SetFromVector(total)
 
-    def _orbit(self, context: Context) -> tuple[Any, Any, Any]:
-        """Rate of the frame, rad/s, its change, rad/s^2, and gravity over the radius, 1/s^2: numbers or (N,)."""
-        n, e = self._n, self._e
-        if e == 0.0:
-            return n, 0.0, n * n
-        now = np.array(self.anomalies.Eval(context)) + n * context.get_time()
+    def _orbit(self, angles: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angular velocity of the frame (N, 3), rad/s, its change, and the gradient of gravity (N, 3, 3), 1/s^2."""
+        n = self._n
+        rate, change = np.zeros((2, len(angles), 3))
+        if isinstance(self._drift, ClohessyWiltshire):
+            rate[:, 2] = n
+            return rate, change, np.broadcast_to(n * n * _SPHERE, (len(angles), 3, 3))
+        if isinstance(self._drift, PerturbedOrbit):
+            return _oblate_orbit(self._drift, angles, time)
+        e = self._drift.eccentricity
         # Kepler's equation by Newton's method, which converges from pi (Battin 1999, section 5.4).
-        mean = np.mod(now, 2.0 * np.pi)
+        mean = np.mod(angles + n * time, 2.0 * np.pi)
         anomaly = np.full(mean.shape, np.pi)
         for _ in range(_KEPLER_STEPS):
             step = (anomaly - e * np.sin(anomaly) - mean) / (1.0 - e * np.cos(anomaly))
@@ -225,5 +243,50 @@ class OrbitForces(LeafSystem):
             if np.abs(step).max() < 1e-15:
                 break
         radius = 1.0 - e * np.cos(anomaly)
-        rate = n * np.sqrt(1.0 - e * e) / radius**2
-        return rate, -2.0 * rate * n * e * np.sin(anomaly) / radius**2, n * n / radius**3
+        rate[:, 2] = n * np.sqrt(1.0 - e * e) / radius**2
+        change[:, 2] = -2.0 * rate[:, 2] * n * e * np.sin(anomaly) / radius**2
+        return rate, change, (n * n / radius**3)[:, None, None] * _SPHERE
+
+
+def _crossing(vectors: np.ndarray) -> np.ndarray:
+    """Matrices (N, 3, 3) of the cross products of vectors (N, 3) with others."""
+    matrices = np.zeros((len(vectors), 3, 3))
+    for axis, (before, after) in enumerate(((2, 1), (0, 2), (1, 0))):
+        matrices[:, before, after] = vectors[:, axis]
+        matrices[:, after, before] = -vectors[:, axis]
+    return matrices
+
+
+def _oblate_orbit(
+    orbit: PerturbedOrbit, latitudes: np.ndarray, time: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `OrbitForces._orbit`: the orbit around an oblate planet that is nearest to a circle.
+
+    J2 pulls with K (5 (r.a)^2 r / r^7 - r / r^5 - 2 (r.a) a / r^5) for the planet's axis a, and the gradient is the
+    derivative of this vector. `rans.model.drift` has the matrix of its components.
+    """
+    n, k = orbit.mean_motion, orbit.oblateness
+    si, ci = np.sin(orbit.inclination), np.cos(orbit.inclination)
+    # The plane's angle grows by the frame's rate, less what the node moves back.
+    mean = n * (1.0 + 0.5 * k * (1.0 - 1.5 * si**2))
+    u = latitudes + (mean + n * k * ci**2) * time
+    rate, change = np.zeros((2, len(u), 3))
+    rate[:, 0] = -2.0 * k * n * si * ci * np.sin(u)
+    change[:, 0] = -2.0 * k * n**2 * si * ci * np.cos(u)
+    rate[:, 2] = mean + n * k / 6.0 * si**2 * np.cos(2.0 * u)
+    change[:, 2] = -(n**2) * k / 3.0 * si**2 * np.sin(2.0 * u)
+    radius = 1.0 + k / 6.0 * si**2 * np.cos(2.0 * u)
+    # The planet's axis in the Hill frame, and its component along the radius e.
+    axis = np.stack([si * np.sin(u), si * np.cos(u), np.full(len(u), ci)], axis=1)
+    e, one = np.array([1.0, 0.0, 0.0]), np.eye(3)
+    z = axis[:, :1, None]
+    along, across = axis[:, None, :], axis[:, :, None]
+    both = e[:, None] * along + across * e
+    oblate = 10.0 * z * both + (5.0 * z**2 - 1.0) * one
+    oblate = oblate + (5.0 - 35.0 * z**2) * np.outer(e, e) - 2.0 * across * along
+    sphere = n * n / radius[:, None, None] ** 3 * _SPHERE
+    return rate, change, sphere + k * n * n * oblate
+
+
+_SPHERE = np.diag([2.0, -1.0, -1.0])
+"""Gradient of a sphere's gravity, in its size over the distance."""

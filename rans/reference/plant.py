@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -41,11 +42,12 @@ from pydrake.systems.primitives import Integrator
 
 from rans.errors import ConfigError, positive
 from rans.model.body import Body
-from rans.model.drift import FREE, ClohessyWiltshire, Drift, EllipticOrbit
+from rans.model.drift import FREE, Drift, EllipticOrbit, PerturbedOrbit
 from rans.model.spacecraft import Spacecraft
 from rans.reference.further import drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
 from rans.reference.parts import (
+    Orbit,
     OrbitForces,
     centre_of_mass,
     designed,
@@ -169,7 +171,7 @@ class Plant:
         self._thrust_context = self._thrust.GetMyMutableContextFromRoot(self._context)
         self._disturb(np.zeros(self._velocity.shape))
         self._weigh(np.ones(count))
-        self._set_anomalies(None)
+        self._set_angles(None)
 
     def set_max_step(self, step: float) -> None:
         """Integrate in steps of at most so many seconds from now on."""
@@ -263,7 +265,8 @@ class Plant:
             earlier: commands of the periods before that may still be felt, the last one first.
             failure: thrusters that fail in this period; None: the nozzles stay as they are.
             checks: how many instants to return, evenly spaced.
-            drift: what pulls from the start of the period on an elliptic orbit; None: the plant's own drift.
+            drift: what pulls from the start of the period, on an orbit along which it changes; None: the plant's
+                own drift.
 
         Raises:
             ConfigError: the duration is not above 0, or the drift is of another orbit than the plant's.
@@ -275,7 +278,7 @@ class Plant:
         self._set(states, commands, duration)
         self._drive(commands, self._momenta(states), duration)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
-        self._set_anomalies(drift)
+        self._set_angles(drift)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
         # Segments of constant thrust, at whose ends Drake stops, as it does at every check.
@@ -375,13 +378,12 @@ class Plant:
     def _export_forces(self, builder: DiagramBuilder) -> None:
         """The input for disturbances, through the orbit's pull where there is an orbit."""
         forces = self._plant.get_applied_generalized_force_input_port()
-        if not isinstance(self._drift, ClohessyWiltshire | EllipticOrbit):
+        if not isinstance(self._drift, Orbit):
             builder.ExportInput(forces, "disturbance")
             return
         along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
         orbit = OrbitForces(
-            self._drift.mean_motion,
-            self._drift.eccentricity if isinstance(self._drift, EllipticOrbit) else 0.0,
+            self._drift,
             self._position[:, along],
             self._velocity[:, along],
             self._plant.num_positions(),
@@ -392,7 +394,7 @@ class Plant:
         builder.Connect(orbit.total, forces)
         builder.ExportInput(orbit.others, "disturbance")
         builder.ExportInput(orbit.masses, "masses")
-        builder.ExportInput(orbit.anomalies, "anomalies")
+        builder.ExportInput(orbit.angles, "angles")
 
     def _rest(self) -> np.ndarray:
         """At W's origin, B along W, no motion, full tank, wheels at rest."""
@@ -449,29 +451,34 @@ class Plant:
     def _weigh(self, left: np.ndarray) -> None:
         """Give every spacecraft a share (N,) of its full mass and inertia."""
         masses = left * np.broadcast_to(self._body.mass, self.count)
-        if isinstance(self._drift, ClohessyWiltshire | EllipticOrbit):
+        if isinstance(self._drift, Orbit):
             self._simulator.get_system().GetInputPort("masses").FixValue(self._context, masses)
         if self.craft.propellant is not None:
             for k, body in enumerate(self._bodies):
                 inertia = spatial_inertia(self.craft, self._body, k, float(left[k]))
                 body.SetSpatialInertiaInBodyFrame(self._plant_context, inertia)
 
-    def _set_anomalies(self, drift: Drift | None) -> None:
-        """Say where targets on elliptic orbits are at time 0."""
-        drift = self._drift if drift is None else drift
-        if not isinstance(self._drift, ClohessyWiltshire | EllipticOrbit):
+    def _set_angles(self, drift: Drift | None) -> None:
+        """Say where targets are on their orbits at time 0."""
+        own = self._drift
+        drift = own if drift is None else drift
+        if not isinstance(own, Orbit):
             return
-        anomaly = 0.0
-        if isinstance(self._drift, EllipticOrbit):
-            own = self._drift.mean_motion, self._drift.eccentricity
-            if not isinstance(drift, EllipticOrbit) or own != (
-                drift.mean_motion,
-                drift.eccentricity,
+        angle: Any = 0.0
+        if isinstance(own, EllipticOrbit):
+            if not isinstance(drift, EllipticOrbit) or own != replace(
+                drift, mean_anomaly=own.mean_anomaly
             ):
-                raise ConfigError(f"the plant was built for {self._drift!r}, got {drift!r}.")
-            anomaly = drift.mean_anomaly
-        now = np.broadcast_to(np.asarray(anomaly, dtype=np.float64).ravel(), self.count)
-        self._simulator.get_system().GetInputPort("anomalies").FixValue(self._context, now)
+                raise ConfigError(f"the plant was built for {own!r}, got {drift!r}.")
+            angle = drift.mean_anomaly
+        elif isinstance(own, PerturbedOrbit):
+            if not isinstance(drift, PerturbedOrbit) or own != replace(
+                drift, latitude=own.latitude
+            ):
+                raise ConfigError(f"the plant was built for {own!r}, got {drift!r}.")
+            angle = drift.latitude
+        now = np.broadcast_to(np.asarray(angle, dtype=np.float64).ravel(), self.count)
+        self._simulator.get_system().GetInputPort("angles").FixValue(self._context, now)
 
     def _share_of_mass(self, left: np.ndarray) -> np.ndarray:
         """Share of the full mass (N,) with so much propellant left, kg."""

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from rans.model.drift import Drift, EllipticOrbit, mean_anomaly
+from rans.model.drift import mean_anomaly
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3, Vector, cos, sin
 from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
-from rans.tasks.observation_terms import Information, ObservationTerm
-from rans.tasks.orbital import OrbitalMission, TargetOrbit
+from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Shape, SpeedLimit
-
-_CIRCLE = TargetOrbit()
-_M = "the target's mean anomaly, which grows evenly from 0 at the perigee"
 
 
 @dataclass(frozen=True)
@@ -53,18 +49,13 @@ class Dock(OrbitalMission):
     """Largest speed of docking at contact, m/s; also the speed limit there."""
     limit_slope: float = 0.002054
     """Increase of the speed limit per metre, 1/s: 2 n."""
-    orbit: TargetOrbit = _CIRCLE
-    """Orbit of the target; by default a circle, as in the benchmark."""
     done_weight: float = 1.0
     violation_weight: float = 1.0
 
     flag = 5
+    ellipses: ClassVar[bool] = True
     spacecraft: ClassVar[str | None] = "afrl-deputy"
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, checks=10)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mean_motion", self.orbit.mean_motion(self.mean_motion))
-        super().__post_init__()
 
     @property
     def goal_notes(self) -> tuple[str, ...]:
@@ -79,47 +70,9 @@ class Dock(OrbitalMission):
         return 2.0 * mean_anomaly(0.5 * math.pi, self.orbit.eccentricity)
 
     @property
-    def drift(self) -> Drift:
-        """Equations of relative motion on the target's orbit; on an ellipse from the first true anomaly on."""
-        if not self.orbit.eccentricity:
-            return super().drift
-        first = math.radians(self.orbit.true_anomaly_degrees[0])
-        return self._elliptic(mean_anomaly(first, self.orbit.eccentricity))
-
-    def drift_at(self, goal: State) -> Drift:
-        """Equations of relative motion from now on; on an ellipse the last note is the mean anomaly, rad."""
-        return self._elliptic(goal.notes[3]) if self.orbit.eccentricity else self.drift
-
-    def _elliptic(self, anomaly: Field) -> EllipticOrbit:
-        return EllipticOrbit(self.mean_motion, self.orbit.eccentricity, anomaly)
-
-    def later(self, goal: State, time: Field) -> State:
-        """Goal after a time (s), with less time left; on an ellipse the target has moved on."""
-        after = super().later(goal, time)
-        if not self.orbit.eccentricity:
-            return after
-        *times, anomaly = after.notes
-        return replace(after, notes=(*times, anomaly + self.mean_motion * time))
-
-    def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
-        """See `OrbitalMission`; on an ellipse also where the target is on it."""
-        terms = super().observation_terms(state, goal)
-        if not self.orbit.eccentricity:
-            return terms
-        return (
-            *terms,
-            *(
-                Information(
-                    f"{name} of the anomaly", "", f(goal.notes[3]), meaning=f"{name} of {_M}"
-                )
-                for name, f in (("cosine", cos), ("sine", sin))
-            ),
-        )
-
-    @property
     def coast_zone(self) -> CoastZone | None:
-        """A ball of 5 m, until the craft is within 20 m of the target: our choice; on an ellipse none."""
-        return None if self.orbit.eccentricity else CoastZone(5.0, 20.0)
+        """A ball of 5 m, until the craft is within 20 m of the target: our choice; see `Hold.coast_zone`."""
+        return CoastZone(5.0, 20.0) if self.orbit.is_steady else None
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The speed limit."""
@@ -137,8 +90,6 @@ class Dock(OrbitalMission):
         velocity = self._direction(random).scale(speed)
         start = replace(random.moving(velocity, random.no_rotation()), p=position)
         goal = random.at_rest(random.origin(), random.no_rotation())
-        if self.orbit.eccentricity:
-            goal = replace(goal, notes=(0.0, 0.0, 0.0, self.orbit.mean_anomaly(random)))
         return start, self.planned(random, start, goal)
 
     def _direction(self, random: Random) -> Vector:

@@ -31,7 +31,7 @@ class Hold(OrbitalMission):
 
     Goal: at rest 100 m behind the target, on its orbit. Success: within 5 m at 0.05 m/s or less at every check of
     `hold_seconds`, 600 s, from an arrival before the deadline on. An episode fails after the deadline if it is not
-    within them, or has come too late. Constraint: at least 50 m from the target, at every check. The fourth of the
+    within them, or has come too late. Constraint: at least 50 m from the target, at every check. The last of the
     `notes` of the goal is the time for which the craft has been within the tolerances, s, or -1 outside.
 
     Start: at rest in the Hill frame of the target, 150 to 300 m from the target in a uniform direction, and no
@@ -73,9 +73,9 @@ class Hold(OrbitalMission):
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=260, checks=10)
 
     @property
-    def coast_zone(self) -> CoastZone:
-        """The keep-out ball, always."""
-        return CoastZone(self.keep_out)
+    def coast_zone(self) -> CoastZone | None:
+        """The keep-out ball, always; none where motion changes along the orbit."""
+        return CoastZone(self.keep_out) if self.orbit.is_steady else None
 
     @property
     def goal_notes(self) -> tuple[str, ...]:
@@ -90,7 +90,9 @@ class Hold(OrbitalMission):
     def plan(self, start: State, goal: State, deadline: Field) -> State:
         """Goal with a deadline, s, the plan for a start, and no time held in its notes."""
         planned = super().plan(start, goal, deadline)
-        return replace(planned, notes=(*planned.notes[:3], deadline * 0.0 + _NOT_HELD))
+        # Deadline, arrival and success, and the target's angle where motion depends on it.
+        further = 3 if self.orbit.is_steady else 4
+        return replace(planned, notes=(*planned.notes[:further], deadline * 0.0 + _NOT_HELD))
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s), with less time left and more time held."""
@@ -100,11 +102,11 @@ class Hold(OrbitalMission):
 
     def remember(self, goal: State, state: State) -> State:
         """Goal whose notes record for how long the state has been within the tolerances, and success."""
-        deadline, arrival, won, held = goal.notes
+        deadline, arrival, won, *angle, held = goal.notes
         held = where(self.reached(state, goal), at_least(held, 0.0), _NOT_HELD)
-        goal = replace(goal, notes=(deadline, arrival, won, held))
+        goal = replace(goal, notes=(deadline, arrival, won, *angle, held))
         won = where(self.done(state, goal), 1.0, won)
-        return replace(goal, notes=(deadline, arrival, won, held))
+        return replace(goal, notes=(deadline, arrival, won, *angle, held))
 
     def recommended(self, state: Any, goal: Any, left: Field) -> Any:
         """Velocity in W, m/s: see `OrbitalMission`, and `staying` once the craft has arrived."""
@@ -118,14 +120,14 @@ class Hold(OrbitalMission):
         held = Information(
             "time held",
             "s",
-            at_least(goal.notes[3], 0.0),
+            at_least(goal.notes[-1], 0.0),
             meaning="time for which the craft has been within the tolerances",
         )
         return (*super().observation_terms(state, goal), held)
 
     def done(self, state: State, goal: State) -> Field:
         """Whether the craft has stayed for the time to hold since an arrival before the deadline."""
-        return self._arrived_in_time(goal) & (goal.notes[3] > self.hold_seconds - TIME_ROUNDING)
+        return self._arrived_in_time(goal) & (goal.notes[-1] > self.hold_seconds - TIME_ROUNDING)
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft is too far away, or not within the tolerances since an arrival before the deadline."""
@@ -135,7 +137,7 @@ class Hold(OrbitalMission):
 
     def _arrived_in_time(self, goal: State) -> Field:
         """Whether the craft is within the tolerances, since before the deadline."""
-        deadline, _, _, held = goal.notes
+        deadline, held = goal.notes[0], goal.notes[-1]
         return (held > -TIME_ROUNDING) & (deadline + held > -TIME_ROUNDING)
 
     def sample(self, random: Random) -> tuple[State, State]:

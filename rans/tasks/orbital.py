@@ -15,14 +15,17 @@ from rans.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
 from rans.guidance.staying import staying_velocity
 from rans.model.drift import (
     EARTH,
+    EARTH_RADIUS,
     MOST_ECCENTRIC,
     ClohessyWiltshire,
     Drift,
+    EllipticOrbit,
+    PerturbedOrbit,
     mean_anomaly,
     velocity_to_reach,
 )
 from rans.model.dynamics import State
-from rans.model.fields import Field, at_least, where
+from rans.model.fields import Field, at_least, cos, sin, where
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import (
@@ -36,8 +39,8 @@ from rans.tasks.observation_terms import (
 from rans.tasks.rewards import Transition, is_used
 from rans.tasks.shapes import Ball, Shape, SpeedLimit
 
-_EARTH_RADIUS = 6378.137
-"""Equatorial radius of the Earth, km (WGS 84)."""
+_EARTH_RADIUS = 1e-3 * EARTH_RADIUS
+"""Equatorial radius of the Earth, km."""
 _PUSHES_OF_FEW_BURNS = 3
 """Number of times that coasts of few burns are moved out of each keep-out ball."""
 
@@ -59,10 +62,14 @@ class TargetOrbit(Settings):
     >>> orbit = rans.TargetOrbit(eccentricity=0.3, semi_major_axis_km=9683.0)
     >>> rans.Dock(orbit=orbit).drift.name
     'elliptic-orbit'
+    >>> low = rans.TargetOrbit(oblate=True, inclination_degrees=51.6, target_drag=4e-7, ballistic_ratio=0.5)
+    >>> rans.Dock(orbit=low).drift.name
+    'perturbed-orbit'
 
     Raises:
         ConfigError: the eccentricity is not from 0 to 0.9, the semi-major axis is negative or not finite, the
-            perigee is within the Earth, or the true anomalies are no range.
+            perigee is within the Earth, angles are no range, the inclination is not from 0 to 180 degrees, a drag
+            is negative, a ratio is not above 0, or an ellipse has an oblate Earth or drag.
     """
 
     eccentricity: float = 0.0
@@ -70,7 +77,20 @@ class TargetOrbit(Settings):
     semi_major_axis_km: float = 0.0
     """Semi-major axis, km, which replaces the mission's mean motion; 0: the mean motion counts."""
     true_anomaly_degrees: tuple[float, float] = (0.0, 360.0)
-    """Range of the target's true anomaly at the start, degrees from the perigee; equal numbers fix it."""
+    """Range of the target's true anomaly at the start of an ellipse, degrees from the perigee; equal numbers fix
+    it."""
+    oblate: bool = False
+    """Whether the Earth is oblate (J2); otherwise it is a sphere."""
+    inclination_degrees: float = 0.0
+    """Inclination of the orbit around the oblate Earth, from 0 to 180 degrees."""
+    argument_of_latitude_degrees: tuple[float, float] = (0.0, 360.0)
+    """Range of the target's angle from the ascending node at the start, degrees; only with an oblate Earth."""
+    target_drag: float = 0.0
+    """Acceleration by which the air slows the target down, m/s^2: half of density times speed squared, over its
+    ballistic coefficient."""
+    ballistic_ratio: float = 1.0
+    """Ballistic coefficient (mass over drag coefficient and area) of the craft, divided by that of the target.
+    Below 1 the air slows the craft down more than the target."""
 
     def __post_init__(self) -> None:
         e, size, angles = self.eccentricity, self.semi_major_axis_km, self.true_anomaly_degrees
@@ -86,13 +106,67 @@ class TargetOrbit(Settings):
             self._check_perigee(
                 size, "the usual cause is an altitude in place of the semi-major axis"
             )
-        if (
-            not (isinstance(angles, tuple) and len(angles) == 2 and all(map(is_finite, angles)))
-            or angles[0] > angles[1]
-        ):
+        for name in ("true_anomaly_degrees", "argument_of_latitude_degrees"):
+            angles = getattr(self, name)
+            if (
+                not (isinstance(angles, tuple) and len(angles) == 2 and all(map(is_finite, angles)))
+                or angles[0] > angles[1]
+            ):
+                raise ConfigError(
+                    f"{name} must be a range (low, high) of finite numbers, got {angles!r}."
+                )
+        self._check_perturbations()
+
+    def _check_perturbations(self) -> None:
+        """Refuse impossible inclinations and drags, and ellipses with either."""
+        tilt, drag, ratio = self.inclination_degrees, self.target_drag, self.ballistic_ratio
+        if not is_finite(tilt) or not 0.0 <= tilt <= 180.0:
+            raise ConfigError(f"inclination_degrees must be from 0 to 180 degrees, got {tilt!r}.")
+        if not is_finite(drag) or drag < 0.0:
             raise ConfigError(
-                f"true_anomaly_degrees must be a range (low, high) of finite numbers, got {angles!r}."
+                f"target_drag must be a finite number >= 0 m/s^2, got {drag!r}; it is the size of an acceleration."
             )
+        if not is_finite(ratio) or ratio <= 0.0:
+            raise ConfigError(f"ballistic_ratio must be a finite number > 0, got {ratio!r}.")
+        if tilt and not self.oblate:
+            raise ConfigError(
+                f"inclination_degrees is {tilt:g} degrees, but only an oblate Earth has an axis: set oblate = true."
+            )
+        if self.eccentricity and self.is_perturbed:
+            raise ConfigError(
+                f"an oblate Earth and drag are computed near circular orbits, and the eccentricity is "
+                f"{self.eccentricity:g}: leave out one of them."
+            )
+
+    @property
+    def drag(self) -> float:
+        """Acceleration by which the air slows the craft down more than the target, m/s^2."""
+        return self.target_drag * (1.0 / self.ballistic_ratio - 1.0)
+
+    @property
+    def is_perturbed(self) -> bool:
+        """Whether the Earth is oblate, or drag differs."""
+        return self.oblate or self.drag != 0.0
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether relative motion does not depend on where the target is on its orbit."""
+        return not (self.eccentricity or self.is_perturbed)
+
+    def motion(self, mean_motion: float, angle: Field) -> Drift:
+        """Relative motion near the target.
+
+        Args:
+            mean_motion: mean motion, rad/s.
+            angle: where the target is, rad: its mean anomaly on an ellipse, its argument of latitude elsewhere.
+        """
+        if self.eccentricity:
+            return EllipticOrbit(mean_motion, self.eccentricity, angle)
+        if not self.is_perturbed:
+            return ClohessyWiltshire(mean_motion)
+        tilt = math.radians(self.inclination_degrees)
+        orbit = PerturbedOrbit.around_earth(mean_motion, tilt, self.drag, angle)
+        return orbit if self.oblate else replace(orbit, oblateness=0.0)
 
     def mean_motion(self, otherwise: float) -> float:
         """Mean motion, rad/s, of the semi-major axis; without one, the other number.
@@ -117,11 +191,23 @@ class TargetOrbit(Settings):
                 f"km); {advice}."
             )
 
-    def mean_anomaly(self, random: Random) -> Field:
-        """Mean anomaly at a start, rad, of a true anomaly from the range."""
-        return mean_anomaly(
-            random.uniform(*map(math.radians, self.true_anomaly_degrees)), self.eccentricity
-        )
+    @property
+    def first_angle(self) -> float:
+        """Lowest angle of the range at the start, rad; see `motion`."""
+        if self.eccentricity:
+            return mean_anomaly(math.radians(self.true_anomaly_degrees[0]), self.eccentricity)
+        return math.radians(self.argument_of_latitude_degrees[0])
+
+    def angle(self, random: Random) -> Field:
+        """Angle at a start, rad, from the range; see `motion`."""
+        if self.eccentricity:
+            return mean_anomaly(
+                random.uniform(*map(math.radians, self.true_anomaly_degrees)), self.eccentricity
+            )
+        return random.uniform(*map(math.radians, self.argument_of_latitude_degrees))
+
+
+_CIRCLE = TargetOrbit()
 
 
 @dataclass(frozen=True)
@@ -129,8 +215,9 @@ class OrbitalMission(SingleTask):
     """Base class of missions to a position near a target on an orbit by a deadline.
 
     W is the Hill frame of the target: x radially outwards, y along the track, z across it. The craft follows the
-    Clohessy-Wiltshire equations; a mission with another `drift` has its time in further ``notes`` of the goal
-    (`drift_at`). Every episode draws a deadline and fails if the mission has not succeeded by it.
+    Clohessy-Wiltshire equations; where `orbit` is another one, the fourth of the ``notes`` of the goal is the angle
+    of the target on it (`TargetOrbit.motion`). Every episode draws a deadline and fails if the mission has not
+    succeeded by it.
 
     Every episode has a plan, which is the arrival time with the least velocity change (`rans.guidance.arrival`).
     Plans that violate a limit on the way have a penalty. The velocity to gain is the velocity change now with which
@@ -153,6 +240,8 @@ class OrbitalMission(SingleTask):
     """Mean motion n of the target's orbit, rad/s."""
     deadline: tuple[float, float] = (600.0, 2000.0)
     """Range of the deadline, s."""
+    orbit: TargetOrbit = _CIRCLE
+    """Orbit of the target; by default a circle around a sphere, without drag."""
     position_tolerance: float = 0.5
     """Distance from the goal at which the mission succeeds, m."""
     velocity_tolerance: float = 0.2
@@ -190,8 +279,16 @@ class OrbitalMission(SingleTask):
     """Whether success asks for staying within the tolerances after the arrival."""
     few_burns: ClassVar[bool] = False
     """Whether `guidance` flies transfers of few burns (`rans.guidance.few_burns`); only of missions that brake."""
+    ellipses: ClassVar[bool] = False
+    """Whether the target may be on an ellipse."""
 
     def __post_init__(self) -> None:
+        if self.orbit.eccentricity and not self.ellipses:
+            raise ConfigError(
+                f"{type(self).__name__} flies near circular orbits, and the eccentricity is "
+                f"{self.orbit.eccentricity:g}; dock flies on ellipses."
+            )
+        object.__setattr__(self, "mean_motion", self.orbit.mean_motion(self.mean_motion))
         super().__post_init__()
         latest = self.deadline[1]
         bound = 0.95 * self.half_turn / self.mean_motion
@@ -217,11 +314,19 @@ class OrbitalMission(SingleTask):
 
     @property
     def drift(self) -> Drift:
-        """Equations of relative motion on the target's orbit: those of Clohessy and Wiltshire on a circle."""
-        return ClohessyWiltshire(self.mean_motion)
+        """Equations of relative motion on the target's orbit, from the first angle of its range on."""
+        return self.orbit.motion(self.mean_motion, self.orbit.first_angle)
+
+    def drift_at(self, goal: State) -> Drift:
+        """Equations of relative motion on the target's orbit from now on."""
+        if self.orbit.is_steady:
+            return self.drift
+        return self.orbit.motion(self.mean_motion, goal.notes[3])
 
     def planned(self, random: Random, start: State, goal: State) -> State:
         """Goal with a drawn deadline and the plan for a start in its notes."""
+        if not self.orbit.is_steady:
+            goal = replace(goal, notes=(0.0, 0.0, 0.0, self.orbit.angle(random)))
         return self.plan(start, goal, random.uniform(*self.deadline))
 
     def plan(self, start: State, goal: State, deadline: Field) -> State:
@@ -267,8 +372,13 @@ class OrbitalMission(SingleTask):
         return goal.notes[1]
 
     def later(self, goal: State, time: Field) -> State:
-        """Goal after a time (s), with less time left; its position is constant."""
+        """Goal after a time (s), with less time left, and the target farther on its orbit; it does not move."""
         deadline, arrival, won, *further = goal.notes
+        drift = self.drift_at(goal).later(time)
+        if isinstance(drift, EllipticOrbit):
+            further[0] = drift.mean_anomaly
+        elif isinstance(drift, PerturbedOrbit):
+            further[0] = drift.latitude
         return replace(goal, notes=(deadline - time, arrival - time, won, *further))
 
     def remember(self, goal: State, state: State) -> State:
@@ -364,6 +474,23 @@ class OrbitalMission(SingleTask):
                 for name, shape in self.limits(goal).items()
                 for entry in shape.entries(name, state)
             ),
+            *self._angle_terms(goal),
+        )
+
+    def _angle_terms(self, goal: Any) -> tuple[ObservationTerm, ...]:
+        """Cosine and sine of the target's angle on its orbit, where motion depends on it."""
+        if self.orbit.is_steady:
+            return ()
+        angle, what = (
+            "anomaly",
+            "the target's mean anomaly, which grows evenly from 0 at the perigee",
+        )
+        if not self.orbit.eccentricity:
+            angle = "argument of latitude"
+            what = "the target's argument of latitude, its angle from the ascending node"
+        return tuple(
+            Information(f"{name} of the {angle}", "", f(goal.notes[3]), meaning=f"{name} of {what}")
+            for name, f in (("cosine", cos), ("sine", sin))
         )
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:

@@ -76,9 +76,9 @@ class Rendezvous(OrbitalMission):
     timing: ClassVar[Timing] = Timing(control_period=50.0, episode_steps=200, checks=10)
 
     @property
-    def coast_zone(self) -> CoastZone:
-        """A ball of 20 m, until the craft is as near as the cone is long: our choice."""
-        return CoastZone(20.0, self.cone_length)
+    def coast_zone(self) -> CoastZone | None:
+        """A ball of 20 m, until the craft is as near as the cone is long: our choice; see `Hold.coast_zone`."""
+        return CoastZone(20.0, self.cone_length) if self.orbit.is_steady else None
 
     def limits(self, goal: State) -> dict[str, Shape]:
         """The line-of-sight cone, whose apex is behind the target so that it contains the ball of contact."""

@@ -171,47 +171,51 @@ class Meeting:
 
 @dataclass(frozen=True)
 class UnsteadyMeeting(Meeting):
-    """Rendezvous in a linear drift that depends on when a motion begins: the drift is that from the start on.
+    """Rendezvous in a drift that depends on when a motion begins: the drift is that from the start on.
 
     What a command does is expressed by the state at the start that does the same.
     """
 
     @cached_property
-    def _pulled_back(self) -> tuple[np.ndarray, np.ndarray]:
-        """Motion (L, 2 d, 2 d) to each check, and effects (periods, checks + 1, 2 d, m) as states at the start.
+    def _pulled_back(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Motion (L, 2 d, 2 d) and offset (L, 2 d) to each check, and effects as states at the start.
 
-        The second index is the number of checks for which the command has been held.
+        Effects are (periods, checks + 1, 2 d, m); the second index is the number of checks for which the command
+        has been held.
         """
         size = len(self.point)
         timing = self.timing
         unit = np.eye(2 * size)
         times = self.interval * np.arange(timing.checks * timing.episode_steps + 1)
-        motion = np.stack([self._carried(x, times) for x in unit], axis=2)
+        offset = self._carried(0.0 * unit[0], times)
+        motion = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
         begun = timing.control_period * np.arange(timing.episode_steps)[:, None]
         held = self.interval * np.arange(timing.checks + 1)
         effect = np.zeros((timing.episode_steps, timing.checks + 1, 2 * size, size))
         for node, weight in RULES[8]:
             instants = (begun + node * held).ravel()
             later = replace(self, drift=self.drift.later(instants))
-            pushed = np.stack([later._carried(x, -instants) for x in unit[size:]], axis=2)
+            rest = later._carried(0.0 * unit[0], -instants)
+            pushed = np.stack([later._carried(x, -instants) - rest for x in unit[size:]], axis=2)
             effect += weight * held[:, None, None] * pushed.reshape(effect.shape)
-        return motion, effect @ (self.forces / self.mass)
+        return motion, offset, effect @ (self.forces / self.mass)
 
     def free(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
         """See `Meeting.free`."""
-        motion, _ = self._pulled_back
-        return motion[checks] @ start
+        motion, offset, _ = self._pulled_back
+        return motion[checks] @ start + offset[checks]
 
     def transition(self, checks: int | np.ndarray) -> np.ndarray:
         """See `Meeting.transition`; from the start, without the tables."""
         times = self.interval * np.ravel(checks)
         unit = np.eye(2 * len(self.point))
-        motion = np.stack([self._carried(x, times) for x in unit], axis=2)
+        offset = self._carried(0.0 * unit[0], times)
+        motion = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
         return motion if np.ndim(checks) else motion[0]
 
     def effect(self, check: int, periods: int) -> np.ndarray:
         """See `Meeting.effect`."""
-        motion, effect = self._pulled_back
+        motion, _, effect = self._pulled_back
         per_period = self.timing.checks
         held = np.clip(check - per_period * np.arange(periods), 0, per_period)
         done = motion[check] @ effect[np.arange(periods), held]
@@ -219,14 +223,14 @@ class UnsteadyMeeting(Meeting):
 
     def response(self, period: int, last: int) -> np.ndarray:
         """See `Meeting.response`."""
-        motion, effect = self._pulled_back
+        motion, _, effect = self._pulled_back
         first = period * self.timing.checks
         held = np.minimum(np.arange(last + 1 - first), self.timing.checks)
         return motion[first : last + 1] @ effect[period, held]
 
     def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
         """See `Meeting.saved`."""
-        motion, effect = self._pulled_back
+        motion, _, effect = self._pulled_back
         per_period = self.timing.checks
         checks = np.arange(last + 1)
         begun = multiplier @ motion[: last + 1]

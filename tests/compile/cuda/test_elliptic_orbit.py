@@ -1,4 +1,4 @@
-"""Kernel of a task on an elliptic orbit against NumPy: each craft has its own place on the orbit."""
+"""Kernels of tasks on orbits along which motion changes against NumPy: each craft has its own angle."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.model.drift import EllipticOrbit
+from rans.model.drift import EllipticOrbit, PerturbedOrbit
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition
 from tests.support.engines import PLATFORM
@@ -24,10 +24,10 @@ class OnAnEllipse(GoToPosition):
     """Its goal has the target's mean anomaly as a note. An orbit lasts a minute, so that seconds matter."""
 
     @property
-    def drift(self) -> EllipticOrbit:
+    def drift(self) -> Any:
         return EllipticOrbit(0.1, 0.5, 0.0)
 
-    def drift_at(self, goal: Any) -> EllipticOrbit:
+    def drift_at(self, goal: Any) -> Any:
         return replace(self.drift, mean_anomaly=goal.notes[0])
 
     def sample(self, random: Any) -> tuple[Any, Any]:
@@ -38,9 +38,22 @@ class OnAnEllipse(GoToPosition):
         return replace(goal, notes=(goal.notes[0] + 0.1 * time,))
 
 
+@dataclass(frozen=True)
+class AroundAnOblatePlanet(OnAnEllipse):
+    """The same with an argument of latitude, a planet ten times as flat as the Earth, and drag."""
+
+    @property
+    def drift(self) -> Any:
+        return PerturbedOrbit(0.1, 0.02, 0.9, 1e-3, 0.0)
+
+    def drift_at(self, goal: Any) -> Any:
+        return replace(self.drift, latitude=goal.notes[0])
+
+
 @pytest.mark.slow
-def test_an_ellipse_steps_and_restarts_as_on_numpy(on_host: Any) -> None:
-    made: Any = (PLATFORM, OnAnEllipse(), 8, Timing(episode_steps=4))
+@pytest.mark.parametrize("task", [OnAnEllipse(), AroundAnOblatePlanet()], ids=["ellipse", "oblate"])
+def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, task: Any) -> None:
+    made: Any = (PLATFORM, task, 8, Timing(episode_steps=4))
     how: Any = {"seed": SEED, "dtype": torch.float64}
     ours = Engine(*made, **how)
     # Anomalies are those of eight places, and move on.
