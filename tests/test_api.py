@@ -55,8 +55,10 @@ def examples() -> list[doctest.DocTest]:
     return found
 
 
-SLOW_EXAMPLES = {"rans.api.judging.benchmark"}
-"""Which measure for seconds, and whose command has quick tests."""
+SLOW_EXAMPLES = {
+    f"rans.api.{name}" for name in ("judging.benchmark", "judging.stress", "training.sweep")
+}
+"""Which take seconds, and whose commands have quick tests."""
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,7 @@ def test_answers_come_in_the_order_of_the_jobs() -> None:
     assert len({process for *_, process in answers}) == 1
 
 
+@pytest.mark.slow
 def test_a_script_needs_no_guard_and_its_own_classes_travel(tmp_path: Path) -> None:
     """By Python's default each worker runs it from the top again, and starts workers, or prints once more."""
     script = tmp_path / "script.py"

@@ -159,6 +159,7 @@ def check_run(trained: Path, asks: list[Callable[[], object]], every: int) -> No
     assert count == len(NAMING)
 
 
+@pytest.mark.slow
 def test_config_of_a_run(here: Path, trained: Path) -> None:
     check_run(trained, RUN[:2], 1)
 

@@ -67,6 +67,7 @@ def test_latches_draw_the_spacecraft_in_and_are_loaded_by_its_offset() -> None:
     assert capture.distance < 1e-3
 
 
+@pytest.mark.slow
 def test_latches_that_are_too_weak_do_not_capture() -> None:
     plant = DockingPlant(PLATFORM, PORT, control_period=0.2, system=CaptureSystem(strength=1.0))
     plant.states_at_checks(ahead_of_port(0.02, 0.0), SHUT)

@@ -27,6 +27,7 @@ AGENT = "pretrained:go-to-pose-2d-fast"
 PAIRS = FaultConditions(2.0, ("dead", "stuck-open"), time=0.0, among="recoverable")
 
 
+@pytest.mark.slow
 def test_flights_are_those_of_evaluations_in_what_is_held_and_where_they_end() -> None:
     network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, Conditions(faults=PAIRS), 24, 7, "cpu")

@@ -23,6 +23,7 @@ from rans.scenario import scenarios
 AGENT = "pretrained:go-to-pose-2d"
 
 
+@pytest.mark.slow
 def test_flights_are_those_of_evaluations() -> None:
     """In the engine in float32 and one by one in float64; a perfect world leaves no room for chaos."""
     network, setup = loaded(AGENT, "cpu")

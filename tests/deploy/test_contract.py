@@ -338,6 +338,7 @@ def test_a_filter_is_not_exported(tmp_path: Path) -> None:
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_a_multi_task_contract_has_the_columns_of_every_task(folder: Callable[[str], Path]) -> None:
     """Flags and order of docs/tasks.md's table."""
     tasks = {one["task"]: one for one in contract_of(folder("multi-task-2d"))["tasks"]}
@@ -355,6 +356,7 @@ def test_a_multi_task_contract_has_the_columns_of_every_task(folder: Callable[[s
     assert spin["meaning"] == "w_WG - w_WB in B: angular velocity of the goal minus own"
 
 
+@pytest.mark.slow
 def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None:
     assert contract_of(folder("go-to-pose-2d-trade-off"))["trade_off"] == {
         "column": 10,
@@ -387,6 +389,7 @@ def test_wild_readings_are_held_and_then_shut_the_valves(folder: Callable[[str],
         assert agent.act(good).any()
 
 
+@pytest.mark.slow
 def test_a_memory_that_is_not_finite_decides_nothing(folder: Callable[[str], Path]) -> None:
     """The command is that of the first period of an episode, and the memory is what that period leaves."""
     names = exported(folder("go-to-pose-2d-faults"))

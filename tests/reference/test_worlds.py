@@ -317,10 +317,8 @@ OBLATE = PerturbedOrbit(0.11, 1e-4, 0.9, 1e-3, 0.0)
 @pytest.mark.parametrize(
     ("dimension", "kind", "own"),
     [
-        (2, "on-off", ELLIPSE),
-        (3, "on-off", ELLIPSE),
         (2, "few counts", ELLIPSE),
-        (3, "few counts", ELLIPSE),
+        (3, "on-off", ELLIPSE),
         (3, "few counts", OBLATE),
         (2, "few counts", replace(OBLATE, inclination=0.0)),
     ],

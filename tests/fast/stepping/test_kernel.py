@@ -52,11 +52,20 @@ def by_turns(test: Any) -> Any:
     return pytest.mark.usefixtures("together")(both(test))
 
 
+def two_a_thread(test: Any) -> Any:
+    """One a thread is what the tests of conditions and of tasks fly."""
+    return pytest.mark.usefixtures("together")(
+        pytest.mark.parametrize("together", [2], indirect=True)(test)
+    )
+
+
 @pytest.mark.parametrize(
     ("task", "together", "craft"),
     [  # by turns in the plane and in space
-        *((task, 1, (PLATFORM, FLYER)[number % 2]) for number, task in enumerate(ANY_CRAFT)),
-        ("multi-task", 2, FLYER),
+        *(
+            (task, 1 + (task == "multi-task"), (PLATFORM, FLYER)[number % 2])
+            for number, task in enumerate(ANY_CRAFT)
+        ),
     ],
     indirect=["together"],
     ids=lambda x: getattr(x, "name", str(x)),
@@ -156,7 +165,7 @@ def test_an_odd_number_of_spacecraft_flies_one_by_one(
     assert compare(Engine(*made), engine) > 15
 
 
-@pytest.mark.usefixtures("together")
+@two_a_thread
 def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
     whole = Engine(PLATFORM, NEAR, 16, SHORT)
     part = on_host(PLATFORM, NEAR, 8, SHORT, processes=Processes(1, 2))
@@ -179,13 +188,13 @@ def test_a_lost_state_earns_nothing(on_host: Any) -> None:
     assert step.terms[:, 1].eq(0.0).all()
 
 
-@pytest.mark.usefixtures("together")
+@two_a_thread
 def test_the_previous_command_is_remembered(on_host: Any) -> None:
     made = (PLATFORM, SwitchingGoToPose(**vars(NEAR)), 16, SHORT)
     assert compare(Engine(*made), on_host(*made)) > 16
 
 
-@pytest.mark.usefixtures("together")
+@two_a_thread
 def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
     ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
     ours, theirs = (Curriculum([NEAR], ramps, dtype) for dtype in (np.float32, torch.float32))
@@ -283,7 +292,7 @@ class Falling(GoToPose):
         return UniformGravity((0.1, -0.2))
 
 
-@pytest.mark.usefixtures("together")
+@two_a_thread
 def test_a_drift(on_host: Any) -> None:
     how: Any = {"seed": SEED, "dtype": torch.float64}
     made: Any = (PLATFORM, like_near(Falling), 16, SHORT)
@@ -308,7 +317,7 @@ class Unbounded(GoToPose):
         return terms
 
 
-@pytest.mark.usefixtures("together")
+@two_a_thread
 def test_numbers_that_are_not_finite(on_host: Any) -> None:
     how: Any = {"seed": SEED, "dtype": torch.float64}
     made: Any = (PLATFORM, like_near(Unbounded), 16, SHORT)
@@ -349,7 +358,7 @@ def test_a_goal_that_moves(on_host: Any, craft: Spacecraft) -> None:
     assert compare(ours, on_host(*made, **how)) > 16
 
 
-@pytest.mark.usefixtures("together")
+@two_a_thread
 def test_members_with_seeds_of_their_own(on_host: Any) -> None:
     made: Any = (PLATFORM, NEAR, 24, SHORT)
     how: Any = {"seed": [SEED, 3, 2**33], "dtype": torch.float64}
@@ -373,7 +382,7 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
                 one for one in EFFECTS if one in ("fall", "faults", "outage", "mountings")
             )
         ),
-        *((effect, False, PLATFORM) for effect in ("all", "pairs")),
+        ("all", False, PLATFORM),
         ("all", True, PLATFORM),
     ],
     ids=lambda x: getattr(x, "name", str(x)),

@@ -351,6 +351,7 @@ def test_no_flight_beats_its_bounds(
     assert hull.least_fuel(*common, steps * h, loose) <= spent * (1 + 1e-9) + 1e-12
 
 
+@pytest.mark.slow
 def test_no_lqr_flight_beats_its_bounds() -> None:
     for craft in (PLATFORM, SHARED, FLYER):
         task = GoToPose().for_evaluation()

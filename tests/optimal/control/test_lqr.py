@@ -71,11 +71,8 @@ def test_deadband_saves_thrust_and_costs_no_time(craft: str) -> None:
     assert np.isfinite(settling_times(resting)).all()
 
 
-@pytest.mark.parametrize(
-    "task",
-    [pytest.param(TASK, marks=pytest.mark.slow), TrackTwist(target_spin=0.3)],
-    ids=["pose", "twist"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("task", [TASK, TrackTwist(target_spin=0.3)], ids=["pose", "twist"])
 def test_brings_an_awkward_spacecraft_home(task: GoToPose | TrackTwist) -> None:
     """An off-centre body with three different moments of inertia and unequal thrusters."""
     craft = nasty_spatial()

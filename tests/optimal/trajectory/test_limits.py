@@ -48,6 +48,7 @@ def test_least_time_under_a_speed_limit_is_bang_coast_bang() -> None:
     assert closed * (1 - 1e-4) < trajectory.cost < closed * (1 + 0.02)
 
 
+@pytest.mark.slow
 def test_limits_hold_between_periods_too() -> None:
     """Straight ahead lies a ball, and 0.4 m/s is all there may be: both hold at four instants a period."""
     limits = PathLimits(speed=0.4, keep_out=((-1.5, 0.0, 0.4),))

@@ -276,7 +276,14 @@ def test_impossible_settings_are_refused(wrong: Any, message: str) -> None:
         wrong()
 
 
-@pytest.mark.parametrize("drift", [UniformGravity((0.05, -0.08)), ClohessyWiltshire(0.05)], ids=str)
+@pytest.mark.parametrize(
+    "drift",
+    [
+        UniformGravity((0.05, -0.08)),
+        pytest.param(ClohessyWiltshire(0.05), marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
 def test_optima_under_a_drift_fly_in_drake(drift: Drift, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its commands, by the CasADi function that it optimised with, lead where Drake flies them; its own path
     has gaps of up to 1e-8 between intervals beyond that, which add up."""
