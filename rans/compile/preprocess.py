@@ -201,7 +201,9 @@ class CpuPreprocessor(ColumnExecutor):
         memory.give(rows.numpy().T)
         *outputs, side = memory.run(0)
         sides = torch.from_numpy(np.broadcast_to(side, len(rows)).astype(np.int64))
-        return torch.from_numpy(np.stack(outputs)).T, sides
+        # An output may be a number, the same for all rows.
+        columns = np.stack([np.broadcast_to(output, len(rows)) for output in outputs])
+        return torch.from_numpy(columns).T, sides
 
 
 class CudaPreprocessor(ColumnExecutor):

@@ -60,7 +60,7 @@ AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
 """Agents for any craft that come with RANS, by dimension."""
 COAST = {2: 3.0, 3: 5.0}
 """Control periods for which a craft coasts near the goal, by dimension. Of 0, 2, 3, 5 and 8 these save impulse on
-random layouts of on/off thrusters and cost no time; throttled thrusters lose by it (docs/decisions/policies.md)."""
+random layouts of on/off thrusters and cost no time; throttled ones lose by it (docs/decisions/any_craft.md)."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 

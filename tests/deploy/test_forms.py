@@ -22,6 +22,7 @@ from rans.deploy.contract import contract, golden
 from rans.deploy.export import Form, write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import user_policy
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
@@ -66,6 +67,24 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
         found = unequal(own, ANSWERS[form](tmp_path))
         assert (found.commands, found.beyond) == (0, 0)
         assert found.memory < 1e-5  # ten roundings of numbers of the order of one, in float32
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", ["floating-platform-shared", "pingu", "spheres"])
+def test_an_agent_that_adapts_commands_the_same_in_every_form(craft: str, tmp_path: Path) -> None:
+    """With shared thrust, with a wheel, and of a craft that can spare no thruster."""
+    dimension = load_spacecraft(craft).dimension
+    run = contestant(f"adaptive:any-craft-{dimension}d@{craft}")
+    assert isinstance(run.controller, Agent)
+    network = run.controller.network
+    setup = run.judged._replace(timing=replace(run.timing, episode_steps=12))
+    batches = list(asked(network, setup, 96))
+    written(tmp_path, network, *FORMS)
+    own = own_answers(network, batches)
+    for form in FORMS:
+        found = unequal(own, ANSWERS[form](tmp_path))
+        assert found.beyond == 0
+        assert found.memory < 1e-4  # ten roundings of logarithms of odds, up to 20, in float32
 
 
 def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np.ndarray]:

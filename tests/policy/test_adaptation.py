@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans.compile.preprocess import compiled_preprocessor
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
@@ -115,6 +116,24 @@ def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
     architecture = network("floating-platform").architecture
     read = architecture.preprocessed(row)
     assert architecture.adapted(read, [0.5, 0.5]) == pytest.approx(stated)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param("floating-platform-shared", marks=pytest.mark.slow), "spheres"]
+)
+def test_machine_code_estimates_the_same(name: str) -> None:
+    pytest.importorskip("llvmlite")
+    plain = network(name)
+    coded = Network(plain.architecture, plain.tensors, preprocessor=compiled_preprocessor)
+    random = torch.Generator().manual_seed(3)
+    states = [plain.initial_state(40), coded.initial_state(40)]
+    for _ in range(5):
+        seen = 0.3 * torch.randn(40, plain.architecture.layout.width, generator=random)
+        expected, states[0] = plain.deterministic_action(seen, states[0])
+        found, states[1] = coded.deterministic_action(seen, states[1])
+        # Duty cycles, and roundings of logarithms of odds, up to 20, in float32.
+        torch.testing.assert_close(found, expected, atol=1e-3, rtol=0.0)
+        torch.testing.assert_close(states[1], states[0], atol=1e-3, rtol=1e-3)
 
 
 def solved(spec: str, thruster: int) -> float:

@@ -76,7 +76,8 @@ def adapting(run: LoadedRun) -> LoadedRun:
     """
     if not isinstance(run.controller, Agent):
         raise ConfigError(f"{run.controller.name} is no agent for any craft: {_ADAPTS}.")
-    agent = Agent(_adapting(run.controller.network), run.controller.name, run.craft)
+    name = f"{ADAPTIVE}:{run.controller.name}"
+    agent = Agent(_adapting(run.controller.network), name, run.craft)
     return run._replace(controller=agent)
 
 

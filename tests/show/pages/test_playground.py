@@ -157,7 +157,13 @@ class Given:
 
 
 @needs_node
-@pytest.mark.parametrize("name", AGENTS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        *AGENTS,
+        pytest.param("adaptive:any-craft-2d@floating-platform-shared", marks=pytest.mark.slow),
+    ],
+)
 def test_its_commands_are_those_of_the_agent(name: str, tmp_path: Path) -> None:
     """On whole flights, memory and all; no choice is close there, so that weights of 16 bits change none.
 
