@@ -115,6 +115,24 @@ rans.PPO(engine, n_steps=4).learn(32).save("trained.safetensors")
     assert not (tmp_path / "run/tensorboard").exists()
 
 
+@pytest.mark.slow
+def test_notebooks_show_values_with_plots_alone(tmp_path: Path) -> None:
+    """What examples/notebook displays needs no package of optimal control."""
+    code = (
+        BLOCK
+        + """
+import rans
+agent = rans.load_agent("go-to-pose-2d")
+flight = agent.fly(start=rans.state((1.0, 0.0)), goal=rans.state((0.0, 0.0)))
+for value in (rans.load_spacecraft("floating-platform"), agent, agent.evaluate(episodes=2), flight):
+    assert "<" in value._repr_html_()
+"""
+    )
+    plots = ("matplotlib", "PIL", "tensorboard")
+    code_of_exit, text = said(code, ",".join(EXTRAS.keys() - {*plots}), folder=tmp_path)
+    assert code_of_exit == 0, text
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows itself has nothing of POSIX")
 @pytest.mark.slow
 def test_the_core_needs_nothing_of_posix(tmp_path: Path) -> None:

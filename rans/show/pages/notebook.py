@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from functools import singledispatch
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rans.drawing import draw_layout
 from rans.errors import legible
-from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
@@ -17,7 +17,6 @@ from rans.randomization.conditions import Conditions
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.svg import data_uri, svg
 from rans.show.pages.stress_page import StressReport
-from rans.show.tables.comparison_tables import scoreboard
 from rans.show.tables.listing import (
     Listing,
     conditions_listing,
@@ -27,12 +26,19 @@ from rans.show.tables.listing import (
 )
 from rans.tasks import Task
 
+if TYPE_CHECKING:
+    from rans.evaluation.compare.run import Comparison
+
 _SIDE = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"
 
 
 @singledispatch
 def html_of(value: Any) -> str:
     """A value as HTML; texts in it are no mark-up."""
+    # Comparisons need packages that other values do not: if there is one, its module is imported.
+    module = sys.modules.get("rans.evaluation.compare.run")
+    if module is not None and isinstance(value, module.Comparison):
+        return _comparison(value)
     raise TypeError(f"notebooks show no {type(value).__name__}")
 
 
@@ -68,8 +74,9 @@ def _(metrics: Metrics) -> str:
     return _table(Listing(metrics.title(), COLUMNS, rows))
 
 
-@html_of.register
-def _(comparison: Comparison) -> str:
+def _comparison(comparison: Comparison) -> str:
+    from rans.show.tables.comparison_tables import scoreboard
+
     board = scoreboard(comparison)
     keys = dict.fromkeys(key for row in board.values() for key in row)
     rows = [(key, *(row[key].text() for row in board.values())) for key in keys]
