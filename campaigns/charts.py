@@ -174,6 +174,26 @@ def elliptic() -> Figure:
 
 
 @styled
+def slosh() -> Figure:
+    """Impulse and share of flights that win, by the share of the mass that swings."""
+    rows = _record("slosh")["rows"]
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    grid = figure.subplots(1, 2, sharex=True)
+    for k, who in enumerate(dict.fromkeys(row["who"] for row in rows)):
+        own = [row for row in rows if row["who"] == who]
+        swings = [100.0 * row["share"] for row in own]
+        colour, marker = series_style(k)
+        style: Any = {"color": colour, "marker": marker, "label": who}
+        first = own[0]["impulse"]
+        grid[0].plot(swings, [100.0 * (row["impulse"] / first - 1.0) for row in own], **style)
+        grid[1].plot(swings, [100.0 * row["won"] for row in own], **style)
+    grid[0].set(xlabel="swings, % of the mass", ylabel="more impulse than without, %")
+    grid[1].set(xlabel="swings, % of the mass", ylabel="settled or docked, %")
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
+    return figure
+
+
+@styled
 def perturbations() -> Figure:
     """Share of flights that robust agents hold, by perturbation."""
     plane, space = (
@@ -387,6 +407,7 @@ CHARTS: dict[str, Callable[[], Figure]] = {
         pareto_front,
         perturbations,
         settled_gate,
+        slosh,
         vbar_scores,
     )
 }

@@ -33,6 +33,7 @@ from campaigns import (
     robustness,
     safe_set,
     settled_gate_entry,
+    slosh,
     standings,
     throttling,
     vbar,
@@ -131,6 +132,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
         f"errors: {name}": partial(error_sources.in_document, table=name)
         for name in error_sources.TABLE_NAMES
     },
+    "slosh": slosh.in_document,
     "docking with contact": dock_contact.in_document,
     "safe states": safe_set.in_document,
     "identification": identification.in_document,

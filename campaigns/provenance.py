@@ -278,6 +278,16 @@ SOURCES: dict[str, Source] = {
         evidence=("error-sources.json",),
         quick_seconds=302.0,
     ),
+    "slosh": Source(
+        tables=("slosh",),
+        page="missions/slosh.md",
+        commands=("python -m campaigns.slosh --docs docs",),
+        quick=("python -m campaigns.slosh --docs docs --episodes 64 --drake 4",),
+        flights=(256, 64),
+        uncompared=("first starts, %", "in Drake, %"),
+        evidence=("slosh.json",),
+        quick_seconds=99.0,
+    ),
     "docking with contact": Source(
         tables=("docking with contact",),
         page="missions/dock-port.md",
