@@ -25,7 +25,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import controller
 from rans.fast.stepping.step import Backend
 from rans.guard import safety_filter
-from rans.guard.manoeuvres import in_body, slope_of_least
+from rans.guard.manoeuvres import slope_of_least
 from rans.model.dynamics import thrust
 from rans.model.fields import Field, map_leaves, where
 from rans.model.random import Draws, seed_words
@@ -105,9 +105,9 @@ def adversary(world: World) -> Policy:
 
     def act(state: Any, goal: Any, seen: tuple[Field, ...]) -> tuple[Field, ...]:
         slope = slope_of_least(world, state, goal)
-        way = in_body(state.attitude, slope.scale(-1.0))
+        way = state.attitude.inverse().rotate(slope.scale(-1.0))
         # Of constraints on the speed there is no slope over positions: towards the goal, as fast as it goes.
-        towards = in_body(state.attitude, goal.p - state.p)
+        towards = state.attitude.inverse().rotate(goal.p - state.p)
         flat = slope.norm() < 1e-4
         if all("speed" in name for name in world.task.constraints(state, goal)):
             flat = slope.norm() < 1e30
