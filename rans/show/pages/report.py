@@ -107,6 +107,7 @@ def _first_screen(
     """The result in a sentence, and tiles: how good, against what, how sure."""
     compared = _read(run / "compare.json", _compared)
     trained = _read(run / "metrics.jsonl", lambda rows: _trained(rows, run))
+    stressed = _read(run / "stress.json", _stressed)
     screen = None if compared is None else _read(run / "screen-compare.json", Screen.from_json)
     measured = [measurement for file in evaluations for measurement in _read(file, _measured) or ()]
     sure = [tile for file in assurances for tile in _read(file, _failure_probability) or ()]
@@ -119,6 +120,8 @@ def _first_screen(
         hero = " ".join(filter(None, (hero, compared)))
     elif compared:
         hero = compared
+    elif stressed and not sure:
+        hero, tiles = stressed
     elif trained and not sure and [section.title for section in sections][:1] == ["Training"]:
         hero = trained
         tiles += [Tile(what, value) for what, value in sections[0].summary]
@@ -154,6 +157,47 @@ def _contestant(run: Path, evaluations: Sequence[Path]) -> str:
         return shlex.quote(str(run))
     result = _read(evaluations[0], lambda result: result.get("conditions", {}).get("contestant"))
     return shlex.quote(result if isinstance(result, str) else str(run))
+
+
+def _stressed(stress: Mapping[str, Any]) -> tuple[str, list[Tile]] | None:
+    """The result of a stress test in a sentence, and tiles, the worst first; None where nobody has flown."""
+    flown = stress.get("conditions", stress.get("worlds", {}))
+    shares = {
+        name: {who: result["held"] for who, result in row["contestants"].items()}
+        for name, row in flown.items()
+        if row["size"] is None
+    }
+    who = next((name for row in shares.values() for name in row), None)
+    ranked = sorted((row[who]["value"], name) for name, row in shares.items() if who in row)
+    if who is None or not ranked or stress["failures"]:
+        return None
+
+    def others(row: Mapping[str, Any], form: Callable[[Any], str]) -> str:
+        return ", ".join(f"{name} {form(x)}" for name, x in row.items() if name != who)
+
+    def share(held: Mapping[str, float]) -> str:
+        return "{value:.1%}".format(**held)
+
+    tiles = []
+    for _, name in ranked:
+        own = shares[name][who]
+        interval = "{low:.1%} to {high:.1%}".format(**own)
+        note = "\n".join(filter(None, (interval, others(shares[name], share))))
+        tiles.append(Tile(f"held, {name}", share(own), note))
+    for name, effect in stress.get("effects", {}).items():
+
+        def size(value: float | None, unit: str = effect["unit"]) -> str:
+            return "not held" if value is None else f"{value:g} {unit}".rstrip()
+
+        limits = effect["holds_to"]
+        if who in limits:
+            beside = others(limits, size)
+            tiles.append(Tile(f"{name}, 99 % held up to", size(limits[who]), beside))
+    worst = ranked[0][1]
+    under = f"under {'the conditions' if len(ranked) == 1 else 'its worst conditions,'} {worst}"
+    beside = others(shares[worst], share)
+    hero = f"{who} holds the goal in {share(shares[worst][who])} of the episodes {under}"
+    return f"{hero}{f'; beside it {beside}' if beside else ''}.", tiles
 
 
 def _trained(rows: Sequence[Mapping[str, Any]], run: Path) -> str:

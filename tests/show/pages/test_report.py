@@ -269,6 +269,34 @@ def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
     ]
 
 
+def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) -> None:
+    def row(mine: float, other: float) -> dict[str, Any]:
+        held = {
+            name: {"held": {"value": x, "low": x - 0.1, "high": x + 0.1}}
+            for name, x in (("mine", mine), ("LQR", other))
+        }
+        return {"size": None, "contestants": held}
+
+    write_json(
+        tmp_path / "stress.json",
+        {
+            "title": "mine, LQR: 8 episodes",
+            "failures": [],
+            "conditions": {"perfect": row(0.9, 0.875), "lab": row(0.5, 0.75)},
+            "effects": {"latency": {"unit": "s", "holds_to": {"mine": 0.1, "LQR": None}}},
+        },
+    )
+    page = report_from_run(tmp_path)
+    assert page.hero == (
+        "mine holds the goal in 50.0% of the episodes under its worst conditions, lab; beside it LQR 75.0%."
+    )
+    assert [(tile.label, tile.value, tile.note) for tile in page.tiles] == [
+        ("held, lab", "50.0%", "40.0% to 60.0%\nLQR 75.0%"),
+        ("held, perfect", "90.0%", "80.0% to 100.0%\nLQR 87.5%"),
+        ("latency, 99 % held up to", "0.1 s", "LQR not held"),
+    ]
+
+
 def test_an_evaluation_of_an_agent_is_compared_by_its_name(run: Path) -> None:
     alone = run / "alone"
     alone.mkdir()
