@@ -136,6 +136,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "docking with contact": dock_contact.in_document,
     "safe states": safe_set.in_document,
     "identification": identification.in_document,
+    "identification in space": partial(identification.in_document, space=True),
     "identified agents": identified_agents.in_document,
     "inspect": inspection.in_document,
     "passive safety": passive.in_document,

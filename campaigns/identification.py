@@ -40,10 +40,12 @@ _OPEN = 0.25
 """Probability that a thruster is open."""
 _CHOICES = 8
 """Random commands of which the calmest is given."""
-_WHEELS = (0.75, 1.25)
-"""Factors on torque and inertia of hidden wheels, as those of `lab` on forces and inertia."""
+_SHEET = (0.75, 1.25)
+"""Factors on forces and inertia of hidden craft, and on torque and inertia of their wheels: those of `lab`."""
 _ENCODER = 0.1
 """rad/s: noise of wheel speeds, one revolution a minute."""
+_EVIDENCE = ("identification.json", "identification-space.json")
+"""Files of the values for craft in the plane and in space."""
 _HELD = 2
 """Control periods for which a random command is held, so that speeds and angles are told apart from noise."""
 _HEADINGS = (
@@ -64,30 +66,36 @@ def hidden_flights(
 ) -> tuple[list[FlightLog], np.ndarray]:
     """Logs of hidden craft, and their true parameters (count, P) in the order of `parameters_of`.
 
-    They are drawn from `conditions`; None: from `lab` with the mass weighed.
+    They are drawn from `conditions`; None: from `lab` with the mass weighed, of craft in space with wheels from
+    `real-space` with the same errors of forces and inertia.
     """
     if conditions is None:
-        lab = load_conditions("lab")
-        conditions = replace(lab, body=replace(lab.body, mass=1.0))
+        named = load_conditions("real-space" if craft.dimension == 3 and craft.wheels else "lab")
+        body = replace(named.body, mass=1.0, inertia=_SHEET)
+        conditions = replace(named, body=body, thrusters=replace(named.thrusters, thrust=_SHEET))
     if not craft.wheels:
         return _flights(craft, count, seconds, period, seed, conditions)
-    # Conditions have no ranges of wheels: each hidden craft is another spacecraft.
-    random = np.random.default_rng(seed)
-    flights = []
-    for k in range(count):
-        hidden = replace(
-            craft,
-            wheels=tuple(
-                replace(
-                    wheel,
-                    max_torque=wheel.max_torque * random.uniform(*_WHEELS),
-                    inertia=wheel.inertia * random.uniform(*_WHEELS),
-                )
-                for wheel in craft.wheels
-            ),
-        )
-        flights.append(_flights(hidden, 1, seconds, period, seed + 1000 * (k + 1), conditions))
+    # Conditions have no ranges of wheels: each hidden craft is another spacecraft, flown by itself.
+    flights = [
+        _flights(hidden, 1, seconds, period, seed + 1000 * (k + 1), conditions)
+        for k, hidden in enumerate(_with_other_wheels(craft, count, seed))
+    ]
     return [log for logs, _ in flights for log in logs], np.concatenate([one for _, one in flights])
+
+
+def _with_other_wheels(craft: Spacecraft, count: int, seed: int) -> Iterator[Spacecraft]:
+    """So many craft whose wheels differ from the data sheet."""
+    random = np.random.default_rng(seed)
+    for _ in range(count):
+        wheels = (
+            replace(
+                wheel,
+                max_torque=wheel.max_torque * random.uniform(*_SHEET),
+                inertia=wheel.inertia * random.uniform(*_SHEET),
+            )
+            for wheel in craft.wheels
+        )
+        yield replace(craft, wheels=tuple(wheels))
 
 
 def _flights(
@@ -149,7 +157,10 @@ def _flights(
     body = parameters.body
     forces = [thruster.force * g for thruster, g in zip(craft.thrusters, body.gain, strict=True)]
     lag = parameters.lag
-    fields = [*forces, *body.inertia, *body.centre, *leaves(parameters.push), lag.latency, lag.rise]
+    late = (0.0, 0.0) if lag is None else (lag.latency, lag.rise)
+    none = (0.0,) * craft.degrees_of_freedom
+    push = none if parameters.push is None else leaves(parameters.push)
+    fields = [*forces, *body.inertia, *body.centre, *push, *late]
     for wheel in craft.wheels:
         fields += [wheel.max_torque, wheel.inertia]
     return logs, np.stack([np.broadcast_to(x, count) for x in fields], axis=-1)
@@ -248,14 +259,16 @@ class Hidden:
             evidence = {
                 "spacecraft": self.spacecraft,
                 "count": self.count,
+                "period": self.period,
                 "seconds": self.seconds,
                 "seed": self.seed,
                 "environment": environment(),
                 "rows": rows,
                 "median seconds of a fit": float(np.median(spent)),
             }
-            write_json(self.docs / "validation" / "identification.json", evidence)
-            in_document(self.docs).write(self.docs)
+            space = craft.dimension == 3
+            write_json(self.docs / "validation" / _EVIDENCE[space], evidence)
+            in_document(self.docs, space).write(self.docs)
         return 0
 
     def _rows(
@@ -292,6 +305,8 @@ class Hidden:
                 error = 1e3 * error
             yield self._row(title, error, unit, held[:, columns])
         mean = truth[:, names.index("latency")] + 0.5 * truth[:, names.index("rise")]
+        if not mean.any():
+            return
         late = np.abs(delays[:, 0] - mean)
         yield self._row("mean delay", 1e3 * late, "ms", late <= SPREAD * delays[:, 1])
 
@@ -304,15 +319,17 @@ class Hidden:
         ]
 
 
-def in_document(docs: Path) -> Table:
-    """The table of the page, of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "identification.json")
+def in_document(docs: Path, space: bool = False) -> Table:
+    """The table of the page, of the evidence in docs/validation: of craft in the plane or in space."""
+    name = _EVIDENCE[space]
+    evidence = read_json(docs / "validation" / name)
+    other = "--spacecraft cubesat-6u --period 0.5 --count 64 " if space else ""
     return Table(
         "identify.md",
-        "python -m campaigns.identification --docs docs",
+        f"python -m campaigns.identification {other}--docs docs",
         _HEADINGS,
         evidence["rows"],
-        "The values are in [identification.json](validation/identification.json).",
+        f"The values are in [{name}](validation/{name}).",
     )
 
 

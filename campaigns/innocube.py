@@ -1,4 +1,4 @@
-"""Inertia of InnoCube from its telemetry in orbit: ``python -m campaigns.innocube FOLDER``.
+"""InnoCube from its telemetry in orbit: inertia, and manoeuvres: ``python -m campaigns.innocube FOLDER``.
 
 InnoCube is a satellite of three units with three reaction wheels, whose learned attitude controller flew from
 October to December 2025 (arXiv 2512.19576). FOLDER is a clone of kdjebko/lelar-in-orbit-data
@@ -21,8 +21,21 @@ import tyro
 from tyro.conf import Positional
 
 from campaigns.command import ended
+from campaigns.innocube_flights import (
+    InnoCubePD,
+    Manoeuvre,
+    apart,
+    figures,
+    manoeuvres_of,
+    simulated,
+)
 from campaigns.innocube_telemetry import Telemetry, manoeuvre_folders, read_manoeuvre
 from rans.errors import ConfigError
+from rans.evaluation.fly.contestants import contestant
+from rans.flight import Controller
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.lqr import LQR
+from rans.tasks.go_to_attitude import GoToAttitude
 from rans.terminal import Terminal
 
 _COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -32,6 +45,10 @@ _LEAST_ERROR = 0.2
 """rad/s of a wheel: least standard deviation of a row, two revolutions a minute, so that weights stay finite."""
 _FITS = 3
 """Fits, between which the weights follow the residuals; more change nothing in three digits."""
+_EARLY = 20.0
+"""s: beginning of a manoeuvre, in which the satellite turns most of the way."""
+_ALIKE = 3.0
+"""Degrees: rounding of the time stamps to whole seconds is as much, at the 4 degrees/s of a turn."""
 MODELS = {"conserved": False, "torque": True}
 """Models of the external torque: whether there is a constant one during each goal."""
 
@@ -122,16 +139,20 @@ class InnoCube:
 
     folder: Positional[Path]
     """Clone of kdjebko/lelar-in-orbit-data."""
+    agent: str | None = None
+    """Agent that flies the manoeuvres too, such as the folder of a training."""
 
     def run(self) -> int:
-        """Print a row for each manoeuvre and model."""
+        """Print a row for each manoeuvre and model, and one for each who flies the manoeuvres."""
         rows = []
+        manoeuvres: list[Manoeuvre] = []
         for folder in manoeuvre_folders(self.folder):
             try:
                 telemetry = read_manoeuvre(folder)
             except ConfigError as error:
                 Terminal().say(str(error))
                 continue
+            manoeuvres += manoeuvres_of(folder, telemetry)
             for name, model in MODELS.items():
                 result = identified(telemetry, model)
                 rows.append(
@@ -155,7 +176,53 @@ class InnoCube:
             "timing, s",
         )
         Terminal().show("InnoCube", headings, rows)
+        self._fly(manoeuvres)
         return 0
+
+    def _fly(self, manoeuvres: list[Manoeuvre]) -> None:
+        """Print what was flown in orbit beside simulations from the same starts."""
+        craft = load_spacecraft("innocube")
+        controllers: list[Controller] = [InnoCubePD(), LQR(craft, GoToAttitude())]
+        if self.agent is not None:
+            controllers.append(contestant(self.agent).controller)
+        rows = []
+        for by in ("learned", "PD"):
+            flown = [one for one in manoeuvres if one.flown_by == by]
+            rows.append(_row(by, "in orbit", flown))
+            for controller in controllers:
+                flights = simulated(craft, flown, controller)
+                rows.append(_row(by, f"simulated: {controller.name}", flights))
+                if by == controller.name.split()[0]:
+                    angles = np.rad2deg(apart(flown, flights, _EARLY))
+                    Terminal().say(
+                        f"In the first {_EARLY:g} s of {np.sum(angles < _ALIKE)} of {len(angles)} manoeuvres that "
+                        f"PD flew in orbit, its simulation is within {_ALIKE:g} degrees of it, in the median of "
+                        f"the readings; in the median of all manoeuvres {np.median(angles):.1f} degrees."
+                    )
+        headings = (
+            "manoeuvres",
+            "who",
+            "settled within 1 degree",
+            "settling time, s",
+            "error at rest, degrees",
+            "change of wheel speeds, rpm",
+            "fastest wheel, rpm",
+        )
+        Terminal().show("Manoeuvres", headings, rows)
+
+
+def _row(by: str, who: str, flights: list[Manoeuvre]) -> tuple[str, ...]:
+    """Row of a table, of `figures`."""
+    of = figures(flights)
+    return (
+        by,
+        who,
+        f"{of['settled']:.0f} of {of['count']:.0f}",
+        f"{of['time']:.0f}",
+        f"{of['rest']:.2f}",
+        f"{of['travel']:,.0f}",
+        f"{of['fastest']:,.0f}",
+    )
 
 
 if __name__ == "__main__":

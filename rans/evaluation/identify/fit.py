@@ -126,7 +126,8 @@ def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
     result += [
         Parameter(f"disturbance {axis}", "N", 0.0, _FORCE_PRIOR * strongest) for axis in axes
     ]
-    lever = max(float(np.linalg.norm(t.position)) for t in craft.thrusters)
+    # Thrusters may all push through the centre of mass: then disturbances have the radius for a lever arm.
+    lever = max(float(np.linalg.norm(t.position)) for t in craft.thrusters) or craft.radius
     turns = ("z",) if craft.dimension == 2 else axes
     result += [
         Parameter(f"torque {axis}", "N m", 0.0, _FORCE_PRIOR * strongest * lever) for axis in turns

@@ -507,7 +507,7 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int)
     world = traced.world
     craft = world.craft
     centre = np.array(craft.centre_of_mass)
-    largest = max(thruster.force for thruster in craft.thrusters)
+    largest = max((thruster.force for thruster in craft.thrusters), default=1.0)
     errors = world.task.errors(traced.episode.state, traced.episode.goal)
     tolerances = world.task.tolerances()
     # A delay of the training's conditions, without which the agent may not fly: the middle of its range.

@@ -16,6 +16,15 @@ from rans.model.spacecraft_file import load_spacecraft
 PLATFORM = load_spacecraft("floating-platform")
 
 
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer", "cubesat-6u", "afrl-12kg"])
+def test_every_quantity_has_a_prior(name: str) -> None:
+    """Also where all thrusters push through the centre of mass, as those of afrl-12kg: 0.5 of 1 N at 0.2 m."""
+    parameters = {one.name: one for one in parameters_of(load_spacecraft(name))}
+    assert all(one.prior > 0.0 for one in parameters.values())
+    if name == "afrl-12kg":
+        assert parameters["torque x"].prior == pytest.approx(0.1)
+
+
 def log_of(commands: np.ndarray, period: float = 0.5) -> FlightLog:
     times = np.arange(len(commands)) * period
     still = np.zeros((len(commands), 2))
