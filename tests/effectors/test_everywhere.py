@@ -83,7 +83,7 @@ def test_the_same_commands_wanted_of_the_drake_environment() -> None:
     assert max(map(abs, states[0].stores)) > 1e-4
 
 
-@every_craft
+@pytest.mark.parametrize("craft", ALL[::2], ids=["cubesat", "wheel", "both"])
 def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
     task = rans.load_task(task_of(craft))
     timing = Timing(episode_steps=20)

@@ -50,7 +50,15 @@ def test_a_kernel_steps_as_numpy(craft: Spacecraft, on_host: Any) -> None:  # no
         np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=0, atol=1e-9)
 
 
-@every_craft
+@pytest.mark.parametrize(
+    "craft",
+    [
+        pytest.param(CUBESAT, marks=pytest.mark.slow),
+        pytest.param(LANDER, marks=pytest.mark.slow),
+        BOTH,
+    ],
+    ids=["cubesat", "lander", "both"],
+)
 def test_a_kernel_flies_as_stepping_does(craft: Spacecraft, tmp_path: Path) -> None:
     network: Network = untrained_policy(craft)
     task = load_task(task_of(craft)).for_evaluation()

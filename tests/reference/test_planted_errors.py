@@ -171,7 +171,7 @@ SOME = "body", "latency", "sensors", "range", "all"
     [
         (disturbance_in_body, {"push", "swing", "kicks", "all"}, "motion"),
         (early, {"latency", "rise", "all"}, "motion"),
-        (swapped, {"fall", "all"}, "motion"),
+        pytest.param(swapped, {"fall", "all"}, "motion", marks=pytest.mark.slow),
         (earlier_commands_in_the_wrong_order, {"latency", "all"}, "motion"),
         (
             fault_on_the_next_nozzle,
@@ -180,8 +180,8 @@ SOME = "body", "latency", "sensors", "range", "all"
         ),
         (thrusters_misaligned_to_the_other_side, {"mountings", "all"}, "motion"),
         (faults_begin_with_the_next_period, {"faults", "named", "recoverable", "all"}, "motion"),
-        (supply_never_gives_way, {"thrust", "all"}, "motion"),
-        (centre_to_the_other_side, {"body", "all"}, "motion"),
+        pytest.param(supply_never_gives_way, {"thrust", "all"}, "motion", marks=pytest.mark.slow),
+        pytest.param(centre_to_the_other_side, {"body", "all"}, "motion", marks=pytest.mark.slow),
         (noise_in_the_reward, ALL_EFFECTS, "reward"),
         (heading_read_backwards, ALL_EFFECTS, "sight"),
     ],

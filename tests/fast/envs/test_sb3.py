@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 import rans
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 
 LENIENT = dataclasses.replace(NEAR, position_tolerance=9.0, attitude_tolerance=9.0)
 """Who does not fail succeeds."""
@@ -85,8 +85,7 @@ def test_a_seed_counts_once() -> None:
     np.testing.assert_array_equal(env.reset(), second)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("algorithm", [PPO, A2C])
-@both_crafts
+@pytest.mark.parametrize(("craft", "algorithm"), [(PLATFORM, PPO), (FLYER, A2C)])
 def test_algorithms_train_on_it(craft: Any, algorithm: Any) -> None:
     settings: dict[str, Any] = {"batch_size": 64, "n_epochs": 2} if algorithm is PPO else {}
     model = algorithm("MlpPolicy", make(craft), n_steps=16, seed=0, device="cpu", **settings)

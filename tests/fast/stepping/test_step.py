@@ -182,7 +182,7 @@ def stronger(craft: Spacecraft, factor: float) -> Spacecraft:
     ("name", "factor"),
     [
         ("floating-platform", 1.0),
-        ("nasty spatial", 1.0),
+        pytest.param("nasty spatial", 1.0, marks=pytest.mark.slow),
         ("nasty planar", 100.0),
         ("nasty spatial", 100.0),
     ],

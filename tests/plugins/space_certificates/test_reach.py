@@ -106,7 +106,12 @@ def instance(
 
 
 @pytest.mark.parametrize(
-    ("name", "seed", "spin"), [("lopsided", 1, 0.7), ("crossed", 2, 0.0), ("crossed", 3, 0.3)]
+    ("name", "seed", "spin"),
+    [
+        pytest.param("lopsided", 1, 0.7, marks=pytest.mark.slow),
+        ("crossed", 2, 0.0),
+        ("crossed", 3, 0.3),
+    ],
 )
 def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin: float) -> None:
     """Every one of 4,096 that ends in the goal's attitude, wherever else, pays its Lagrangian at least."""

@@ -156,7 +156,10 @@ def test_at_the_goal_a_restless_controller_is_wrong_one_time_in_twenty() -> None
 
 @pytest.mark.parametrize(
     ("craft", "share", "least", "most"),
-    [(nasty_planar(), 0.5, 0.02, 0.4), (nasty_spatial(), 0.0, 0.3, 0.7)],
+    [
+        (nasty_planar(), 0.5, 0.02, 0.4),
+        pytest.param(nasty_spatial(), 0.0, 0.3, 0.7, marks=pytest.mark.slow),
+    ],
     ids=["plane", "space"],
 )
 def test_a_restless_controller_stays_near_the_goal(
