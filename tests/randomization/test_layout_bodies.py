@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -120,6 +121,31 @@ def test_episodes_fly_as_spacecraft_of_their_own(name: str) -> None:
         # Rounding of sums in another order.
         assert difference(own, alone.states) < 1e-12
     assert {len(layout) for layout in DRAWN} != {8}
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_any_layout_flies_as_a_spacecraft_of_its_own(seed: int) -> None:
+    (layout,) = layouts(1, seed, LayoutRanges(most=8))
+    every = flown(Conditions(layouts=LayoutConditions(count=1, seed=seed)))
+    starts = scenarios(rans.GoToPose(), CRAFT, 0, 4)
+    played = Played(commands(4)[:, :, : len(layout)])
+    alone = fly(layout_spacecraft(CRAFT, layout), rans.GoToPose(), played, starts, TIMING)
+    assert difference(every.states, alone.states) < 1e-12
+
+
+def test_environments_have_the_layouts_of_their_episodes() -> None:
+    every = flown(RANDOM)
+    environment = gymnasium.make(
+        "rans/GoToPose2D-v0", spacecraft=CRAFT, conditions=RANDOM, timing=TIMING
+    ).unwrapped
+    environment.reset(seed=0)
+    for number in range(2):
+        for command in commands(4)[:3, number]:
+            environment.step(command.astype(np.int8))
+        there = map_leaves(lambda x, k=number: x[3, k], every.states)
+        assert difference(environment.state, there) < 1e-12  # type: ignore[attr-defined]
+        environment.reset()
 
 
 def test_commands_of_missing_thrusters_do_nothing() -> None:
