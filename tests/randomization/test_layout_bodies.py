@@ -42,7 +42,7 @@ class Played:
     def reset(self, count: int) -> None:
         self.step = -1
 
-    def act(self, state: Any, goal: Any, observations: np.ndarray) -> np.ndarray:
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         self.step += 1
         return self.commands[self.step]
 
@@ -216,6 +216,7 @@ def test_conditions_of_a_file_have_layouts(tmp_path: Any) -> None:
     starts = scenarios(rans.GoToPose(), CRAFT, 0, 4)
     world = World(Setup(CRAFT, rans.GoToPose(), TIMING, found))
     parameters = world.begin(starts.start, starts.goal, 0, draws(0, 4)).parameters
+    assert parameters is not None
     gain = np.stack([x + np.zeros(4) for x in parameters.body.gain], axis=1)
     nominal = np.stack(layout_bodies(CRAFT, found.layouts).gain, axis=1)
     factors = gain[:, 0] / nominal[:, 0]
@@ -262,9 +263,10 @@ def told(num_envs: int, conditions: Conditions = RANDOM, **how: Any) -> np.ndarr
     """Observed thrusters (N, 9, 3) of a craft with eight."""
     task = rans.GoToPose(observed_thrusters=9)
     engine = rans.Engine(CRAFT, task, num_envs, Timing(0.2, 1, 4), conditions=conditions, **how)
-    for _ in range(5):
-        observation = engine.step(torch.zeros(num_envs, 8, dtype=how.get("dtype", torch.float32)))
-    rows = np.asarray(observation.observation)
+    shut = torch.zeros(num_envs, 8, dtype=how.get("dtype", torch.float32))
+    for _ in range(4):
+        engine.step(shut)
+    rows = np.asarray(engine.step(shut).observation)
     assert rows.shape[1] == observation_width(rans.GoToPose(), 2) + 27
     return rows[:, -27:].reshape(num_envs, 9, 3)
 
@@ -303,8 +305,8 @@ def test_flights_with_observed_thrusters_have_them_in_space_too() -> None:
     seen: list[np.ndarray] = []
 
     class Looking(Played):
-        def act(self, state: Any, goal: Any, observations: np.ndarray) -> np.ndarray:
-            seen.append(observations)
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            seen.append(observation)
             return np.zeros((2, craft.command_count))
 
     fly(craft, task, Looking(np.zeros(0)), starts, Timing(0.2, 1, 2))
