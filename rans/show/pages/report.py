@@ -85,6 +85,10 @@ def report_from_run(run: Path) -> Page:
         missing = f", there is no such folder{meant_file(run)}"
         if run.exists():
             missing = folders_with(run, builders)
+            if file := next(iter(sorted(run.glob("*.csv"))), None):
+                missing += (
+                    f" (flights of a file are compared first: rans compare mission:dock-3d {file})"
+                )
         raise ConfigError(
             f"{run} holds no results to report{missing}; rans train, evaluate, compare, stress, assure and prove "
             "write them."
@@ -207,7 +211,7 @@ def _trained(rows: Sequence[Mapping[str, Any]], run: Path) -> str:
         return ""
     return (
         f"{run.resolve().name} solved {last['success']:.1%} of its last episodes in training, after "
-        f"{last['steps']:,} steps; other starts have not judged it yet."
+        f"{last['steps']:,} steps; it has not flown from other starts yet."
     )
 
 

@@ -398,6 +398,9 @@ def test_no_results_is_an_error(tmp_path: Path) -> None:
         report_from_run(tmp_path)
     with pytest.raises(ConfigError, match="holds no results"):
         report_from_run(tmp_path / "nowhere")
+    (tmp_path / "flights.csv").touch()
+    with pytest.raises(ConfigError, match=r"are compared first: rans compare .*flights\.csv"):
+        report_from_run(tmp_path)
 
 
 def test_a_damaged_file_is_named(run: Path) -> None:
