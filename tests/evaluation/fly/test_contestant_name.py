@@ -62,3 +62,18 @@ def test_only_a_policys_own_file_is_its_file(tmp_path: Path) -> None:
 
 def test_a_name_in_a_sentence_is_its_text() -> None:
     assert f"{ContestantName.parse('lqr:go-to-pose-2d@atmos')}" == "lqr:go-to-pose-2d@atmos"
+
+
+def test_an_agent_that_adapts_has_files_of_its_own() -> None:
+    name = ContestantName.parse("adaptive:any-craft-2d@atmos")
+    assert (name.kind, name.name, name.craft, name.adapts) == (
+        "pretrained",
+        "any-craft-2d",
+        "atmos",
+        True,
+    )
+    plain = ContestantName.parse("any-craft-2d@atmos")
+    assert not plain.adapts
+    assert name.output_folder != plain.output_folder
+    with pytest.raises(ConfigError, match="'lqr:hold-3d' is no agent for any craft"):
+        ContestantName.parse("adaptive:lqr:hold-3d")
