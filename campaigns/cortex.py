@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -121,9 +122,8 @@ class Processor:
     """An emulated Cortex-M7 with a program in its memory; ``count`` is of the instructions since it was set."""
 
     def __init__(self, program: Elf) -> None:
-        import unicorn
-        from unicorn import arm_const as arm
-
+        unicorn = import_module("unicorn")
+        arm = import_module("unicorn.arm_const")
         self._symbols = program.symbols()
         self._arguments = arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2
         self._pointer, self._link = arm.UC_ARM_REG_SP, arm.UC_ARM_REG_LR
