@@ -148,7 +148,7 @@ def shipped_shapes(dimension: int) -> frozenset[Shape]:
     return frozenset(
         table
         for craft in crafts
-        if craft.dimension == dimension
+        if craft.dimension == dimension and craft.thrusters
         for table in canonical(columns_of(craft), digits=_HELD_OUT)
     )
 
