@@ -28,7 +28,8 @@ def task(request: pytest.FixtureRequest) -> Any:
 def priced(task: Any) -> Any:
     """The task, or every part of it, with whatever is off by default switched on a little."""
     if isinstance(task, SingleTask):
-        return replace(task, **{field.name: 0.01 for field in fields(task) if field.default == 0.0})
+        off = [one.name for one in fields(task) if type(one.default) is float and not one.default]
+        return replace(task, **dict.fromkeys(off, 0.01))
     return replace(
         task, **{name.replace("-", "_"): priced(part) for name, part in task.parts().items()}
     )
