@@ -147,7 +147,12 @@ class Adaptation(NamedTuple):
         variance = beliefs[2]
         *beliefs, likelihood = rows.computed(
             lambda *x: _learnt(
-                *(x[k * size : (k + 1) * size] for k in range(4)), x[4 * size :], pushing
+                x[:size],
+                x[size : 2 * size],
+                x[2 * size : 3 * size],
+                x[3 * size : 4 * size],
+                x[4 * size :],
+                pushing,
             ),
             [*changes, *newer, *older, *scatters, *beliefs],
         )

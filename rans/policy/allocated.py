@@ -88,7 +88,8 @@ class Allocated(Backbone):
             if architecture.adapts:
                 lost = inputs("lost", _thrusters(architecture.tokens))
                 names |= dict(zip(lost, program.single(SHUT, len(lost)), strict=True))
-                limits = [1.0 - x for x in lost]
+                parts: list[Field] = [*lost]
+                limits = [1.0 - x for x in parts]
             commands = continuous(symbols, architecture.tokens, limits)
             return program.joined(*program.lowered(commands, names))
         # The best subset is the largest of linear functions.

@@ -50,9 +50,12 @@ class Flown:
         twist = np.zeros(own.twist)
         memory = torch.zeros(1, own.width)
         rows = TorchRows(memory)
+        gains: list[float] = []
+        shut = np.zeros(own.thrusters)
         for _ in range(periods):
             read = twist + self.noise * self.random.normal(size=own.twist)
             estimate = own.estimated(rows, torch.tensor(read[None], dtype=torch.float32), memory)
+            gains = [float(x) for x in estimate.gains]
             shut = estimate.shut[0].double().numpy()
             # Of some random commands the one after which the craft moves least.
             commands = (self.random.random((3, len(columns))) < 0.4) * (1.0 - shut)
@@ -69,7 +72,7 @@ class Flown:
             angle = -(twist[2] + 0.5 * change[2]) * PERIOD
             turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
             twist = np.r_[turn @ twist[:2] + change[:2], twist[2] + change[2]]
-        return [float(x) for x in estimate.gains], estimate.shut[0].tolist()
+        return gains, shut.tolist()
 
 
 @pytest.mark.parametrize("name", ["floating-platform", "floating-platform-shared"])
