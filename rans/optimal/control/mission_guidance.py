@@ -31,6 +31,12 @@ _SPEED_DOUBT = 3.0
 """Standard deviations of a measured velocity that recommendations stay farther below speed limits."""
 _MOST_RESERVE = 0.5
 """Largest share of a speed limit that recommendations stay below it."""
+_EARLY = 4.0
+"""Control periods by which a craft that expects errors and brakes arrives sooner: a brake that was too weak or too
+late is repeated before the deadline. Of 64 flights to hold with all errors 2 are lost then, 4 with two periods, and
+5 without. It costs up to 3 % of the impulse where one error acts alone."""
+_PUSHES = 3.0
+"""Largest force, of uniform size and direction, over the standard deviation of one component."""
 _UNIFORM = math.sqrt(12.0)
 """Width of a uniform distribution over its standard deviation."""
 _PULSES = 1.25
@@ -51,16 +57,16 @@ class MissionGuidance(ModelBased):
     (`rans.optimal.control.afterwards`): in a simulator that does not end it flies on for ever.
 
     With known errors it estimates position and velocity by a Kalman filter, gives no correction below two standard
-    deviations, expects the mean command delay, and stays farther below speed limits. Burns of pulsed thrusters are
-    rounded down to whole pulses, except by missions that brake at the arrival. What is missing is given once it
-    has grown to a pulse.
+    deviations, expects the mean command delay, stays farther below speed limits, and arrives at a hold point four
+    control periods sooner. Burns of pulsed thrusters are rounded down to whole pulses, except by missions that
+    brake at the arrival. What is missing is given once it has grown to a pulse.
 
     Args:
         craft: by name, TOML file or as such; it has one throttled or pulsed thruster either way along each axis.
         task: a mission on an orbit, by name or as such.
         timing: control period, and length of the episode.
-        conditions: what it knows about errors of its sensors and thrusters: noise of position and velocity, and the
-            ranges of thrust and command delay. The default is a perfect world.
+        conditions: what it knows about errors: noise of position and velocity, the ranges of thrust and command
+            delay, and the largest constant force. The default is a perfect world.
 
     Raises:
         ConfigError: the task is no mission on an orbit or has limits that its recommendation does not keep, or the
@@ -116,10 +122,14 @@ class MissionGuidance(ModelBased):
         inexact = math.hypot(
             (strongest - weakest) / _UNIFORM, self._lateness, largest(conditions.thrusters.noise)
         )
+        pushed = largest(conditions.disturbances.force) / (_PUSHES * self._craft.mass)
         position = largest(sensors.position.noise)
         growths = [largest(x.noise_per_m) for x in (sensors.position, sensors.velocity)]
+        self._early = 0.0
+        """Time by which a craft that brakes arrives before the planned arrival, s."""
         self._filter: NavigationFilter | None = None
         if max(position, noise, inexact, self._late, *growths) > 0.0:
+            self._early = _EARLY * self._period if self._given.brakes else 0.0
             self._filter = NavigationFilter(
                 self._mission.drift,
                 self._craft.dimension,
@@ -128,6 +138,7 @@ class MissionGuidance(ModelBased):
                 noise,
                 inexact,
                 *growths,
+                pushed,
             )
         pulse = 0.0 if self._counts is None else float(self._changes.max()) / self._counts
         # Independent errors of the speed, as shares of the lowest limit.
@@ -182,7 +193,7 @@ class MissionGuidance(ModelBased):
         if self._filter is not None:
             state, small = self._estimated(self._filter, state, self._mission.arrival(goal))
         goal = self._afterwards.goal(state, goal, exact=self._filter is None)
-        left = self._mission.arrival(goal)
+        left = self._mission.arrival(goal) - self._early
         change = self._mission.recommended(state, goal, left) - state.v
         burns = change.norm() > small
         change = map_leaves(lambda x: np.where(burns, x, 0.0), change)

@@ -26,6 +26,8 @@ class NavigationFilter:
         burns: standard deviation of the change of velocity of a burn, as a share of it.
         position_per_m: growth of the noise of positions with the distance to the origin of W, m per m.
         velocity_per_m: the same of velocities, m/s per m.
+        acceleration: standard deviation of every component of an unknown acceleration in a period, m/s^2. With zero
+            the filter trusts its equations more with every reading, and a constant force leads it astray.
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class NavigationFilter:
         burns: float,
         position_per_m: float = 0.0,
         velocity_per_m: float = 0.0,
+        acceleration: float = 0.0,
     ) -> None:
         # The drift is linear: its transition is what becomes of the unit vectors.
         vector: Any = Vec2 if dimension == 2 else Vec3
@@ -53,6 +56,10 @@ class NavigationFilter:
         self._deviations = np.repeat((max(position, 1e-6), max(velocity, 1e-9)), dimension)
         self._growth = np.repeat((position_per_m, velocity_per_m), dimension)
         self._burns = burns
+        # An acceleration over a period, as a change of position and velocity at its end.
+        pushed = np.vstack([0.5 * period * np.eye(dimension), np.eye(dimension)]) * period
+        self._pushes = acceleration**2 * pushed @ pushed.T
+        """Covariance of what an unknown acceleration does in a period, (2 d, 2 d)."""
         self._dimension = dimension
         self._mean: np.ndarray | None = None
         self._covariance = np.diag(self._deviations**2)[None]
@@ -95,5 +102,7 @@ class NavigationFilter:
         axes = np.arange(d, 2 * d)
         spread[:, axes, axes] = (self._burns * change) ** 2
         self._covariance = (
-            self._whole @ self._covariance @ self._whole.T + self._half @ spread @ self._half.T
+            self._whole @ self._covariance @ self._whole.T
+            + self._half @ spread @ self._half.T
+            + self._pushes
         )

@@ -15,11 +15,18 @@ POSITION, VELOCITY = 0.05, 0.001
 
 
 def flown(
-    navigation: NavigationFilter, count: int, readings: int, share: float, growth: float = 0.0
+    navigation: NavigationFilter,
+    count: int,
+    readings: int,
+    share: float,
+    growth: float = 0.0,
+    push: float = 0.0,
+    constant: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Errors (N, 6) and covariances after noisy readings, with one burn of whose size it knows up to a share.
 
-    The noise of readings grows by a share of itself with every metre of distance.
+    The noise of readings grows by a share of itself with every metre of distance. An acceleration (m/s^2) has this
+    standard deviation and is drawn anew in every period; another one along all axes is constant.
     """
     random = np.random.default_rng(5)
     p, v = Vec3(*random.normal(0.0, 100.0, (3, count))), Vec3(*random.normal(0.0, 0.1, (3, count)))
@@ -32,6 +39,9 @@ def flown(
         burn = np.full((count, 3), 0.1 if k == readings // 2 else 0.0)
         navigation.burn(burn)
         given = burn * random.normal(1.0, share, burn.shape)
+        if push:
+            given = given + PERIOD * push * random.normal(size=burn.shape)
+        given = given + PERIOD * constant
         p, v = ORBIT.carry(p, v, 0.5 * PERIOD)
         p, v = ORBIT.carry(p, v + Vec3(*given.T), 0.5 * PERIOD)
     return mean - truth, covariance
@@ -46,6 +56,30 @@ def test_errors_are_as_large_as_it_says(share: float, growth: float) -> None:
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
     # The mean of 400 chi-squared numbers with 6 degrees of freedom deviates by 0.17; five of those.
     assert abs(squared.mean() - 6.0) < 0.9
+
+
+def test_unknown_accelerations_are_as_uncertain_as_it_says() -> None:
+    """As above, of an acceleration that is drawn anew in every period."""
+    push = 3e-5
+    navigation = NavigationFilter(ORBIT, 3, PERIOD, POSITION, VELOCITY, 0.0, acceleration=push)
+    error, covariance = flown(navigation, 400, 40, 0.0, push=push)
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+    assert abs(squared.mean() - 6.0) < 0.9
+
+
+def test_a_constant_force_leads_it_astray_unless_it_expects_one() -> None:
+    """1e-5 m/s^2 along each axis: in 200 readings, 20 m that a filter that trusts its equations denies."""
+    squares = []
+    for expected in (0.0, 1e-5):
+        navigation = NavigationFilter(
+            ORBIT, 3, PERIOD, POSITION, VELOCITY, 0.0, acceleration=expected
+        )
+        error, covariance = flown(navigation, 50, 200, 0.0, constant=1e-5)
+        squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+        squares.append(squared.mean())
+    # Some deviations, since the force is not drawn anew; without it, hundreds.
+    assert squares[1] < 6.0 * 3.0**2
+    assert squares[0] > 6.0 * 30.0**2
 
 
 def test_readings_add_up() -> None:
