@@ -182,11 +182,11 @@ class Vector(ABC):
         """The components, in order."""
 
     @abstractmethod
-    def __add__(self, other: Self) -> Self:
+    def __add__(self, other: Any) -> Self:
         """Sum of two vectors of the same kind."""
 
     @abstractmethod
-    def __sub__(self, other: Self) -> Self:
+    def __sub__(self, other: Any) -> Self:
         """Difference of two vectors of the same kind."""
 
     def __mul__(self, other: object) -> NoReturn:
@@ -205,7 +205,7 @@ class Vector(ABC):
         """The vector times a scalar field."""
 
     @abstractmethod
-    def dot(self, other: Self) -> Field:
+    def dot(self, other: Any) -> Field:
         """Scalar product."""
 
     def norm(self) -> Field:
