@@ -168,9 +168,11 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
     wrenches = craft.wrenches
     size = craft.dimension
     force, torque = (
-        float(np.linalg.norm(part, axis=1).max())
+        float(np.linalg.norm(part, axis=1).max(initial=0.0))
         for part in (wrenches[:, :size], wrenches[:, size:])
     )
+    if not craft.thrusters:
+        torque = max((wheel.max_torque for wheel in craft.wheels), default=0.0)
     for name, unit, largest in (("force", "N", force), ("torque", "N m", torque)):
         sizes = tuple(
             float(f"{fraction * largest:.2g}")
