@@ -362,7 +362,7 @@ class PerturbedOrbit(Drift):
     >>> from rans.model.drift import PerturbedOrbit
     >>> orbit = PerturbedOrbit.around_earth(0.0011068, math.radians(51.6), drag=4e-7)
     >>> round(orbit.oblateness, 6)
-    0.001397
+    0.001396
 
     In the plane the motion across it is left out.
 
