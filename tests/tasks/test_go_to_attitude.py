@@ -10,6 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
+from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.stress.effects import applicable_effects
 from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.model.dynamics import SpatialState
@@ -79,6 +81,15 @@ def test_wheels_alone_turn_a_craft_and_its_momentum_lasts() -> None:
     task: Any = flight.task
     assert task.reached(flight.states, flight.goals)[-1].all()
     assert (np.abs(flight.commands) <= 1.0).all()
+    assert impulses(flight).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_torques_of_a_stress_test_are_those_of_the_strongest_wheel() -> None:
+    """A tenth to 0.7 of 0.6 mN m; nothing gives a force that could be a measure of forces."""
+    effects = applicable_effects(INNOCUBE, GoToAttitude.timing)
+    sizes = {effect.name: effect.sizes for effect in effects if effect.group == "Disturbances"}
+    assert sizes["torque"] == pytest.approx((6e-5, 1.2e-4, 1.8e-4, 3e-4, 4.2e-4))
+    assert sizes["force"] == ()
 
 
 @pytest.mark.slow

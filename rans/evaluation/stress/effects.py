@@ -67,7 +67,8 @@ def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     """Every effect that applies to this spacecraft.
 
     Sizes reach beyond the ranges of the conditions ``train-robust``. Disturbance forces and torques
-    are fractions of those of the strongest thruster, and least on-times are whole control periods.
+    are fractions of those of the strongest thruster (without thrusters: wheel), and least on-times are whole
+    control periods.
     """
     return [*_of_valves(craft, timing), *_of_body(), *_disturbances(craft), *_readings()]
 
