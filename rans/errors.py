@@ -112,7 +112,7 @@ def _as_object(name: str, kind: type, table: dict[Any, Any]) -> str:
     A key that is not the object's but of one within it, such as the latency of conditions, goes there.
     """
     hints = get_type_hints(kind) if is_dataclass(kind) else {}
-    inner = {key: hint for key, hint in hints.items() if is_dataclass(hint)}
+    inner: dict[str, Any] = {key: hint for key, hint in hints.items() if is_dataclass(hint)}
     moved: dict[Any, Any] = {}
     for key, value in table.items():
         owners = [name for name, hint in inner.items() if key in get_type_hints(hint)]

@@ -217,7 +217,8 @@ def _class_rows(
     module: Any, base: type, *, fields_too: bool = False, but: tuple[str, ...] = ()
 ) -> Iterable[tuple[str, str]]:
     """Public classes of a module below a base class, with the first line of their docstrings."""
-    for name, kind in vars(module).items():
+    classes: dict[str, Any] = vars(module)
+    for name, kind in classes.items():
         if not inspect.isclass(kind) or not issubclass(kind, base) or kind is base or name in but:
             continue
         arguments = ", ".join(field.name for field in fields(kind)) if fields_too else ""

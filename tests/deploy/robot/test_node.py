@@ -399,7 +399,8 @@ def test_a_foreign_network_gives_the_commands_of_onnx_runtime(foreign: Path) -> 
     row = [np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(turn), np.sin(turn)]
     session = onnxruntime.InferenceSession(str(FOREIGN))
     name = session.get_inputs()[0].name
-    expected = session.run(None, {name: np.array([row], np.float32)})[0][0] > 0.5
+    (answer,) = session.run(None, {name: np.array([row], np.float32)})
+    expected = np.asarray(answer)[0] > 0.5
     np.testing.assert_array_equal(decision.command > 0.5, expected)
     assert expected.any()
 
