@@ -221,7 +221,7 @@ def _class_rows(
     for name, kind in classes.items():
         if not inspect.isclass(kind) or not issubclass(kind, base) or kind is base or name in but:
             continue
-        arguments = ", ".join(field.name for field in fields(kind)) if fields_too else ""
+        arguments = ", ".join(getattr(kind, "__match_args__", ())) if fields_too else ""
         yield f"`{name}({arguments})`" if fields_too else f"`{name}`", _first_line(kind)
 
 
