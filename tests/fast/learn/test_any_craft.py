@@ -94,7 +94,8 @@ def test_commands_of_pulsed_thrusters_spread_as_their_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """PPO would fly at random if it began with the usual spread, a whole period of thrust."""
-    shorten(monkeypatch, rounds=2, updates=50)
+    shorten(monkeypatch, rounds=1, updates=80)
+    monkeypatch.setattr(any_craft, "_PERIODS", 8)
     begun = trainer(tmp_path, config(craft="freeflyer2"))
     learner = begun.learner.network
     expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
