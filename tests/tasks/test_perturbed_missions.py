@@ -97,7 +97,8 @@ def test_drake_and_two_body_gravity_move_as_the_mission_does() -> None:
 
 
 def test_a_plant_in_drake_is_of_its_own_orbit() -> None:
-    craft, drift = load_spacecraft("afrl-deputy"), Dock(orbit=LOW).drift
+    craft = load_spacecraft("afrl-deputy")
+    drift: Any = Dock(orbit=LOW).drift
     plant = Plant(craft, drift=drift)
     other = replace(drift, oblateness=0.0)
     with pytest.raises(ConfigError, match="was built for PerturbedOrbit"):

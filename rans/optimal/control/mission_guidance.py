@@ -138,7 +138,7 @@ class MissionGuidance(ModelBased):
                 noise,
                 inexact,
                 *growths,
-                pushed,
+                acceleration=pushed,
             )
         pulse = 0.0 if self._counts is None else float(self._changes.max()) / self._counts
         # Independent errors of the speed, as shares of the lowest limit.
