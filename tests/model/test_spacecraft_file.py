@@ -267,7 +267,7 @@ def test_spacecraft_made_in_python_by_their_module() -> None:
     for name, said in (
         ("FLOATS", "it must be a rans.Spacecraft, a function .*, got float"),
         ("fails", "RuntimeError: no drawing board"),
-        ("missing", "AttributeError"),
+        ("missing", "tests.model.test_spacecraft_file has no 'missing'"),
     ):
         with pytest.raises(ConfigError, match=f"'{here}{name}' cannot be used: {said}"):
             load_spacecraft(typed(here + name))
