@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -240,7 +239,7 @@ def _solved(card: dict[str, Any]) -> str:
 
 
 def _agent_details(name: str) -> Iterable[str | Listing]:
-    from rans.evaluation.measure.statistics import figure
+    from rans.evaluation.measure.statistics import figure, quantity
 
     card = pretrained_card(name)
     training = card["training"]
@@ -263,7 +262,7 @@ def _agent_details(name: str) -> Iterable[str | Listing]:
                 [
                     (
                         metric,
-                        f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
+                        quantity(value, unit),
                         f"{figure(low)} to {figure(high)}",
                     )
                     for metric, (*three, unit) in values.items()

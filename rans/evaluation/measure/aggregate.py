@@ -19,7 +19,7 @@ from rich.text import Text
 from rans.display import NotebookRepr
 from rans.errors import counted
 from rans.evaluation.measure.metrics import Sample, samples
-from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, quantity, share
 from rans.files import number, replace_file
 from rans.flight import Flight
 from rans.model.fields import leaves
@@ -64,7 +64,7 @@ class Metrics(NotebookRepr):
     rows: tuple[Metric, ...]
 
     def __repr__(self) -> str:
-        rows = ", ".join(f"{row.name} {figure(row.value)} {row.unit}".rstrip() for row in self.rows)
+        rows = ", ".join(f"{row.name} {quantity(row.value, row.unit)}" for row in self.rows)
         return f"<{self.title()}: {rows}>"
 
     def __getitem__(self, name: str) -> Metric:

@@ -52,6 +52,11 @@ def figure(value: float, digits: str = ".3g") -> str:
     return f"{value:,.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
+def quantity(value: float, unit: str) -> str:
+    """A `figure` with its unit, if it is a number and has one."""
+    return f"{figure(value)} {unit}".rstrip() if math.isfinite(value) else figure(value)
+
+
 class Bootstrap:
     """Percentile bootstrap over episodes (Efron and Tibshirani, 1993, section 13.3).
 

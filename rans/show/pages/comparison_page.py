@@ -320,7 +320,11 @@ def _race(comparison: Comparison) -> Race | None:
     chosen = dict.fromkeys((middle[(len(middle) - 1) // 2], *slowest[:_GALLERY]))
 
     def label(k: int) -> str:
-        when = f"{first.arrival[k]:.1f} s" if np.isfinite(first.arrival[k]) else "never there"
+        when = (
+            f"{first.arrival[k]:.1f} s"
+            if np.isfinite(first.arrival[k])
+            else "never within all tolerances"
+        )
         return f"start {k}: {when}"
 
     def tracks(k: int) -> Iterator[Track]:

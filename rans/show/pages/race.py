@@ -95,7 +95,7 @@ def median_and_slowest(flight: Flight, name: str) -> Race | None:
     chosen = dict.fromkeys([int(ranking[(len(ranking) - 1) // 2]), *map(int, ranking[:-4:-1])])
 
     def label(k: int) -> str:
-        when = f"{times[k]:.1f} s" if np.isfinite(times[k]) else "never there"
+        when = f"{times[k]:.1f} s" if np.isfinite(times[k]) else "never within all tolerances"
         return f"episode {k}: {when}"
 
     return race(

@@ -15,7 +15,7 @@ import matplotlib
 from rans.drawing import draw_layout
 from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.evaluation.measure.statistics import figure
+from rans.evaluation.measure.statistics import figure, quantity
 from rans.evaluation.stress.outcome import WANTED
 from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
@@ -265,7 +265,7 @@ def headline(measured: Metrics) -> tuple[str, list[Tile]]:
     tiles = [
         Tile(
             name,
-            f"{figure(values[name].value)} {values[name].unit}".strip(),
+            quantity(values[name].value, values[name].unit),
             f"{figure(values[name].low)} to {figure(values[name].high)}",
         )
         for name in (*_KEY_METRICS, "impulse")

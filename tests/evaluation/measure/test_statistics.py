@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, quantity, share
 
 RANDOM = np.random.default_rng(7)
 
@@ -134,3 +134,9 @@ def test_texts_of_estimates() -> None:
 )
 def test_thousands_have_no_exponent(value: float, text: str) -> None:
     assert figure(value) == text
+
+
+def test_a_time_that_never_comes_has_no_unit() -> None:
+    assert quantity(5.25, "s") == "5.25 s"
+    assert quantity(math.inf, "s") == "never"
+    assert quantity(0.5, "") == "0.5"
