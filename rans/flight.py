@@ -409,7 +409,8 @@ def outran(flight: Flight, timing: Timing) -> str:
         f"{flight.controller} spins {flight.craft.name} at up to {reached:.3g} rad/s, but its motion is accurate "
         f"up to {bound:.3g} rad/s with {counted(steps, 'substep')} of a control period of "
         f"{timing.control_period:g} s; set timing.substeps to {math.ceil(steps * reached / bound)} or more. The "
-        "usual cause is a fault or a disturbance torque that the controller does not balance."
+        "usual cause is a fault or a disturbance torque that the controller does not balance, or an agent that has "
+        "not learnt to stop its spin."
     )
 
 

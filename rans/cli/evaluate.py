@@ -89,7 +89,9 @@ class Evaluate:
     """Whether code that files name may run, by --trust."""
     guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
     """Least margin that the safety filter keeps."""
-    spacecraft: Annotated[str | None, Former("write any-craft-2d@SPACECRAFT")] = None
+    spacecraft: Annotated[str | None, Former("write it after the name: lqr:TASK-2d@SPACECRAFT")] = (
+        None
+    )
     """Spacecraft for an agent for any craft."""
     plain: Annotated[bool, Former("fly at most 65,536 episodes, which are never compiled")] = False
     """Do not compile the flights."""

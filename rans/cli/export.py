@@ -43,7 +43,9 @@ class Export:
     goal; with fewer than 256 episodes it states none."""
     margins: Annotated[int | None, Former("give --episodes four times as many")] = None
     """Number of flights at each latency, mass and sensor noise; 0: the contract has no intervals."""
-    spacecraft: Annotated[str | None, Former("write any-craft-2d@SPACECRAFT")] = None
+    spacecraft: Annotated[
+        str | None, Former("write it after the name: any-craft-2d@SPACECRAFT")
+    ] = None
     """Spacecraft for which an agent for any craft is exported."""
     guard: Annotated[bool, Former("leave it out: exported files have no safety filter")] = False
     """Not available: the contract names the filter, and `rans fly` on the folder applies it."""

@@ -323,8 +323,10 @@ class Train:
                 words += ["--spacecraft", self.spacecraft]
             if self.conditions is not None:
                 words += ["--conditions", self.conditions]
-            if guard:
-                words += ["--set", "guard=true"]
+            # Settings of the task say what is asked and observed; others may contradict the quality.
+            settings = [change for change in self.set if change.startswith("settings.")]
+            for change in ["guard=true"] * len(guard) + settings:
+                words += ["--set", change]
             better = shlex.join([*words, "--quality", "good"])
             commands.append(f"{better}   # a better agent, in minutes")
         return commands

@@ -538,6 +538,13 @@ def _check_layouts(conditions: Conditions) -> None:
             f"a whole number from {least} to {most:,}",
         )
     if not layouts.count:
+        # A forgotten count would train on the designed thrusters without a word.
+        _require(
+            layouts == LayoutConditions(),
+            "layouts.count",
+            layouts.count,
+            "1 or more where layouts.seed or layouts.fewest is set: it is the number of random layouts",
+        )
         return
     for part in (conditions, *conditions.others):
         for name in ("misalignment", "position"):

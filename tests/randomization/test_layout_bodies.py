@@ -230,6 +230,7 @@ def test_conditions_of_a_file_have_layouts(tmp_path: Any) -> None:
         lambda: LayoutConditions(count=-1),
         lambda: LayoutConditions(count=2, fewest=3),
         lambda: LayoutConditions(count=2.5),  # type: ignore[arg-type]
+        lambda: LayoutConditions(seed=3),  # without a number of layouts there would be none
     ],
 )
 def test_impossible_layouts_are_refused(wrong: Any) -> None:

@@ -319,8 +319,12 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
 
 
 def timeline(axes: Axes, flight: Flight, episode: int, colour: str = BLUE) -> None:
-    """When each thruster of one episode was open."""
+    """When each thruster of one episode was open; without thrusters, how much of its torque each wheel gave."""
     command = flight.openings[:, episode].T
+    what = ("open thrusters", "thruster")
+    if not flight.craft.thrusters:
+        command = np.abs(flight.commands[:, episode].T)
+        what = ("torques of wheels, of the largest", "wheel")
     shades = LinearSegmentedColormap.from_list("open", [f"{colour}00", colour])
     axes.imshow(
         command,
@@ -333,4 +337,4 @@ def timeline(axes: Axes, flight: Flight, episode: int, colour: str = BLUE) -> No
     )
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(visible=False)
-    label(axes, "(c) open thrusters", "time, s", "thruster")
+    label(axes, f"(c) {what[0]}", "time, s", what[1])

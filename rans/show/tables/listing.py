@@ -48,7 +48,7 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
             ("centre of mass, m", vector_text(craft.centre_of_mass[: craft.dimension], 4)),
             ("outer radius", f"{craft.radius:g} m"),
             ("thrust sharing", craft.thrust_sharing),
-            ("actuators", craft.actuators.kind),
+            ("actuators", craft.actuators.kind if craft.thrusters else "reaction wheels"),
             *_further(craft),
             (
                 "1 m from rest to rest, at the quickest",

@@ -29,7 +29,7 @@ from rans.show.figures.figures import (
 )
 from rans.show.figures.panels import RED
 from rans.show.figures.svg import data_uri, svg
-from rans.tasks import GoToPose
+from rans.tasks import GoToAttitude, GoToPose
 from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
 from tests.support.training_rows import ROWS
 
@@ -136,6 +136,28 @@ def test_open_thrusters_stand_in_their_rows_and_times() -> None:
         7.5,
         -0.5,
     ]  # five seconds; the first thruster is on top
+
+
+def test_wheels_stand_in_the_rows_of_a_craft_without_thrusters() -> None:
+    craft = load_spacecraft("innocube")
+    task = GoToAttitude()
+
+    class FirstAndLast:
+        """Full torque of the first wheel, half of the last one's in the other direction."""
+
+        name = "first and last"
+
+        def reset(self, count: int) -> None: ...
+
+        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+            return np.tile([1.0, 0.0, -0.5], (len(observation), 1))
+
+    timing = Timing(episode_steps=4)
+    flight = fly(craft, task, FirstAndLast(), scenarios(task, craft, 0, 1), timing)
+    axes = panel(episode_figure(flight), "c")
+    (image,) = axes.get_images()
+    assert np.asarray(image.get_array()).tolist() == [[1.0] * 4, [0.0] * 4, [0.5] * 4]
+    assert axes.get_ylabel() == "wheel"
 
 
 def test_every_episode_is_drawn_and_rasterised() -> None:
