@@ -19,7 +19,7 @@ from rans.api.agent import load_agent
 from rans.evaluation.assure.bounds import lower, upper
 from rans.evaluation.measure.metrics import arrival_times, impulses, settling_times
 from rans.files import read_json, read_text
-from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit
+from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, PerturbedOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft import wrenches_either_way
 from rans.model.spacecraft_file import load_spacecraft
@@ -190,6 +190,83 @@ def slosh() -> Figure:
     grid[0].set(xlabel="swings, % of the mass", ylabel="more impulse than without, %")
     grid[1].set(xlabel="swings, % of the mass", ylabel="settled or docked, %")
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
+    return figure
+
+
+@styled
+def perturbed() -> Figure:
+    """How far a coast ends from that of Clohessy and Wiltshire: with oblateness, with drag and with both."""
+    figure = Figure(figsize=(7.0, 3.4), layout="constrained")
+    axes = figure.add_subplot()
+    n = 0.0011068  # of an orbit at 500 km
+    tilt, drag = np.radians(51.6), 3.7e-7
+    times = np.linspace(0.0, 2000.0, 121)
+    p, v = Vec3(0.0, -300.0, 0.0), Vec3(0.0, 0.0, 0.0)
+    circle = ClohessyWiltshire(n)
+    drifts: dict[str, Drift] = {
+        "oblate Earth": PerturbedOrbit.around_earth(n, tilt),
+        "drag": PerturbedOrbit(n, 0.0, tilt, drag, 0.0),
+        "both": PerturbedOrbit.around_earth(n, tilt, drag),
+    }
+    for k, (name, drift) in enumerate(drifts.items()):
+        apart = [(drift.carry(p, v, t)[0] - circle.carry(p, v, t)[0]).norm() for t in times]
+        axes.plot(times, apart, color=series_style(k)[0], label=name)
+    axes.set(xlabel="time, s", ylabel="from the coast on a circle, m", xlim=(0.0, 2000.0))
+    axes.legend(loc="best")
+    return figure
+
+
+@styled
+def any_craft_adaptive() -> Figure:
+    """Flights that settle with a dead thruster and with twice the mass: the tables of the page."""
+    page = read_text(_DOCS / "any_craft_adaptive.md")
+    rows = re.findall(
+        r"^\| ([a-z0-9-]+) \| (?:adaptive:)?any-craft-.d \|(.*)\|$", page, re.MULTILINE
+    )
+    cells = [(name, rest.split("|")) for name, rest in rows]
+    figure = Figure(figsize=(7.6, 3.6), layout="constrained")
+    grid = figure.subplots(1, 2, sharey=True)
+    names = [*dict.fromkeys(name for name, _ in cells)]
+    for axes, column, title in ((grid[0], 1, "one dead thruster"), (grid[1], 6, "twice the mass")):
+        # The row without estimates comes before the row with them.
+        for shift, colour, marker, label in (
+            (0, GREY, "o", "any-craft"),
+            (1, BLUE, "D", "adaptive:any-craft"),
+        ):
+            texts = [(name, row[column].strip(" %")) for name, row in cells[shift::2]]
+            points = [(float(text), names.index(name)) for name, text in texts if text != "-"]
+            axes.plot(*np.transpose(points), marker, color=colour, markersize=5, label=label)
+        axes.set_title(title, loc="left")
+        axes.set(xlabel="settled, %", xlim=(0.0, 102.0), ylim=(len(names) - 0.4, -0.6))
+    grid[0].set_yticks(range(len(names)), names, fontsize=7.5)
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncol=2)
+    return figure
+
+
+@styled
+def identified_agents() -> Figure:
+    """Flights that agents solve on hidden craft, by what they were trained on."""
+    solved = _record("identified-agents")["solved"]
+    rows = {
+        "identified": "identified spacecraft",
+        "ranges": "data sheet, broad ranges",
+        "sheet": "data sheet as it is",
+    }
+    figure = Figure(figsize=(7.0, 2.2), layout="constrained")
+    axes = figure.add_subplot()
+    for k, name in enumerate(rows):
+        axes.plot(
+            solved[name],
+            np.full(len(solved[name]), k),
+            series_style(k)[1],
+            color=series_style(k)[0],
+            markersize=7,
+            alpha=0.5,
+        )
+    axes.axvline(97.0, color=INK, linewidth=1.0, linestyle=":")
+    axes.set_yticks(range(len(rows)), [*rows.values()])
+    axes.set(xlabel="solved, % of the flights on a hidden craft", xlim=(-2.0, 102.0))
+    axes.set_ylim(len(rows) - 0.5, -0.5)
     return figure
 
 
@@ -394,18 +471,21 @@ def pareto_front() -> Figure:
 CHARTS: dict[str, Callable[[], Figure]] = {
     figure.__name__.replace("_", "-"): figure
     for figure in (
+        any_craft_adaptive,
         elliptic,
         events,
         failed_thrusters,
         failure_bounds,
         failure_probabilities,
         hull,
+        identified_agents,
         margins,
         missions,
         multiples,
         original,
         pareto_front,
         perturbations,
+        perturbed,
         settled_gate,
         slosh,
         vbar_scores,

@@ -29,11 +29,12 @@ WORDS: dict[str, tuple[str, ...]] = {
     "any_craft_adaptive": (
         "adaptive control",
         "fault detection",
+        "fault isolation",
         "multiple models",
-        "identification",
     ),
     "any_craft_in_space": ("any craft in space", "six degrees of freedom", "zero-shot in space"),
     "any_craft_training": (
+        "random layouts",
         "docked spacecraft",
         "joined bodies",
         "fine-tuning",
@@ -122,6 +123,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "fly": ("javascript", "browser", "live page", "demo"),
     "glossary": ("duty cycle", "dwell time", "settling time", "impulse", "success rate", "delta-v"),
+    "identified_agents": ("train on an identified spacecraft",),
     "identify": ("system identification", "sysid", "parameter estimation"),
     "install": (
         "installation",
@@ -141,7 +143,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "behavior cloning",
         "differentiable simulation",
     ),
-    "limits": ("limitations", "known issues", "contact dynamics", "fuel slosh"),
+    "limits": ("limitations", "known issues", "contact dynamics"),
     "lookahead": ("look-ahead", "lookahead", "policy improvement", "rollout", "tree search"),
     "memory": (
         "kalman filter",
