@@ -136,7 +136,10 @@ class Adaptation(NamedTuple):
 
         # Change of the twist over two periods, both readings in the present B; the reading between, in B as well.
         now, before, between = (rows.split(row, [1] * size) for row in (twist, earlier, latest))
-        moved = rows.computed(self._moved, [*now, *before, *between])
+        # Before the first reading there was none: as if the craft had moved as it does now.
+        variance = beliefs[2]
+        first, *_ = rows.split(variance, [1] * self._hypotheses)
+        moved = rows.computed(self._moved, [*now, *before, *between, first])
         changes, latest = moved[:size], rows.joined(moved[size:])
 
         # What the last two commands do by each hypothesis.
@@ -144,7 +147,6 @@ class Adaptation(NamedTuple):
         squares = [self._squares(rows, command) for command in (last, previous)]
         (scatter,) = rows.computed(lambda a, b: [a + b], squares)
         scatters = rows.split(scatter, [1] * size)
-        variance = beliefs[2]
         *beliefs, likelihood = rows.computed(
             lambda *x: _learnt(
                 x[:size],
@@ -224,9 +226,14 @@ class Adaptation(NamedTuple):
         number = rows.product(command, 1.0 * thrusters[:, None])
         return rows.computed(lambda s, n: [s / at_least(n * n, 1.0)], [squares, number])[0]
 
-    def _moved(self, *twists: Field) -> list[Field]:
-        """Change of the twist since the reading before the last, then the last reading in the present B."""
+    def _moved(self, *numbers: Field) -> list[Field]:
+        """Change of the twist since the reading before the last, then the last reading in the present B.
+
+        The numbers are the twists of three readings and a variance that is 0 at the first one. It has no reading
+        before it, so that the last one is itself.
+        """
         size = self.twist
+        *twists, variance = numbers
         now, before, between = (twists[k * size : (k + 1) * size] for k in range(3))
         pushing = directions(size)
         spins = zip(now[pushing:], between[pushing:], strict=True)
@@ -236,7 +243,8 @@ class Adaptation(NamedTuple):
             [*vector_in_rotated_frame(twist[:pushing], half_turn), *twist[pushing:]]
             for twist in (before, between)
         )
-        return [*(a - b for a, b in zip(now, before, strict=True)), *between]
+        last = (where(variance == 0.0, a, b) for a, b in zip(now, between, strict=True))
+        return [*(a - b for a, b in zip(now, before, strict=True)), *last]
 
 
 def _learnt(

@@ -107,6 +107,19 @@ def test_one_reading_by_hand() -> None:
     assert estimate.shut.tolist() == [[0.0, 0.0]]
 
 
+def test_a_craft_that_moves_at_the_start_has_its_own_mass() -> None:
+    """A constant velocity and spin before any command say nothing; the first command then gives all of its effect."""
+    columns = ((0.02, 0.0, 0.0), (0.0, 0.02, 0.03))
+    own = Adaptation(PERIOD, columns, 2, False, ())
+    rows = TorchRows(torch.zeros(1, dtype=torch.float64))
+    memory = rows.constant([[0.0] * own.width])
+    for number in range(4):
+        twist = [0.3 + 0.02 * number, 0.0, 0.0]
+        estimate = own.estimated(rows, rows.constant([twist]), memory)
+        assert [float(gain) for gain in estimate.gains] == pytest.approx([1.0, 1.0])
+        memory = own.next_memory(rows, estimate.memory, rows.constant([[1.0, 0.0]]))
+
+
 def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
     """With half of the gains the network is given what it is given of a craft with twice the mass."""
     craft = load_spacecraft("floating-platform")
