@@ -375,7 +375,7 @@ def _with_layouts(
             another layout in every episode.
     """
     count = conditions.layouts.count
-    conditions.check_valves(craft)
+    conditions.check_craft(craft)
     if body is not None:
         raise ConfigError(
             "an engine has a body= or conditions with random layouts (layouts.count), which is a body too: give "

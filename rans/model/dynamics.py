@@ -195,8 +195,10 @@ def thruster_effects(craft: Spacecraft, body: Body) -> tuple[Field, ...]:
 
     For every thruster its linear acceleration in B over the mean one of the thrusters as designed (2 numbers in
     the plane, 3 in space), then its torque about the true centre of mass, in B, over the mean moment of inertia
-    and the root mean square of the same as designed (1 number, or 3).
+    and the root mean square of the same as designed (1 number, or 3). Empty without thrusters.
     """
+    if not craft.thrusters:
+        return ()
     size = craft.dimension
     designed = Body.of(craft)
     count = craft.thruster_count

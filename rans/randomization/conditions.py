@@ -266,13 +266,15 @@ class Conditions(Settings):
         ends = list(accumulate(part.weight for part in parts))
         return _mixed(parts, [end / ends[-1] for end in ends[:-1]], chance)
 
-    def check_valves(self, craft: Spacecraft) -> None:
-        """Reject conditions that do not apply to the thrusters of a spacecraft.
+    def check_craft(self, craft: Spacecraft) -> None:
+        """Reject conditions that do not apply to a spacecraft.
 
         Raises:
-            ConfigError: there are shortest on or off times, but the thrusters are not on/off, there is no
-                thruster of a number that is to fail, or the spacecraft cannot have random layouts.
+            ConfigError: there are shortest on or off times, but the thrusters are not on/off, more thrusters fail
+                than there are, there is no thruster of a number that is to fail, the spacecraft cannot have
+                random layouts, or no inertia is left beside its sloshing liquid.
         """
+        self._check_slosh(craft)
         count = craft.thruster_count
         if self.layouts.count and (craft.dimension == 3 or count < self.layouts.fewest):
             raise ConfigError(
@@ -284,10 +286,20 @@ class Conditions(Settings):
                 f"layouts.count is for craft whose thrusters do not share their force, but {craft.name!r} has "
                 f'thrust_sharing = "{craft.thrust_sharing}", which counts open thrusters of one force.'
             )
-        if any(k >= count for k in self.faults.thrusters):
+        failing = max(largest(part.faults.count) for part in (self, *self.others))
+        if failing > count or (self.faults.thrusters and not count):
             raise ConfigError(
-                f"Conditions have faults of thrusters {[*self.faults.thrusters]}; those of {craft.name!r} have the "
-                f"numbers 0 to {count - 1}."
+                f"Conditions have faults of up to {max(failing, len(self.faults.thrusters)):g} thrusters, and "
+                f"{craft.name!r} has {count or 'none'}."
+            )
+        lowest = self.layouts.fewest if self.layouts.count else count
+        if any(k >= lowest for k in self.faults.thrusters):
+            owner = (
+                "those of every random layout" if self.layouts.count else f"those of {craft.name!r}"
+            )
+            raise ConfigError(
+                f"Conditions have faults of thrusters {[*self.faults.thrusters]}; {owner} have the numbers 0 to "
+                f"{lowest - 1}."
             )
         for name in ("least_on", "least_off"):
             longest = max(largest(getattr(part.thrusters, name)) for part in (self, *self.others))
@@ -295,6 +307,26 @@ class Conditions(Settings):
                 raise ConfigError(
                     f"Conditions have thrusters.{name} up to {longest:g} s, which is for on/off "
                     f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}."
+                )
+
+    def _check_slosh(self, craft: Spacecraft) -> None:
+        """Reject masses, inertias and centres of mass that leave no rigid craft around a sloshing liquid."""
+        slosh = craft.slosh
+        if slosh is None:
+            return
+        for part in (self, *self.others):
+            (_, mass), (least, _), (_, shift) = map(
+                bounds, (part.body.mass, part.body.inertia, part.body.centre)
+            )
+            # The largest that the mass at rest adds, as in the check of the spacecraft.
+            away = math.dist(slosh.point(), craft.centre_of_mass) + shift
+            adds = mass * slosh.mass * away**2 / (1.0 - slosh.mass / craft.mass)
+            moment = least * craft.inertia[2][2]
+            if adds > moment * (1.0 - 1e-3):
+                raise ConfigError(
+                    f"Conditions of body.mass up to {mass:g}, body.inertia from {least:g} and body.centre up to "
+                    f"{shift:g} m leave no inertia to {craft.name!r} without its sloshing liquid: that adds up to "
+                    f"{adds:.4g} kg m^2 of {moment:.4g} kg m^2. Raise body.inertia, or narrow the ranges."
                 )
 
     @property

@@ -27,7 +27,11 @@ class Fault:
 
 
 def draw_fault(
-    faults: FaultConditions, craft: Spacecraft, body: Body, random: Random
+    faults: FaultConditions,
+    craft: Spacecraft,
+    body: Body,
+    random: Random,
+    present: Field | None = None,
 ) -> Fault | None:
     """Draw the fault of an episode; None if the conditions have no faults.
 
@@ -36,6 +40,7 @@ def draw_fault(
         craft: spacecraft.
         body: body before the fault; thrusters that do not fail keep its gain and leak.
         random: random numbers.
+        present: number of thrusters that may fail, the first ones, where layouts lack some; None: all.
     """
     thrusters = len(body.gain)
     if faults.thrusters:
@@ -45,7 +50,7 @@ def draw_fault(
     count = random.whole(faults.count)
     begins = random.within(faults.time)
     lost = (
-        _scattered(faults, thrusters, random)
+        _scattered(faults, float(thrusters) if present is None else present, random)
         if faults.among == "any"
         else _alike(faults, craft, count, random)
     )
@@ -74,12 +79,15 @@ Lost = list[tuple[Field, tuple[Field, Field]]]
 """Indices of the thrusters that fail, with their gain and leak after the fault."""
 
 
-def _scattered(faults: FaultConditions, thrusters: int, random: Random) -> Lost:
-    """Any thrusters, each with its own fault kind; every further one is drawn among the others."""
+def _scattered(faults: FaultConditions, thrusters: Field, random: Random) -> Lost:
+    """Any thrusters, each with its own fault kind; every further one is drawn among the others.
+
+    Where more fail than there are, the number of a further one is negative: it is none.
+    """
     thrusters_drawn: list[Field] = []
     for k in range(int(largest(faults.count))):
         # A place among those that are left, counted past the ones that are taken, in order.
-        thruster = floor(random.unit() * float(thrusters - k))
+        thruster = floor(random.unit() * (thrusters - float(k)))
         for taken in ascending(thrusters_drawn):
             thruster = thruster + where(thruster >= taken, thruster * 0.0 + 1.0, thruster * 0.0)
         thrusters_drawn.append(thruster)

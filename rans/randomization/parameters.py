@@ -245,7 +245,7 @@ def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodePa
     """
     if not isinstance(conditions, Conditions):
         raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(conditions)}.")
-    conditions.check_valves(craft)
+    conditions.check_craft(craft)
     numbers = np.arange(1024, dtype=np.int32)
     return draw(
         conditions,
@@ -331,7 +331,9 @@ def draw(
     return EpisodeParameters(
         number=number,
         body=body,
-        fault=draw_fault(conditions.faults, craft, body, random("fault")),
+        fault=draw_fault(
+            conditions.faults, craft, body, random("fault"), _present(conditions, base)
+        ),
         lag=_lag(conditions, random("lag")),
         dwell=_dwell(conditions, random("hold")),
         push=_push(pushes.force, pushes.torque, random("push")),
@@ -340,6 +342,13 @@ def draw(
         sensors=draw_sensors(conditions.sensors, random("sensors")),
         noise=_noise(conditions.thrusters.noise, random("noise")),
     )
+
+
+def _present(conditions: Conditions, base: Body) -> Field | None:
+    """Number of thrusters of an episode's random layout, which are the first; None: all of the spacecraft's."""
+    if not conditions.layouts.count:
+        return None
+    return reduce(operator.add, (where(gain > 0.0, 1.0, gain * 0.0) for gain in base.gain))
 
 
 def _noise(noise: Range, random: Random) -> Field | None:

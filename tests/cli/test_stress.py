@@ -26,7 +26,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_pages_numbers_and_commands_that_show_it_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(run, "failure_levels", list)
+    monkeypatch.setattr(run, "failure_levels", lambda craft: [])
     assert main(["stress", FIRST, "lqr", *QUICK, "--worst", "1", "--seed", "7"]) == 0
     folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
     printed = capsys.readouterr().out

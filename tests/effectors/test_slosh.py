@@ -223,6 +223,16 @@ def test_what_knows_nothing_of_it_refuses() -> None:
             check(SLOSHING)
 
 
+@pytest.mark.parametrize(
+    "body",
+    [BodyConditions(inertia=(0.03, 1.0)), BodyConditions(mass=30.0), BodyConditions(centre=0.4)],
+)
+def test_conditions_leave_inertia_to_the_craft_without_it(body: BodyConditions) -> None:
+    """Otherwise craft and rod would accelerate each other without end."""
+    with pytest.raises(ConfigError, match="leave no inertia to 'sloshing' without its sloshing"):
+        rans.Engine(SLOSHING, "go-to-pose", 2, conditions=Conditions(body=body))
+
+
 def test_the_pendulum_of_an_upright_cylinder() -> None:
     """A deep tank of radius 1.841 m, whose mode has the length 1 m; and a shallow one by hand."""
     k = 1.841183781

@@ -108,7 +108,7 @@ def test_one_reading_by_hand() -> None:
 
 
 def test_a_craft_that_moves_at_the_start_has_its_own_mass() -> None:
-    """A constant velocity and spin before any command say nothing; the first command then gives all of its effect."""
+    """A velocity before any command says nothing; then each command gives all of its effect."""
     columns = ((0.02, 0.0, 0.0), (0.0, 0.02, 0.03))
     own = Adaptation(PERIOD, columns, 2, False, ())
     rows = TorchRows(torch.zeros(1, dtype=torch.float64))

@@ -158,9 +158,18 @@ def test_which_thrusters_are_known_to_be_dead() -> None:
 
 def test_faults_of_thrusters_that_a_craft_lacks_are_refused() -> None:
     craft = load_spacecraft("floating-platform")
-    Conditions(faults=Faults(thrusters=(7,))).check_valves(craft)
+    Conditions(faults=Faults(thrusters=(7,))).check_craft(craft)
     with pytest.raises(ConfigError, match=r"thrusters \[8\]; .* numbers 0 to 7"):
-        Conditions(faults=Faults(thrusters=(8,))).check_valves(craft)
+        Conditions(faults=Faults(thrusters=(8,))).check_craft(craft)
+
+
+def test_more_faults_than_thrusters_are_refused() -> None:
+    craft = load_spacecraft("innocube")
+    for faults in (Faults(count=(0.0, 1.0)), Faults(thrusters=(0,))):
+        with pytest.raises(
+            ConfigError, match="faults of up to 1 thrusters, and 'innocube' has none"
+        ):
+            Conditions(faults=faults).check_craft(craft)
 
 
 @pytest.mark.parametrize("others", [False, True])

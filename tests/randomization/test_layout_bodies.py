@@ -22,6 +22,7 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, LayoutConditions
 from rans.randomization.layout_bodies import layout_bodies, layout_spacecraft
 from rans.randomization.layouts import LayoutRanges, layouts, sample_layout
+from rans.randomization.parameters import examples
 from rans.scenario import draws, scenarios
 from rans.tasks import observation_width
 
@@ -246,6 +247,22 @@ def test_errors_of_the_designed_layout_are_refused() -> None:
         replace(RANDOM, thrusters=rans.ThrusterConditions(droop=0.1))
     with pytest.raises(ConfigError, match="among"):
         replace(RANDOM, faults=rans.FaultConditions(count=1.0, among="recoverable"))
+
+
+def test_thrusters_that_a_layout_has_fail() -> None:
+    """Of one fault in every episode none goes to a missing thruster; of eight, all of the layout's die."""
+    for failing in (1, 8):
+        faults = rans.FaultConditions(count=float(failing), kinds=("dead",))
+        drawn = examples(replace(RANDOM, faults=faults), CRAFT, 10)
+        assert drawn.fault is not None
+        before, after = (
+            (np.array(gains) > 0.0).sum(axis=0) for gains in (drawn.body.gain, drawn.fault.gain)
+        )
+        assert set(before) > {4}
+        np.testing.assert_array_equal(after, np.maximum(before - failing, 0))
+    named = replace(RANDOM, faults=rans.FaultConditions(thrusters=(4,)))
+    with pytest.raises(ConfigError, match="every random layout have the numbers 0 to 3"):
+        named.check_craft(CRAFT)
 
 
 def test_engines_that_cannot_have_them_say_why() -> None:

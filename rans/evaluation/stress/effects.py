@@ -10,6 +10,7 @@ from math import radians
 
 import numpy as np
 
+from rans.errors import ConfigError
 from rans.files import distinct
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -64,13 +65,28 @@ class Effect:
 
 
 def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
-    """Every effect that applies to this spacecraft.
+    """Every effect that applies to this spacecraft, with the sizes that it can have.
 
     Sizes reach beyond the ranges of the conditions ``train-robust``. Disturbance forces and torques
     are fractions of those of the strongest thruster (without thrusters: wheel), and least on-times are whole
     control periods.
     """
-    return [*_of_valves(craft, timing), *_of_body(), *_disturbances(craft), *_readings()]
+    effects = [*_of_body(), *_disturbances(craft), *_readings()]
+    if craft.thrusters:
+        effects = [*_of_valves(craft, timing), *effects]
+    for k, effect in enumerate(effects):
+        sizes = tuple(size for size in effect.sizes if _is_possible(effect.make(size), craft))
+        effects[k] = replace(effect, sizes=sizes)
+    return effects
+
+
+def _is_possible(conditions: Conditions, craft: Spacecraft) -> bool:
+    """Whether a spacecraft can have the conditions."""
+    try:
+        conditions.check_craft(craft)
+    except ConfigError:
+        return False
+    return True
 
 
 def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditions]:
@@ -245,8 +261,13 @@ def _missed(quantity: str, percent: float) -> Conditions:
     return Conditions(sensors=replace(SensorsConditions(), **dict.fromkeys(which, missed)))
 
 
-def failure_levels() -> list[Level]:
-    """Levels of failures, which have no size: one thruster, drawn at random, fails when the episode begins."""
+def failure_levels(craft: Spacecraft) -> list[Level]:
+    """Levels of failures, which have no size: one thruster, drawn at random, fails when the episode begins.
+
+    A spacecraft without thrusters has none.
+    """
+    if not craft.thrusters:
+        return []
     return [
         Level(
             f"one thruster {kind}",

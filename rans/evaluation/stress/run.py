@@ -191,10 +191,10 @@ def prepared(
             for name, world in conditions.items()
             if name != _PERFECT.effect
         ),
-        *(() if only else failure_levels()),
+        *(() if only else failure_levels(contest.craft)),
     ]
     for level in named:
-        level.conditions.check_valves(contest.craft)
+        level.conditions.check_craft(contest.craft)
     return Stress(
         contest,
         named,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
+from tests.support.slosh import SLOSH, SLOSHING
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose()
@@ -71,9 +73,23 @@ def test_names_of_conditions_are_files_apart() -> None:
     names = [level.name for effect in FOUND.values() for level in effect.levels()]
     given = "lab", "lab.toml", "a/lab.toml", "a-lab.toml"
     names += [Level(name_or_file, None, Conditions()).name for name_or_file in given]
-    names += [level.name for level in failure_levels()]
+    names += [level.name for level in failure_levels(PLATFORM)]
     assert len(set(names)) == len(names)
     assert all(name.replace("-", "").replace(".", "").isalnum() for name in names)
+
+
+def test_effects_are_those_that_a_craft_can_have() -> None:
+    """Wheels alone have no valves, and a liquid far from the centre takes a part of the inertia."""
+    craft = load_spacecraft("innocube")
+    found = {effect.name: effect for effect in applicable_effects(craft, Timing())}
+    strongest = max(wheel.max_torque for wheel in craft.wheels)
+    assert found["torque"].sizes[-1] == pytest.approx(0.7 * strongest, rel=0.05)
+    assert found["force"].sizes == ()
+    assert {"latency", "one thruster weaker by"}.isdisjoint(found)
+    assert failure_levels(craft) == []
+    heavy = replace(SLOSHING, slosh=replace(SLOSH, hinge=(0.35, 0.0, 0.0)))
+    found = {effect.name: effect for effect in applicable_effects(heavy, Timing())}
+    assert 0 < len(found["less inertia"].sizes) < len(FOUND["less inertia"].sizes)
 
 
 def test_pushes_are_shares_of_the_strongest_thruster() -> None:
