@@ -126,7 +126,7 @@ class Optimal:
             refinement_json,
             refinement_table,
         )
-        from rans.optimal.trajectory.allocation import check_aims
+        from rans.optimal.trajectory.allocation import check_aims, check_relaxation
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
         from rans.optimal.trajectory.transcription import usual_guesses
@@ -164,6 +164,7 @@ class Optimal:
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         # Before anything is written: what would stop the trajectories or their bounds.
         check_aims(craft, task)
+        check_relaxation(craft)
         check_goal(task)
         if self.certify and not no_certificate(craft, aims(task), self.control_period):
             require("numba")

@@ -123,6 +123,10 @@ def test_lost_starts_are_told_and_the_rest_is_made(
             ("dock", "--ending", "set", "--zones", "1,2,3,4", "--start", "3", "0", "0"),
             "--ending, --start, --zones would change nothing for dock",
         ),
+        (
+            ("go-to-attitude", "--spacecraft", "innocube", "--certify"),
+            "'innocube' has 3 reaction wheels",
+        ),
         (("go-to-pose", "pretrained:dock-3d"), "agents are for missions on an orbit"),
         (("go-to-pose", "--limits", "pace=1"), "--limits takes speed=..., spin=..., got 'pace=1'"),
         (("go-to-pose", "--zones", "1,2"), "of each zone, m, such as 1.5,0.2,0.4, got '1,2'"),

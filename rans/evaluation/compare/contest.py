@@ -285,8 +285,9 @@ class Entry:
 
     @cached_property
     def duty(self) -> np.ndarray:
-        """Mean share of open thrusters, (N,)."""
-        return self.flight.openings.mean(axis=(0, 2))
+        """Mean share of open thrusters, (N,); zero for a craft without any."""
+        openings = self.flight.openings
+        return openings.sum(axis=2).mean(axis=0) / max(1, openings.shape[2])
 
     @cached_property
     def errors(self) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.trajectory.allocation import check_aims
+from rans.optimal.trajectory.allocation import check_aims, check_relaxation
 from rans.optimal.trajectory.arrival import Arrival, goal_motion, moves_goal
 from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective
@@ -36,11 +36,11 @@ def solve_all(
     Raises:
         ConfigError: see `Transcription`.
     """
+    # Here, not in every worker: a worker that refuses would pass for one that died.
     check_aims(craft, task)
+    check_relaxation(craft)
     example = scenario(task, craft.dimension, seed=0, episode=0)
-    for (
-        objective
-    ) in objectives:  # says here, not in every worker, if this task has no such trajectories
+    for objective in objectives:
         Arrival(task, example.goal, objective.ending)
     if moves_goal(task):
         goal_motion(task, example.goal)

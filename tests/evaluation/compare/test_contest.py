@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -63,6 +65,13 @@ def test_scores_worked_out() -> None:
     assert [entry.thrust_by(t)[0] for t in (1.0, 1.5, 2.0, 3.0)] == [math.inf, 3.0, 3.0, 3.5]
     assert entry.duty[0] == pytest.approx(7 / 56)
     assert entry.errors["position"][0] == pytest.approx(0.03)
+
+
+def test_the_duty_of_a_craft_without_thrusters_is_zero() -> None:
+    """Not a mean of nothing, which NumPy warns of; warnings are errors here."""
+    wheels = SimpleNamespace(openings=np.zeros((3, 2, 0)))
+    entry = replace(entry_of(flight_of(np.ones((4, 2)), 0.0)), flight=cast("Flight", wheels))
+    assert entry.duty.tolist() == [0.0, 0.0]
 
 
 def test_who_begins_moving_cannot_wait() -> None:
