@@ -300,7 +300,7 @@ class World:
         return replace(new, reading=self.read(new, draws))
 
     def _effects(self, episode: Episode) -> tuple[Field, ...]:
-        """Numbers of `Episode.thrusters`, with zeros for thrusters that the craft has not."""
+        """Numbers of `Episode.thrusters`, with zeros for thrusters that the craft does not have."""
         body = episode.body or Body.of(self.craft)
         if episode.parameters is not None:
             body = episode.parameters.body
@@ -308,7 +308,7 @@ class World:
         if missing < 0:
             raise ConfigError(
                 f"the policy observes {self.task.observed_thrusters} thrusters (observed_thrusters), but "
-                f"{self.craft.name} has {self.craft.thruster_count}: raise it to that number."
+                f"{self.craft.name} has {self.craft.thruster_count}: set it to at least that number."
             )
         padding = (0.0,) * (missing * self.craft.degrees_of_freedom)
         return (*thruster_effects(self.craft, body), *padding)

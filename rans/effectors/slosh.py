@@ -271,7 +271,7 @@ def paces(slosh: Slosh, craft: Spacecraft) -> tuple[float, float]:
 
 
 def check_slosh(craft: Spacecraft, drift: Drift, period: float) -> None:
-    """Refuse what the motion of a pendulum is not computed for.
+    """Refuse drifts and control periods for which the motion of a pendulum is not computed.
 
     Args:
         craft: any; one without `Spacecraft.slosh` passes.
@@ -285,8 +285,8 @@ def check_slosh(craft: Spacecraft, drift: Drift, period: float) -> None:
         return
     if not drift.in_straight_lines:
         raise ConfigError(
-            f"spacecraft {craft.name!r} has [slosh], which moves in free flight and uniform gravity, and the "
-            f"task's drift is {drift.name}: take [slosh] out of its file for missions on an orbit."
+            f"spacecraft {craft.name!r} has [slosh], which is computed in free flight and uniform gravity only, "
+            f"and the task's drift is {drift.name}: take [slosh] out of its file for missions on an orbit."
         )
     _, decay = paces(craft.slosh, craft)
     if period * decay / _DECAY > _MOST_STEPS:

@@ -378,8 +378,8 @@ def _with_layouts(
     conditions.check_craft(craft)
     if body is not None:
         raise ConfigError(
-            "an engine has a body= or conditions with random layouts (layouts.count), which is a body too: give "
-            "one of them."
+            "an engine takes a body= or conditions with random layouts (layouts.count), not both: layouts make "
+            "the body of every episode. Leave out one of them."
         )
     if stride % count == 0:
         return base_body(conditions, craft, first, np.float64)

@@ -193,9 +193,10 @@ def _mounted(craft: Spacecraft, openings: Sequence[Field], body: Body) -> list[F
 def thruster_effects(craft: Spacecraft, body: Body) -> tuple[Field, ...]:
     """What each fully open thruster alone does to the motion of a body, without delays and droop of the supply.
 
-    For every thruster its linear acceleration in B over the mean one of the thrusters as designed (2 numbers in
-    the plane, 3 in space), then its torque about the true centre of mass, in B, over the mean moment of inertia
-    and the root mean square of the same as designed (1 number, or 3). Empty without thrusters.
+    First its linear acceleration in B (2 numbers in the plane, 3 in space), divided by the mean of the designed
+    thrusters. Then its torque in B about the true centre of mass over the mean moment of inertia (1 number in the
+    plane, 3 in space), divided by the root mean square of the designed thrusters. Empty without
+    thrusters.
     """
     if not craft.thrusters:
         return ()

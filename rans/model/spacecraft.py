@@ -653,7 +653,7 @@ def check_rigid(craft: Spacecraft, what: str) -> None:
     if craft.slosh is not None:
         raise ConfigError(
             f"{what} are those of a rigid craft, and {craft.name!r} has a sloshing liquid: take [slosh] out of its "
-            "file for those of the craft with the liquid at rest."
+            "file to compute them with the liquid at rest."
         )
 
 

@@ -112,12 +112,12 @@ class LayoutConditions(Settings):
     """
 
     count: int = 0
-    """Number of layouts; episode n has that of the number n modulo count. 0: thrusters are as designed."""
+    """Number of layouts; episode n has layout n modulo count. 0: thrusters are as designed."""
     seed: int = 0
     """Seed of the layouts. Layout k of a seed is the same for every count."""
     fewest: int = 4
-    """Smallest number of thrusters of a layout; the largest is that of the spacecraft. The commands of missing
-    ones, the last, do nothing."""
+    """Smallest number of thrusters of a layout; the largest is that of the spacecraft. The last
+    thrusters are those that a layout lacks; their commands do nothing."""
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ class Conditions(Settings):
         if self.layouts.count and craft.thrust_sharing != "none":
             raise ConfigError(
                 f"layouts.count is for craft whose thrusters do not share their force, but {craft.name!r} has "
-                f'thrust_sharing = "{craft.thrust_sharing}", which counts open thrusters of one force.'
+                f'thrust_sharing = "{craft.thrust_sharing}", whose model needs thrusters of equal force.'
             )
         failing = max(largest(part.faults.count) for part in (self, *self.others))
         if failing > count or (self.faults.thrusters and not count):
@@ -585,14 +585,14 @@ def _check_layouts(conditions: Conditions) -> None:
                 largest(value) == 0.0,
                 f"thrusters.{name}",
                 value,
-                "left out with random layouts (layouts.count), whose thrusters have no designed place",
+                "left out with random layouts (layouts.count), whose thrusters have no designed position",
             )
         droop = part.thrusters.droop
         _require(
             droop is None or largest(droop) == 0.0,
             "thrusters.droop",
             droop,
-            "left out with random layouts (layouts.count): it counts open thrusters of one force",
+            "left out with random layouts (layouts.count): its model needs thrusters of equal force",
         )
         _require(
             part.faults.among == "any",

@@ -104,7 +104,7 @@ class ContestantName:
             inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
             if inner.looks_ahead or inner.kind not in ("run folder", "pretrained"):
                 raise ConfigError(
-                    f"{brief(rest)} is no agent for any craft, which alone can adapt: name "
+                    f"{brief(rest)} is no agent for any craft, and no other adapts in flight: name "
                     f"{ADAPTIVE}:any-craft-2d or {ADAPTIVE}:any-craft-3d."
                 )
             return replace(inner, text=text, adapts=True)
