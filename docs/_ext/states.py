@@ -26,7 +26,7 @@ FRAMES = {
     "v": ("W", "m/s"),
     "w": ("about z; in space expressed in B", "rad/s"),
     "notes": ("-", "see below"),
-    "stores": ("-", "kg, N m s"),
+    "stores": ("-", "kg, N m s, rad, rad/s"),
 }
 """Frame and unit of every field of a state."""
 
@@ -118,7 +118,8 @@ def _lines() -> Iterable[str]:
         table(("method", "result"), _method_rows(Vec3, "v", {"cross": " (space)"})),
         "## Attitudes",
         "",
-        "`Heading(angle)` in the plane and `Quat(w, x, y, z)`, of unit length, in space. Both rotate from B to W:",
+        "An attitude is `Heading(angle)` in the plane and `Quat(w, x, y, z)`, of unit length, in space. It rotates "
+        "from B to W:",
         "",
         table(("method", "result"), _method_rows(Quat, "attitude", {"times": " (space)"})),
         "## Random numbers",

@@ -67,7 +67,8 @@ class State:
     """Further values of a task's goal, such as the index of the drawn task or the progress along a path."""
     stores: tuple[Field, ...] = ()
     """Stores of the effectors in the order of `rans.model.spacecraft.Spacecraft.stores`: propellant left, kg,
-    then the momentum of each reaction wheel, N m s. Goals have none."""
+    then the momentum of each reaction wheel, N m s, then angle and rate of a sloshing
+    liquid, rad and rad/s. Goals have none."""
 
     def normalised(self) -> Self:
         """State with its heading wrapped to [-pi, pi), or with its quaternion scaled to unit length."""
@@ -195,8 +196,7 @@ def thruster_effects(craft: Spacecraft, body: Body) -> tuple[Field, ...]:
 
     First its linear acceleration in B (2 numbers in the plane, 3 in space), divided by the mean of the designed
     thrusters. Then its torque in B about the true centre of mass over the mean moment of inertia (1 number in the
-    plane, 3 in space), divided by the root mean square of the designed thrusters. Empty without
-    thrusters.
+    plane, 3 in space), divided by the root mean square of the designed thrusters. Empty without thrusters.
     """
     if not craft.thrusters:
         return ()
