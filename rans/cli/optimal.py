@@ -226,6 +226,10 @@ class Optimal:
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
             f"{folder / 'optimal.json'}, optimal.npz, optimal.csv and optimal.svg."
         )
+        # With a time of its own the objective may be too short for weak thrusters. Least time finds its own.
+        if lost and self.objective != "time":
+            longer = 2.0 * getattr(objective, "horizon", 0.0)
+            Terminal().say(f"More time than {longer / 2.0:g} s may help: --horizon {longer:g}")
         return 1 if lost else 0
 
     def _mission(self, craft: Spacecraft, task: OrbitalMission) -> int:

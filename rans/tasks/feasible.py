@@ -1,4 +1,4 @@
-"""What a spacecraft cannot do that its task asks for, however it is controlled."""
+"""What a spacecraft or a controller cannot do that its task or its conditions ask for."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import warnings
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
 
 
@@ -57,3 +58,15 @@ def warn_of_obstacles(craft: Spacecraft, task: Task, timing: Timing) -> None:
     """Warn of each of the `obstacles`."""
     for obstacle in obstacles(craft, task, timing):
         warnings.warn(f"{obstacle}.", stacklevel=3)
+
+
+def warn_of_unobserved_layouts(task: Task, conditions: Conditions | None) -> None:
+    """Warn of random layouts of thrusters in whose episodes a controller commands those of the craft's file."""
+    if conditions is None or not conditions.layouts.count or task.observed_thrusters:
+        return
+    warnings.warn(
+        "episodes have random layouts of thrusters (layouts.count), which the controller does not observe: it "
+        "commands them as those of the spacecraft's file. Train with observed_thrusters, or fly layouts as "
+        "spacecraft of their own (rans.randomization.layout_bodies.layout_spacecraft).",
+        stacklevel=3,
+    )

@@ -67,8 +67,9 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
     named = f"begin_from is {agent!r}, the agent for any craft"
     if architecture.layout != network.architecture.layout:
         raise ConfigError(
-            f"{named}, which flies to a pose in its own dimension, and this training observes something else: "
-            "leave out begin_from."
+            f"{named}, which flies to a pose in its own dimension, and this training observes something else. "
+            "Trainings of go-to-pose begin from any-craft-2d in the plane and from any-craft-3d in space; for "
+            "others leave out begin_from."
         )
     if architecture.memory or architecture.privileged:
         raise ConfigError(
