@@ -286,11 +286,11 @@ class Conditions(Settings):
                 f"layouts.count is for craft whose thrusters do not share their force, but {craft.name!r} has "
                 f'thrust_sharing = "{craft.thrust_sharing}", whose model needs thrusters of equal force.'
             )
-        failing = max(largest(part.faults.count) for part in (self, *self.others))
+        failing = max(bounds(part.faults.count)[0] for part in (self, *self.others))
         if failing > count or (self.faults.thrusters and not count):
             raise ConfigError(
-                f"Conditions have faults of up to {max(failing, len(self.faults.thrusters)):g} thrusters, and "
-                f"{craft.name!r} has {count or 'none'}."
+                f"Conditions have faults of {max(failing, len(self.faults.thrusters)):g} thrusters in every "
+                f"episode, and {craft.name!r} has {count or 'none'}."
             )
         lowest = self.layouts.fewest if self.layouts.count else count
         if any(k >= lowest for k in self.faults.thrusters):

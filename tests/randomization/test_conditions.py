@@ -165,10 +165,8 @@ def test_faults_of_thrusters_that_a_craft_lacks_are_refused() -> None:
 
 def test_more_faults_than_thrusters_are_refused() -> None:
     craft = load_spacecraft("innocube")
-    for faults in (Faults(count=(0.0, 1.0)), Faults(thrusters=(0,))):
-        with pytest.raises(
-            ConfigError, match="faults of up to 1 thrusters, and 'innocube' has none"
-        ):
+    for faults in (Faults(count=(1.0, 2.0)), Faults(thrusters=(0,))):
+        with pytest.raises(ConfigError, match=r"faults of 1 thrusters .* 'innocube' has none"):
             Conditions(faults=faults).check_craft(craft)
 
 

@@ -310,6 +310,8 @@ def test_policies_observe_designed_thrusters_without_conditions() -> None:
     rows = np.asarray(engine.reset(0))[:, -24:].reshape(2, 8, 3)
     assert np.allclose(np.abs(rows[:, :, 2]), 1.0)
     assert np.allclose(np.linalg.norm(rows[:, :, :2], axis=2), 1.0)
+    wheels = rans.Engine("innocube", rans.GoToAttitude(observed_thrusters=2), 2)
+    assert not np.any(np.asarray(wheels.reset())[:, -12:])
     with pytest.raises(ConfigError, match="observed_thrusters"):
         rans.Engine(CRAFT, rans.GoToPose(observed_thrusters=7), 2)
     with pytest.raises(ConfigError, match="observed_thrusters"):

@@ -107,6 +107,7 @@ class MPC(ModelBased):
     """
 
     name = "MPC"
+    needs_thrusters: ClassVar[bool] = True
     heeds_constraints = True
     tunable: ClassVar = {**Weights.tunable, **Deadband.tunable, "settings.horizon": (10, 40)}
     """Bounds for `rans tune`."""

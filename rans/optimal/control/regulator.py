@@ -196,12 +196,20 @@ class ModelBased:
     follows_orbits: ClassVar[bool] = False
     """Whether it flies in drifts that change along an orbit (`rans.model.drift.Drift.steady`)."""
 
+    needs_thrusters: ClassVar[bool] = False
+    """Whether it flies only craft that have a thruster."""
+
     def __init__(
         self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
     ) -> None:
         self._craft, self._task = craft_and_task(craft, task)
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
         check_aims(self._craft, self._task)
+        if self.needs_thrusters and not self._craft.thrusters:
+            raise ConfigError(
+                f"{self.name} flies craft with thrusters, and {self._craft.name!r} has reaction wheels alone: the "
+                "LQR flies these."
+            )
         if not self.follows_orbits:
             steady(self._task.drift, f"{self.name} computes once")
         if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:

@@ -100,6 +100,7 @@ class Switching(ModelBased):
     """
 
     name = "switching"
+    needs_thrusters: ClassVar[bool] = True
     tunable: ClassVar = {
         "curve.push_scale": (0.3, 1.5),
         "curve.turn_scale": (0.1, 1.5),

@@ -148,7 +148,8 @@ class _Axis(NamedTuple):
         exact: bool = False,
     ) -> _Axis:
         """An axis from one place of the picture to another, with room around the values unless exact."""
-        numbers = list(values)
+        # A logarithm has no place for 0, such as the impulse of wheels alone: it stands at the low end.
+        numbers = [x for x in values if x > 0.0 or not logarithmic] or [1.0]
         scale = math.log10 if logarithmic else float
         low, high = scale(min(numbers)), scale(max(numbers))
         if not exact:

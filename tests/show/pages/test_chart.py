@@ -42,6 +42,15 @@ def test_equal_ratios_are_equal_ways_on_logarithmic_axes() -> None:
         assert second[k] - first[k] == pytest.approx(third[k] - second[k], abs=0.2)
 
 
+def test_nothing_stands_at_the_low_end_of_a_logarithm() -> None:
+    """Craft of wheels alone spend no impulse."""
+    marks = [Mark(1.0, 0.0, "wheels"), Mark(2.0, 5.0, "thrusters")]
+    at = places(replace(CHART, series=[Series("one", marks, "red")]))
+    assert at["wheels"][1] > at["thrusters"][1]
+    at = places(replace(CHART, series=[Series("one", marks[:1], "red")]))
+    assert all(map(math.isfinite, at["wheels"]))
+
+
 def test_on_linear_axes_differences_are() -> None:
     at = places(replace(CHART, logarithmic=False, shaded=()))
     assert at["&lt;i&gt;"][0] - at["late"][0] == pytest.approx(
