@@ -213,10 +213,15 @@ class Registry(Mapping[str, T]):
 def _of_file(name: str, kind: str) -> str:
     """What to write for a name that is a file or a folder, or nearly one; else an empty text."""
     path = Path(name)
-    if path.is_dir():
+    try:
+        is_folder = path.is_dir()
+        is_file = path.is_file()
+    except OSError:  # longer than names of files may be
+        return ""
+    if is_folder:
         own = path / f"{kind}.toml"
         return f" (it is a folder{f'; did you mean {own}?' if own.exists() else ''})"
-    if not path.is_file():
+    if not is_file:
         return meant_file(name)
     if kind == "spacecraft" and path.suffix in (".urdf", ".sdf", ".xml", ".txt"):
         return f" (`rans init {path.stem}.toml --from {name}` makes a spacecraft of the file)"
