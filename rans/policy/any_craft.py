@@ -83,6 +83,11 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
             f"the agent for any craft commands thrusters from 0 to 1 and wheels, but {craft.name} has others: "
             "train an agent of its own with rans train."
         )
+    if not craft.thrusters:
+        raise ConfigError(
+            f"the agent for any craft flies to a pose, and {craft.name} has no thruster: turn it with "
+            "go-to-attitude, by LQR or by an agent of its own (rans train go-to-attitude)."
+        )
     ways = balanced(columns_of(craft), craft.thrust_sharing == "split")
     axes = {2: "z"}.get(craft.dimension, "xyz")
     names = [f"along {sign}{axis}" for axis in "xyz"[: craft.dimension] for sign in "+-"]

@@ -287,10 +287,11 @@ class Conditions(Settings):
                 f'thrust_sharing = "{craft.thrust_sharing}", whose model needs thrusters of equal force.'
             )
         failing = max(bounds(part.faults.count)[0] for part in (self, *self.others))
-        if failing > count or (self.faults.thrusters and not count):
+        named = self.faults.thrusters
+        if failing > count or (named and not count):
             raise ConfigError(
-                f"Conditions have faults of {max(failing, len(self.faults.thrusters)):g} thrusters in every "
-                f"episode, and {craft.name!r} has {count or 'none'}."
+                f"Conditions have faults of {max(failing, len(named)):g} thrusters in every episode, and "
+                f"{craft.name!r} has {count or 'none'}."
             )
         lowest = self.layouts.fewest if self.layouts.count else count
         if any(k >= lowest for k in self.faults.thrusters):

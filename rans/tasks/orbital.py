@@ -41,6 +41,9 @@ from rans.tasks.shapes import Ball, Shape, SpeedLimit
 
 _EARTH_RADIUS = 1e-3 * EARTH_RADIUS
 """Equatorial radius of the Earth, km."""
+_LARGEST_DRAG = 0.01
+"""Largest acceleration by drag, m/s^2: a satellite has about 1e-3 at 150 km (2e-9 kg/m^3, 7,800 m/s, 50 kg/m^2),
+where an orbit ends within a day."""
 _PUSHES_OF_FEW_BURNS = 3
 """Number of times that coasts of few burns are moved out of each keep-out ball."""
 
@@ -125,6 +128,12 @@ class TargetOrbit(Settings):
         if not is_finite(drag) or drag < 0.0:
             raise ConfigError(
                 f"target_drag must be a finite number >= 0 m/s^2, got {drag!r}; it is the size of an acceleration."
+            )
+        if drag > _LARGEST_DRAG:
+            raise ConfigError(
+                f"target_drag must be at most {_LARGEST_DRAG:g} m/s^2, got {drag:g}: about 4e-7 is usual at "
+                "500 km, and a target with more than the bound falls out of its orbit. The usual cause is an "
+                "exponent that was left out."
             )
         if not is_finite(ratio) or ratio <= 0.0:
             raise ConfigError(f"ballistic_ratio must be a finite number > 0, got {ratio!r}.")

@@ -290,6 +290,8 @@ def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
     # Thrusters through the centre of mass, and no wheels.
     with pytest.raises(ConfigError, match="afrl-deputy cannot accelerate it"):
         for_craft(network(3), load_spacecraft("afrl-deputy"), 1.0)
+    with pytest.raises(ConfigError, match="innocube has no thruster"):
+        for_craft(network(3), load_spacecraft("innocube"), 1.0)
     craft = load_spacecraft("floating-platform")
     with pytest.warns(UserWarning, match="cannot push and turn"):
         few = replace(craft, thrusters=craft.thrusters[:3])

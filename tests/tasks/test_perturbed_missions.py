@@ -136,6 +136,7 @@ def test_bounds_are_of_the_perturbed_motion() -> None:
         (lambda: TargetOrbit(oblate=True, inclination_degrees=181.0), "from 0 to 180 degrees"),
         (lambda: TargetOrbit(inclination_degrees=51.6), "set oblate = true"),
         (lambda: TargetOrbit(target_drag=-1e-6), "target_drag must be .* >= 0"),
+        (lambda: TargetOrbit(target_drag=3.7), "at most 0.01 m/s.2, got 3.7"),
         (lambda: TargetOrbit(ballistic_ratio=0.0), r"ballistic_ratio must be .* > 0, got 0\.0"),
         (lambda: TargetOrbit(0.1, 9000.0, oblate=True), "eccentricity is 0.1: leave out one"),
         (lambda: Hold(orbit=TargetOrbit(0.1, 9000.0)), "Hold flies near circular orbits"),
