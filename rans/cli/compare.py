@@ -75,7 +75,8 @@ class Compare:
     default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
     certified: int = 4
     """Starts whose bounds are certified, if optimal joins: half a minute of processor time each in the plane,
-    minutes in space with its package (docs/certificate.md), else hull bounds. They are kept for the next run."""
+    minutes in space with its package (docs/certificate.md), else hull and tube bounds. They are kept for the next
+    run."""
     front: bool = False
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
     front. A number after it, as in `--front 900`, is the processor time for the bounds, s; by default 300. They are

@@ -85,7 +85,8 @@ class Optimal:
     """Solve again this many times, each time with half the control period, and print cost, estimated error
     and defect of every mesh."""
     certify: bool = False
-    """Also compute what no controller can beat: certified for on/off thrusters where that is possible. A number
+    """Also compute what no controller can beat: certified for on/off thrusters where that is possible, else for
+    thrusters of any kind and wheels. Craft without optimal trajectories, as with wheels, have bounds only. A number
     after it, as in `--certify 60`, is the work for each question, by what a core at 3 GHz does in a second, so that
     every machine answers the same; less than the 20 by default gives wider gaps."""
     output: Path | None = None
@@ -168,6 +169,20 @@ class Optimal:
         check_goal(task)
         if self.certify and not no_certificate(craft, aims(task), self.control_period):
             require("numba")
+        about: dict[str, Any] = {
+            "task": self.task,
+            "spacecraft": craft.name,
+            "objective": objective.name,
+            "measure": objective.measure,
+            "ending": objective.ending,
+            "seed": None if self.start else self.seed,
+            "limits": None if limits is None else asdict(limits),
+        }
+        if self.certify:
+            try:
+                check_relaxation(craft)
+            except ConfigError as reason:
+                return self._bounds_alone(craft, task, objective, starts, name, about, str(reason))
         folder = ready_folder(self.output or Path("runs") / name)
 
         def solved(objective: Objective, title: str) -> list[Optimum]:
@@ -186,15 +201,6 @@ class Optimal:
                 answers,
             )
         )
-        about: dict[str, Any] = {
-            "task": self.task,
-            "spacecraft": craft.name,
-            "objective": objective.name,
-            "measure": objective.measure,
-            "ending": objective.ending,
-            "seed": None if self.start else self.seed,
-            "limits": None if limits is None else asdict(limits),
-        }
         # Before all that takes long and may be interrupted.
         write(folder, about, answers, craft, starts)
         write_text(
@@ -231,6 +237,33 @@ class Optimal:
             longer = 2.0 * getattr(objective, "horizon", 0.0)
             Terminal().say(f"More time than {longer / 2.0:g} s may help: --horizon {longer:g}")
         return 1 if lost else 0
+
+    def _bounds_alone(
+        self,
+        craft: Spacecraft,
+        task: Task,
+        objective: Objective,
+        starts: Scenario,
+        name: str,
+        about: dict[str, Any],
+        reason: str,
+    ) -> int:
+        """Print and write bounds of a craft that optimal control has no equations for, as the reason says."""
+        from rans.optimal.certificate.goal_set import check_certifiable
+
+        check_certifiable(craft, wheels=True)
+        folder = ready_folder(self.output or Path("runs") / name)
+        Terminal().say(f"Bounds only, without trajectories: {reason}")
+        bounds: list[Bound] = []
+
+        def write_bounds() -> None:
+            about["bounds"] = [asdict(bound) for bound in bounds]
+            write_json(folder / "optimal.json", about)
+
+        with writing_at_end(write_bounds):
+            self._add_bounds(bounds, craft, task, objective, starts, [])
+        Terminal().say(f"Written to {folder / 'optimal.json'}.")
+        return 0
 
     def _mission(self, craft: Spacecraft, task: OrbitalMission) -> int:
         """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
@@ -386,7 +419,7 @@ class Optimal:
     ) -> None:
         """Add and print bounds of the event of the trajectories, and of settling for the objective time.
 
-        An interrupt leaves those that are finished.
+        An interrupt leaves those that are finished. Without answers there are no costs to print.
         """
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.problem import SearchEffort
@@ -398,15 +431,16 @@ class Optimal:
         horizon = None if self.objective == "time" else objective.intervals * period
         # Bounds are for the goal set, so only trajectories that end in it are comparable.
         same = objective.ending == "set" and not self._is_limited
+        every_start = [*each(starts)]
         costs = [a.trajectory.cost if same and a.good else math.nan for a in answers]
+        costs = costs or [math.nan] * len(every_start)
         events = {bounds.Event(horizon=horizon): (objective.measure, costs)}
         if horizon is None:  # the trajectories arrive, which is another event
-            events[bounds.Event("settling")] = "time s to settle", [math.nan] * len(answers)
-        reason = bounds.no_certificate(craft, aims(task), period)
-        sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
+            events[bounds.Event("settling")] = "time s to settle", [math.nan] * len(costs)
+        sentence = bounds.without_certificate(craft, aims(task), period) or bounds.CERTIFIED
         for event, (measure, upper) in events.items():
             questions = [
-                bounds.question(craft, task, period, event, effort, start) for start in each(starts)
+                bounds.question(craft, task, period, event, effort, start) for start in every_start
             ]
             title = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
             answers_by_number: dict[int, Bound] = {}

@@ -89,7 +89,7 @@ def test_lost_starts_are_told_and_the_rest_is_made(
     )
     text = " ".join(capsys.readouterr().out.split())
     assert "Start 0, 1: the optimiser found no trajectory that arrives" in text
-    assert "No on/off certificate" in text
+    assert "No tight certificate exists" in text
     assert "0 of 2 solved" in text
     assert "--horizon 3.6" in text
     assert len(json.loads((tmp_path / "optimal.json").read_text())["starts"]) == 2

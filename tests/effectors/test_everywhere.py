@@ -186,12 +186,14 @@ class Full(Scripted):
         return np.tile([one.high for one in self._craft.commands], (len(observation), 1))
 
 
-def test_no_bound_covers_wheels_or_propellant() -> None:
+def test_no_bound_covers_propellant_and_no_certificate_wheels() -> None:
     from rans.optimal.certificate.hull import Reach
     from rans.optimal.certificate.plane.lattice import Lattice
 
+    with pytest.raises(ConfigError, match="it has propellant"):
+        Reach.of(BOTH)
     with pytest.raises(ConfigError, match="it has reaction wheels"):
-        Reach.of(WHEELED)
+        Lattice(WHEELED, 0.2)
     with pytest.raises(ConfigError, match="it has propellant"):
         Lattice(replace(BOTH, wheels=()), 0.2)
 

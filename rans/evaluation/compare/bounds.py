@@ -1,6 +1,6 @@
-"""Lower bounds for each start: the certificate where one exists, else the hull bound.
+"""Lower bounds for each start: the certificate where one exists, else the hull or the tube bound.
 
-docs/certificate.md proves both.
+docs/certificate.md proves all three.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rans.evaluation.measure.statistics import figure
 from rans.model.drift import FREE
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
-from rans.optimal.certificate import hull
+from rans.optimal.certificate import attitude_tube, hull
 from rans.optimal.certificate.certificate import (
     Certificate,
     bounder,
@@ -111,6 +111,8 @@ class Bound:
     """Unit of amounts of on/off commands, a period or a pulse; 0: there is none."""
     kind: Kind = "arrival"
     """Kind of event; settling has no commands, because being in the set once is not sufficient for it."""
+    tube: float | None = None
+    """Lower bound for all commands between 0 and 1 from the attitudes that torque can reach; None: not computed."""
 
     def __repr__(self) -> str:
         result = f", {self.upper:g} found" if math.isfinite(self.upper) else ""
@@ -123,9 +125,10 @@ class Bound:
 
     @property
     def best(self) -> float:
-        """Largest lower bound for on/off controllers."""
-        hull = rounded_up(self.hull, self.unit) if self.unit else self.hull
-        return hull if self.lower is None else max(hull, self.lower)
+        """Largest lower bound for controllers at the control rate."""
+        loose = max(self.hull, self.tube or 0.0)
+        loose = rounded_up(loose, self.unit) if self.unit else loose
+        return loose if self.lower is None else max(loose, self.lower)
 
 
 def goal_set(task: Task) -> GoalSet:
@@ -214,6 +217,25 @@ def no_certificate(craft: Spacecraft, quantities: Collection[str], period: float
     return ""
 
 
+def no_tube(craft: Spacecraft, quantities: Collection[str]) -> str:
+    """Reason why there is no tube bound; "" if there is one.
+
+    For ``quantities`` see `rans.tasks.goal_set.aims`.
+    """
+    if not {"position", "velocity", "attitude"} <= set(quantities):
+        return "the tube bound is for tasks that ask for a pose."
+    # In the plane, a settled craft has no more than the spin of the set in which it can stay (`staying_set`).
+    if "spin" not in quantities and craft.dimension == 3:
+        return (
+            "the tube bound needs a limit of the spin at the end, which settling in space has not."
+        )
+    try:
+        attitude_tube.check_covered(craft)
+    except ConfigError as reason:
+        return str(reason)
+    return ""
+
+
 def bounds_in_parallel(
     questions: Sequence[Question],
     starts: Sequence[int],
@@ -289,7 +311,8 @@ def count_of_periods(horizon: float, period: float) -> int:
 def bound(start: int, question: Question) -> Bound:
     """Bounds of a question, infinite if nothing can arrive by the horizon.
 
-    The certificate is left out of problems that are too large for it.
+    The certificate is left out of problems that are too large for it. The tube bound is computed where no
+    certificate exists: it holds for throttled and pulsed thrusters and wheels, and is the closer one for them.
 
     Raises:
         ConfigError: a number of the question is not finite.
@@ -310,7 +333,9 @@ def bound(start: int, question: Question) -> Bound:
     loose = Bound(start, horizon, least, unit=unit, kind=kind)
     # A certificate improves it where one exists; a bound that is not improved stays valid.
     if no_certificate(craft, quantities, period):
-        return loose
+        if math.isinf(least) or no_tube(craft, quantities):
+            return loose
+        return replace(loose, tube=_tube(question, least))
     if math.isinf(least):
         return replace(loose, lower=math.inf)
     try:
@@ -330,6 +355,16 @@ def bound(start: int, question: Question) -> Bound:
     )
 
 
+def _tube(question: Question, least: float) -> float:
+    """Tube bound of a question whose hull bound is this."""
+    craft, _, goals, period, horizon, _, scenario, _ = question
+    begin: Any = scenario.start
+    end: Any = scenario.goal
+    if horizon is None:
+        return attitude_tube.least_arrival(craft, begin, end, period, goals, least)
+    return attitude_tube.least_impulse(craft, begin, end, horizon, goals)
+
+
 def _certificate(question: Question, steps: int) -> Certificate | None:
     """Certificate for on/off controllers; None if no number of pulses changes the start's spin to the goal's."""
     craft, quantities, goals, period, horizon, effort, scenario, _ = question
@@ -342,6 +377,28 @@ def _certificate(question: Question, steps: int) -> Certificate | None:
     )
 
 
+def without_certificate(craft: Spacecraft, quantities: Collection[str], period: float) -> str:
+    """Sentences about the bounds of a craft or task without a certificate, and why; "" if there is one.
+
+    For the arguments see `no_certificate`.
+    """
+    missing = no_certificate(craft, quantities, period)
+    if not missing:
+        return ""
+    reason = no_tube(craft, quantities)
+    if reason:
+        return (
+            f"No tight certificate exists: {missing} The hull bound in its place lets translation and "
+            "rotation use all thrusters each, and holds for throttled thrust too. It is not improved, because "
+            f"{reason}"
+        )
+    settling = " Settling has the hull bound." if craft.dimension == 3 else ""
+    return (
+        f"No tight certificate exists: {missing} In its place is the greater one of the hull bound and the "
+        f"tube bound, which hold for throttled thrust too.{settling}"
+    )
+
+
 def bounds_table(
     sentence: str, measure: str, answers: Sequence[Bound], result: Sequence[float]
 ) -> Table:
@@ -349,6 +406,8 @@ def bounds_table(
 
     The sentence says for which controllers the bounds hold; the measure is the bounded quantity with its unit.
     """
+    has_tube = any(answer.tube is not None for answer in answers)
+    tube = ("tube bound",) if has_tube else ()
 
     def row(answer: Bound, cost: float) -> tuple[str, ...]:
         lower = answer.lower
@@ -357,11 +416,14 @@ def bounds_table(
         gap = f"{100 * (upper / lower - 1):.1f} %" if lower and is_certified else "-"
         best = "-" if answer.kind == "settling" else f"{upper:.3f}"
         certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", best]
-        return str(answer.start), f"{answer.hull:.3f}", figure(cost, ".3f"), *certain, gap
+        loose = [f"{answer.hull:.3f}"]
+        if has_tube:
+            loose.append(figure(math.nan if answer.tube is None else answer.tube, ".3f"))
+        return str(answer.start), *loose, figure(cost, ".3f"), *certain, gap
 
     return terminal.table(
         f"What nothing can beat: {measure}",
-        ("start", "hull bound", "relaxed", "certified", "on/off found", "gap"),
+        ("start", "hull bound", *tube, "relaxed", "certified", "on/off found", "gap"),
         map(row, answers, result),
         sentence,
         "right",

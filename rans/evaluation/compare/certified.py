@@ -21,7 +21,7 @@ from rans.scenario import each
 _EFFORT = SearchEffort(work=20.0, nozzle_work=2.0, levels=4)
 """Effort of each question; most take two processor seconds. With less gaps are wider, and bounds hold all the
 same."""
-_VERSION = 4
+_VERSION = 5
 """Version of the proofs: bounds of other versions are searched again."""
 
 
@@ -97,7 +97,9 @@ def _add(cache: Path, key: str, bound: Bound) -> None:
 
 def _revived(row: dict[str, Any]) -> Bound:
     values: Any = {
-        key: number(row[key]) for key in ("hull", "lower", "upper") if row[key] is not None
+        key: number(row[key])
+        for key in ("hull", "lower", "upper", "tube")
+        if row.get(key) is not None
     }
     return Bound(**row | values)
 

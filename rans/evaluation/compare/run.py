@@ -19,8 +19,8 @@ from rans.evaluation.compare.bounds import (
     Bound,
     Event,
     goal_set,
-    no_certificate,
     staying_set,
+    without_certificate,
 )
 from rans.evaluation.compare.certified import certified_bounds
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
@@ -36,6 +36,7 @@ from rans.evaluation.fly.controllers import default_opponents
 from rans.files import first_line
 from rans.model.spacecraft import check_rigid
 from rans.optimal.certificate.hull import staying_time
+from rans.optimal.trajectory.allocation import check_relaxation
 from rans.optimal.trajectory.arrival import check_goal
 from rans.progress import Stages, unseen_stages
 from rans.tasks.goal_set import aims, asks_rest
@@ -311,6 +312,11 @@ def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
 
 def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -> None:
     contest = comparison.contest
+    try:
+        check_relaxation(contest.craft)
+    except ConfigError as reason:
+        comparison.notes.append(f"No optimum is computed: {reason}")
+        return
     for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED)):
         step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
@@ -333,12 +339,9 @@ def _find_certified(
         comparison.notes.append(reason)
         return
     count = min(count, contest.episodes)
-    missing = no_certificate(contest.craft, aims(contest.task), contest.timing.control_period)
-    if missing:
-        comparison.notes.append(
-            f"No tight certificate exists: {missing} The bounds shown let translation "
-            "and rotation use all thrusters each, and hold for throttled thrust too."
-        )
+    reason = without_certificate(contest.craft, aims(contest.task), contest.timing.control_period)
+    if reason:
+        comparison.notes.append(reason)
     step = stages("certified bounds", count * len(events))
     with _noted(comparison, "certified bounds"):
         for answer in certified_bounds(contest, count, events, cache, workers, step):

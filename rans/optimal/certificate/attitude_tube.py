@@ -23,8 +23,14 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft, check_rigid
-from rans.optimal.certificate.goal_set import GoalSet, check_finite
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate.goal_set import (
+    GoalSet,
+    check_certifiable,
+    check_finite,
+    check_period,
+    rounded_up,
+)
 from rans.optimal.trajectory.allocation import inertia
 from rans.optimal.trajectory.guess import rotation_vector
 
@@ -42,6 +48,8 @@ _ROUNDING = 1e-8
 """Relative part of a bound that is subtracted for rounding: wrenches count as one where they agree to 1e-9."""
 _LONGEST = 1e6
 """Time, s, beyond which nothing is excluded: a craft that needs longer has nearly no thrust in some direction."""
+_PERIODS = 50
+"""Largest number of periods that one bound excludes, 0.03 to 0.3 s of processor time each."""
 _LARGEST = 30.0
 """Largest multiplier of an impulse; those of optimal flights are below 5."""
 
@@ -272,6 +280,41 @@ def least_time(craft: Spacecraft, start: State, goal: State, tolerances: GoalSet
     return low
 
 
+def least_arrival(
+    craft: Spacecraft,
+    start: State,
+    goal: State,
+    period: float,
+    tolerances: GoalSet,
+    after: float,
+) -> float:
+    """The first whole number of periods for which no proof excludes that a craft is in the goal set, s.
+
+    The set may allow motion: who moves in it leaves it again, so that every period is excluded by itself.
+
+    Args:
+        craft: see `least_time`.
+        start: of floats.
+        goal: of floats.
+        period: time between the instants at which a craft can count as arrived, s.
+        tolerances: of position, velocity, heading and spin.
+        after: another lower bound, s, such as `rans.optimal.certificate.hull.least_time`: sooner instants are
+            not tried. 0 or less is returned as it is.
+
+    Raises:
+        ConfigError: no bound covers this craft, or the period is not positive.
+    """
+    _check(craft, start, goal)
+    check_period(period)
+    if after <= 0.0:
+        return after
+    first = round(rounded_up(after, period) / period)
+    for count in range(first, first + _PERIODS):
+        if not _excluded(craft, start, goal, count * period, tolerances):
+            return count * period
+    return (first + _PERIODS) * period
+
+
 def least_impulse(
     craft: Spacecraft, start: State, goal: State, horizon: float, tolerances: GoalSet
 ) -> float:
@@ -312,19 +355,23 @@ def _signs(craft: Spacecraft) -> tuple[int, ...]:
     return (0, 1, -1) if craft.dimension == 2 else (0,)
 
 
-def _check(craft: Spacecraft, start: State, goal: State) -> None:
-    check_finite(start, goal)
-    check_rigid(craft, "bounds")
-    if craft.further_effectors or craft.propellant is not None:
-        raise ConfigError(
-            f"spacecraft {craft.name!r}: bounds are those of thrusters and wheels of a constant mass; it has "
-            f"{'propellant' if craft.propellant is not None else 'effectors of other kinds'}."
-        )
+def check_covered(craft: Spacecraft) -> None:
+    """Refuse a craft that these bounds do not cover.
+
+    Raises:
+        ConfigError: it has other effectors than thrusters and wheels, propellant, or more than 16 thrusters.
+    """
+    check_certifiable(craft, wheels=True)
     if craft.thruster_count > _MOST_THRUSTERS:
         raise ConfigError(
             f"spacecraft {craft.name!r}: bounds enumerate the sets of at most {_MOST_THRUSTERS} thrusters, "
             f"got {craft.thruster_count}."
         )
+
+
+def _check(craft: Spacecraft, start: State, goal: State) -> None:
+    check_finite(start, goal)
+    check_covered(craft)
 
 
 @cache

@@ -77,11 +77,15 @@ def rounded_up(value: float, unit: float) -> float:
     return max(0, math.ceil(value / unit * (1.0 - 1e-12))) * unit if math.isfinite(value) else value
 
 
-def check_certifiable(craft: Spacecraft) -> None:
-    """Refuse a craft that no bound covers.
+def check_certifiable(craft: Spacecraft, wheels: bool = False) -> None:
+    """Refuse a craft that a bound does not cover.
+
+    Args:
+        craft: spacecraft.
+        wheels: whether the bound covers reaction wheels.
 
     Raises:
-        ConfigError: it has reaction wheels, or uses propellant.
+        ConfigError: it has effectors of other kinds or reaction wheels, or uses propellant.
     """
     if craft.further_effectors:
         raise ConfigError(
@@ -89,8 +93,9 @@ def check_certifiable(craft: Spacecraft) -> None:
             "kinds."
         )
     check_rigid(craft, "certified bounds")
-    if craft.stores:
+    if craft.propellant is not None or (craft.wheels and not wheels):
+        covered = "thrusters, wheels" if wheels else "thrusters"
         raise ConfigError(
-            f"spacecraft {craft.name!r}: certified bounds are those of thrusters and a constant mass; it has "
-            f"{'reaction wheels' if craft.wheels else 'propellant'}."
+            f"spacecraft {craft.name!r}: certified bounds are those of {covered} and a constant mass; it has "
+            f"{'reaction wheels' if craft.wheels and not wheels else 'propellant'}."
         )

@@ -47,7 +47,7 @@ class Health(NamedTuple):
 
 @dataclass(frozen=True)
 class Reach:
-    """Largest force and torque of the thrusters, whatever the attitude."""
+    """Largest force and torque of the thrusters and wheels, whatever the attitude."""
 
     thrust: np.ndarray
     """(K,) sums of the open thrusters' forces, N."""
@@ -56,7 +56,7 @@ class Reach:
     torque: float
     """Greatest torque about any axis, N m."""
     arm: float
-    """Torque per newton of thrust at most, m."""
+    """Torque per newton of thrust at most, m; infinite with wheels, which turn without thrust."""
     most: float
     """The greatest thrust, N: turning may need more than the greatest force on B does."""
 
@@ -64,29 +64,29 @@ class Reach:
     @cache
     def of(cls, craft: Spacecraft, health: Health | None = None) -> Reach:
         """Reach of a spacecraft, with its thrusters as faults leave them from the start on."""
-        check_certifiable(craft)
+        check_certifiable(craft, wheels=True)
+        wheels = sum(wheel.max_torque for wheel in craft.wheels)
         gain, leak = np.array(health or Health.sound(craft))
         able = gain + leak > 0.0
         whole = np.array([t.force for t in craft.thrusters])
         torques = np.linalg.norm(craft.wrenches[:, craft.dimension :], axis=1)
         torques = np.maximum(torques, _LEVER * whole) * able
         forces = whole * able
-        arm = float((torques / whole).max())
+        arm = math.inf if craft.wheels else float((torques / whole).max())
         strongest = float(forces.sum())
         if craft.thrust_sharing == "split":
             single = np.append(0.0, forces)
-            return cls(single, single, float(torques.max()), arm, float(forces.max()))
+            return cls(single, single, float(torques.max()) + wheels, arm, float(forces.max()))
         if len(forces) > _MOST_THRUSTERS:  # no force exceeds the thrust
             ends = np.array([0.0, strongest])
-            return cls(ends, ends, float(torques.sum()), arm, strongest)
+            return cls(ends, ends, float(torques.sum()) + wheels, arm, strongest)
         sets = (np.arange(2 ** len(forces))[:, None] >> np.arange(len(forces))) & 1
         opened = sets * gain + leak
         total = opened @ craft.wrenches
         size = np.linalg.norm(total[:, : craft.dimension], axis=1)
         turning = float(np.linalg.norm(total[:, craft.dimension :], axis=1).max())
-        return cls(
-            *_frontier(opened @ whole, size), max(turning, _LEVER * strongest), arm, strongest
-        )
+        turning = max(turning, _LEVER * strongest) + wheels
+        return cls(*_frontier(opened @ whole, size), turning, arm, strongest)
 
 
 def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -263,9 +263,12 @@ def _rotation(
     """Change of angular momentum that arriving takes.
 
     The angle to turn times the least moment of inertia, kg m^2; its size at the start, at most at the end,
-    and by how much that changes at least, kg m^2/s.
+    and by how much that changes at least, kg m^2/s. In space with wheels nothing is claimed: their momentum
+    turns that of the body, and gyroscopic torques may then raise it.
     """
     check_finite(start, goal)
+    if craft.wheels and craft.dimension == 3:
+        return -math.inf, 0.0, math.inf, 0.0
     tensor = inertia(craft)
     moments = np.linalg.eigvalsh(tensor)
     angle = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,16 +22,18 @@ from rans.evaluation.compare.bounds import (
     count_of_periods,
     goal_set,
     no_certificate,
+    no_tube,
     question,
     staying_set,
 )
+from rans.files import read_json
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.certificate.problem import SearchEffort, Unreachable
-from rans.scenario import Scenario, each, scenarios
+from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from rans.tasks.goal_set import aims
 from tests.support.crafts import nasty_planar
@@ -66,7 +69,7 @@ def test_hull_is_below_certificate_is_below_control_found() -> None:
     ],
     ids=["space", "shared", "position"],
 )
-def test_where_no_certificate_exists_the_hull_counts(
+def test_where_no_certificate_exists_hull_and_tube_count(
     craft: Spacecraft, task: Task, reason: str
 ) -> None:
     assert reason in no_certificate(craft, aims(task), 0.2)
@@ -74,10 +77,51 @@ def test_where_no_certificate_exists_the_hull_counts(
     assert all(answer.lower is None and answer.best >= answer.hull > 0 for answer in found)
     assert [answer.best for answer in found] == pytest.approx(
         [  # whole pulses of 0.2 N s
-            math.ceil(answer.hull / 0.2) * 0.2 for answer in found
+            math.ceil(max(answer.hull, answer.tube or 0.0) / 0.2) * 0.2 for answer in found
         ]
     )
-    assert bounds_table("no", "N s", found, [math.nan, 5.0]).row_count == 2
+    table = bounds_table("no", "N s", found, [math.nan, 5.0])
+    assert table.row_count == 2
+    # Only a task that asks for a pose has a tube bound.
+    has_tube = craft.dimension == 3 or "attitude" in aims(task)
+    assert all((answer.tube is not None) == has_tube for answer in found)
+    assert ("tube bound" in [column.header for column in table.columns]) == has_tube
+
+
+@pytest.mark.parametrize("name", ["astrobee-granite", "astrobee-iss", "freeflyer2", "cubesat-3u"])
+def test_bounds_of_throttles_and_wheels_are_above_the_hull_and_below_flights(name: str) -> None:
+    """Optimal control flew the same starts to rest within the tolerances: docs/validation/craft-bounds.json."""
+    docs = Path(__file__).parents[3] / "docs/validation"
+    flown = read_json(docs / "craft-bounds.json")[name]
+    distance = tuple(read_json(docs / "craft.json")[name]["distance"])
+    task = GoToPose(evaluation_distance=distance).for_evaluation()
+    craft = load_spacecraft(name)
+    [start] = each(scenarios(task, craft, EVALUATION_SEED, 1))
+    common = craft, tuple(sorted(aims(task))), goal_set(task), 0.2
+    improved = []
+    for horizon, key in ((None, "best time"), (flown["horizon"], "best impulse")):
+        answer = bound(0, Question(*common, horizon, SearchEffort(1.0), start))
+        best = flown["starts"][0][key]
+        assert answer.tube is not None
+        # Who rests in the goal set is there at the next whole period too.
+        assert 0.0 < answer.hull <= answer.best <= math.ceil(best / 0.2) * 0.2
+        assert answer.tube <= best + 0.2 * (horizon is None)
+        improved.append(answer.tube > answer.hull * 1.001)
+    assert all(improved)
+
+
+def test_a_craft_with_propellant_has_no_bound_and_settling_in_space_no_tube() -> None:
+    tank = replace(PLATFORM, propellant=Propellant(1.0, 60.0))
+    with pytest.raises(ConfigError, match="constant mass; it has propellant"):
+        bound(0, one_start(craft=tank))
+    assert "propellant" in no_tube(tank, aims(TASK))
+    craft = load_spacecraft("astrobee-iss")
+    task = GoToPose(evaluation_distance=(2.0, 2.5)).for_evaluation()
+    [start] = each(scenarios(task, craft, 5, 1))
+    effort = SearchEffort(1.0)
+    answer = bound(0, question(craft, task, 0.2, Event("settling"), effort, start))
+    assert answer.tube is None
+    assert answer.best >= answer.hull > 0.0
 
 
 def test_a_horizon_too_short_for_anything_is_certified() -> None:
@@ -130,6 +174,9 @@ def test_while_a_gap_is_open_only_its_lower_end_is_proven() -> None:
     assert Bound(0, None, 1.0, 2.0, math.inf).best == 2.0
     assert Bound(0, None, 2.5, 2.0, 3.0).best == 2.5  # both are proofs
     assert Bound(0, None, 1.0).best == 1.0
+    assert Bound(0, None, 1.0, tube=1.5).best == 1.5
+    assert Bound(0, None, 1.0, tube=0.5).best == 1.0
+    assert Bound(0, None, 1.0, 2.0, tube=1.5).best == 2.0
     assert Bound(0, None, 1.01, unit=0.2).best == pytest.approx(1.2)
     assert Bound(0, None, 1.0 - 1e-15, unit=0.2).best == pytest.approx(1.0)
     assert Bound(0, None, math.inf, unit=0.2).best == math.inf
