@@ -35,6 +35,7 @@ from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
 from rans.files import first_line
 from rans.model.spacecraft import check_rigid
+from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.optimal.trajectory.arrival import check_goal
@@ -276,6 +277,7 @@ def _uncertified(contest: Contest) -> str:
     """Reason why no bound can be certified; "" if one can."""
     try:
         goal_set(contest.task)
+        check_certifiable(contest.craft, wheels=True)
     except ConfigError as reason:
         return f"No bound is certified: {reason}"
     return ""

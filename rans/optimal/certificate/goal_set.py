@@ -85,8 +85,12 @@ def check_certifiable(craft: Spacecraft, wheels: bool = False) -> None:
         wheels: whether the bound covers reaction wheels.
 
     Raises:
-        ConfigError: it has effectors of other kinds or reaction wheels, or uses propellant.
+        ConfigError: it has no thrusters, effectors of other kinds or reaction wheels, or uses propellant.
     """
+    if not craft.thrusters:
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has none."
+        )
     if craft.further_effectors:
         raise ConfigError(
             f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has effectors of other "

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
 
+from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
@@ -44,6 +45,34 @@ class Watch(GoToPose):
 
     def remember(self, goal: Any, state: Any) -> Any:
         return goal
+
+
+def test_propellant_has_neither_optimum_nor_bound() -> None:
+    tank = replace(PLATFORM, propellant=Propellant(1.0, 60.0))
+    found = Comparison(Contest(tank, GoToPose(), Timing(), 4, 3))
+    found.fly({}, ["optimal"], certified=2, workers=1)
+    optimum, bound = found.notes
+    assert found.failures == []
+    assert found.certified == []
+    assert "No optimum is computed: " in optimum
+    assert "propellant" in optimum
+    assert re.search("No bound is certified: .* propellant", bound)
+
+
+@pytest.mark.slow
+def test_a_reaction_wheel_has_no_optimum_and_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Comparison, "horizons", lambda _: (20.0,))
+    found = Comparison(Contest(load_spacecraft("pingu"), GoToPose(), Timing(), 4, 3))
+    found.fly({}, ["optimal"], certified=1, workers=1)
+    assert found.failures == []
+    assert found.certified_starts() == [0]
+    arrival = found.certified[0]
+    assert arrival.event == Event()
+    assert arrival.tube is not None
+    assert arrival.tube > arrival.hull > 0.0
+    optimum, bound = found.notes
+    assert "has 1 reaction wheel" in optimum
+    assert "tube bound" in bound
 
 
 @pytest.mark.parametrize(
