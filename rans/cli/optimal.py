@@ -165,8 +165,14 @@ class Optimal:
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         # Before anything is written: what would stop the trajectories or their bounds.
         check_aims(craft, task)
-        check_relaxation(craft)
         check_goal(task)
+        reason = ""
+        try:
+            check_relaxation(craft)
+        except ConfigError as error:
+            if not self.certify:
+                raise
+            reason = str(error)
         if self.certify and not no_certificate(craft, aims(task), self.control_period):
             require("numba")
         about: dict[str, Any] = {
@@ -178,11 +184,8 @@ class Optimal:
             "seed": None if self.start else self.seed,
             "limits": None if limits is None else asdict(limits),
         }
-        if self.certify:
-            try:
-                check_relaxation(craft)
-            except ConfigError as reason:
-                return self._bounds_alone(craft, task, objective, starts, name, about, str(reason))
+        if reason:
+            return self._bounds_alone(craft, task, objective, starts, name, about, reason)
         folder = ready_folder(self.output or Path("runs") / name)
 
         def solved(objective: Objective, title: str) -> list[Optimum]:

@@ -95,6 +95,21 @@ def test_lost_starts_are_told_and_the_rest_is_made(
     assert len(json.loads((tmp_path / "optimal.json").read_text())["starts"]) == 2
 
 
+def test_certify_bounds_craft_with_wheels_without_a_trajectory(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Without --certify nothing can be computed for a wheel, which is an error as before."""
+    command = ("go-to-pose", "--spacecraft", "pingu", "--episodes", "1", "--output", str(tmp_path))
+    assert run(*command, "--certify") == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "has 1 reaction wheel" in text
+    assert "tube bound" in text
+    [bound] = json.loads((tmp_path / "optimal.json").read_text())["bounds"]
+    assert min(bound["hull"], bound["tube"]) > 0.0
+    assert not (tmp_path / "optimal.npz").exists()
+    assert run(*command) == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -125,8 +140,12 @@ def test_lost_starts_are_told_and_the_rest_is_made(
             "--ending, --start, --zones would change nothing for dock",
         ),
         (
-            ("go-to-attitude", "--spacecraft", "innocube", "--certify"),
+            ("go-to-attitude", "--spacecraft", "innocube"),
             "'innocube' has 3 reaction wheels",
+        ),
+        (
+            ("go-to-attitude", "--spacecraft", "innocube", "--certify"),
+            "'innocube': certified bounds are those of thrusters, and it has none",
         ),
         (("go-to-pose", "pretrained:dock-3d"), "agents are for missions on an orbit"),
         (("go-to-pose", "--limits", "pace=1"), "--limits takes speed=..., spin=..., got 'pace=1'"),

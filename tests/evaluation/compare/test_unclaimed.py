@@ -59,7 +59,6 @@ def test_propellant_has_neither_optimum_nor_bound() -> None:
     assert re.search("No bound is certified: .* propellant", bound)
 
 
-@pytest.mark.slow
 def test_a_reaction_wheel_has_no_optimum_and_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Comparison, "horizons", lambda _: (20.0,))
     found = Comparison(Contest(load_spacecraft("pingu"), GoToPose(), Timing(), 4, 3))

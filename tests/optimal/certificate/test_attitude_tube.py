@@ -180,4 +180,8 @@ def test_no_random_flight_is_below_its_bound(dimension: int) -> None:
         assert bound <= spent * (1.0 + 1e-9) + 1e-9
         # Neither is this flight excluded, which is what a least time rests on.
         assert not attitude_tube._excluded(craft, start, goal, time, EXACT)
+        # A goal set that allows motion: no sooner instant hides the one of this flight.
+        loose = GoalSet(0.02, 0.05, 0.05, 0.05)
+        period = random_craft._PERIOD
+        assert attitude_tube.least_arrival(craft, start, goal, period, loose, period) <= time
         flown += 1
