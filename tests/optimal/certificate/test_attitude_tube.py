@@ -64,6 +64,20 @@ def test_least_time_of_a_turn_includes_wheels() -> None:
     assert optimum * (1.0 - CLOSE) < bound < optimum
 
 
+def test_the_hull_bound_of_a_turn_includes_wheels() -> None:
+    # A turn about one axis is a double integrator, for which the bound is the optimum; the wheel has no price.
+    torque = 4.0 * 1.75 * 0.2388427 + 0.1
+    turn = _planar(), _planar(heading=1.0)
+    aims = ("attitude", "spin")
+    bound = hull.least_time(PINGU, aims, *turn, EXACT)
+    assert bound == pytest.approx(2.0 * math.sqrt(0.5 / torque), rel=1e-6)
+    assert hull.least_fuel(PINGU, aims, *turn, 20.0, EXACT) == 0.0
+    # In space nothing is claimed of a turn with wheels.
+    start = SpatialState(Vec3(0, 0, 0), Quat(1, 0, 0, 0), Vec3(0, 0, 0), Vec3(0, 0, 0))
+    half: Any = replace(start, attitude=Quat(0, 0, 0, 1))
+    assert hull.least_time(load_spacecraft("cubesat-3u"), aims, start, half, EXACT) == 0.0
+
+
 @pytest.mark.slow
 def test_wheels_turn_without_impulse() -> None:
     turn = _planar(heading=1.0)
