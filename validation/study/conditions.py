@@ -105,7 +105,7 @@ def condition_checks(
     Raises:
         ConfigError: this spacecraft's valves cannot do what the conditions ask for.
     """
-    conditions.check_valves(craft)
+    conditions.check_craft(craft)
     task = GoToPose(fail_distance=1e6, fail_spin=1e6)
     starts = scenarios(task, craft, seed, count)
     timing = _TIMING[craft.dimension]

@@ -114,7 +114,7 @@ def study(
     """
     started = time.perf_counter()
     if conditions is not None:
-        conditions.check_valves(craft)
+        conditions.check_craft(craft)
     scope = Scope(craft, seed, *((64, 16) if quick else (512, 128)), conditions)
     layers = _chosen(layer, LAYERS if quick and layer is None else FULL_LAYERS, conditions)
     found: list[Check | Skipped | Curve] = []

@@ -304,7 +304,8 @@ class Inbox:
 
     def __init__(self, pilot: MessagePilot) -> None:
         self._kinds = pilot.inputs
-        self._queue: queue.SimpleQueue[ReceivedMessage] = queue.SimpleQueue()
+        # Not `queue.SimpleQueue`: its `get` waits forever if its time is over before it begins to wait.
+        self._queue: queue.Queue[ReceivedMessage] = queue.Queue()
         rates = {
             topic: _MOST_STATES if topic in pilot.interface.inputs else _MOST_OTHERS
             for topic in self._kinds

@@ -28,8 +28,8 @@ from rans.deploy.robot.bag import bag_entries
 from rans.deploy.robot.bus import Receive, UDPBus
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.messages import FLOATS, text_message, unpack
-from rans.deploy.robot.node import Report, fly_over, replay_bag
-from rans.deploy.robot.pilot import AGENT_TOPIC, Plan
+from rans.deploy.robot.node import Inbox, Report, fly_over, planned_task, replay_bag
+from rans.deploy.robot.pilot import AGENT_TOPIC, MessagePilot, Plan
 from rans.errors import ConfigError
 from tests.support.robots import AWAY
 
@@ -246,6 +246,27 @@ def test_a_bag_has_a_largest_size(
 
 
 # Terminals, agents and buses
+
+
+def test_no_wait_for_a_message_is_endless(quick: Path) -> None:
+    """`queue.SimpleQueue` waits forever once in some 10,000 times, if the time is over before it waits."""
+    flying = plan(quick)
+    bus = Robot()
+    inbox = Inbox(MessagePilot(flying, planned_task(flying)))
+    inbox.open(bus)
+    topic = next(iter(bus.receivers))
+
+    def wait() -> None:
+        for number in range(30_000):
+            inbox.refill()
+            bus.send(topic, b"")
+            assert inbox.next(1.0) is not None
+            assert inbox.next(1e-9 + number % 50 * 2e-8) is None
+
+    waits = threading.Thread(target=wait, daemon=True)
+    waits.start()
+    waits.join(30.0)
+    assert not waits.is_alive()
 
 
 @pytest.mark.parametrize(
