@@ -62,6 +62,7 @@ def test_without_the_package_space_has_the_hull_bound_and_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(BOUNDERS, "_own", {})
+    monkeypatch.setattr(BOUNDERS, "_offered", {})  # of who has it installed
     assert "pip install ./examples/plugins/space_certificates" in no_certificate(
         FLYER, aims(TASK), 0.2
     )
