@@ -181,9 +181,9 @@ class Row(NamedTuple):
     size: int
     """Code and constants, bytes."""
     state: int
-    """Of the struct rans_agent, bytes."""
+    """Size of the struct rans_agent, bytes."""
     stack: int
-    """Bytes, with those of tanhf and logf."""
+    """Largest stack, bytes, with those of tanhf and logf."""
     counts: tuple[int, ...]
     """Instructions of every command."""
     equal: int

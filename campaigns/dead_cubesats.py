@@ -116,7 +116,7 @@ def turn(rotation: np.ndarray, inertia: np.ndarray, wheels: Balanced) -> float:
 
 
 def _balanced(craft: Spacecraft) -> Balanced:
-    """Of a craft with a wheel along each axis of B."""
+    """What moves a craft that has a wheel along each axis of B."""
     forces, torques = np.split(np.array(craft.wrench_map), [3], axis=1)
     # Wheel of every axis.
     wheels = [craft.wheels[int(np.abs(row).argmax())] for row in np.array(craft.wheel_map).T]

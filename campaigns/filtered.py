@@ -81,15 +81,15 @@ class Filtered:
         return self._command
 
 
-def corrected(expected: SpatialState, told: SpatialState, gain: np.ndarray) -> SpatialState:
-    """The state expected, moved towards that told by these gains (2, 2) of pose and velocity."""
-    turn = expected.attitude.inverse().times(told.attitude)
+def corrected(expected: SpatialState, measured: SpatialState, gain: np.ndarray) -> SpatialState:
+    """The state expected, moved towards that measured by these gains (2, 2) of pose and velocity."""
+    turn = expected.attitude.inverse().times(measured.attitude)
     side = np.where(
         np.asarray(turn.w) < 0.0, -2.0, 2.0
     )  # twice the vector part, the short way round
     off = (
-        (told.p - expected.p, told.v - expected.v),
-        (Vec3(turn.x * side, turn.y * side, turn.z * side), told.w - expected.w),
+        (measured.p - expected.p, measured.v - expected.v),
+        (Vec3(turn.x * side, turn.y * side, turn.z * side), measured.w - expected.w),
     )
     moved, turned = (
         [pose.scale(row[0]) + velocity.scale(row[1]) for row in gain] for pose, velocity in off

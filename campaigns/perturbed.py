@@ -36,8 +36,8 @@ _INCLINATION = 51.6
 _TARGET_DRAG = 0.02
 """Drag coefficient times area over mass of the target, m^2/kg: 2.2 times 1 m^2 for 110 kg."""
 _DECELERATION = 3.7e-7
-"""Of the target by the air at 500 km, m/s^2: 6.967e-13 kg/m^3 and 7,320 m/s against the air, which turns with the
-Earth."""
+"""Acceleration by which the air at 500 km slows the target down, m/s^2: 6.967e-13 kg/m^3 and 7,320 m/s against the
+air, which turns with the Earth."""
 _RATIO = 0.5
 """Ballistic coefficient of the craft over that of the target."""
 _HEADINGS = (

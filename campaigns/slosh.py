@@ -38,9 +38,10 @@ _RADIUS = 0.1
 _DEPTH = 0.1
 """Radius of the cylindrical tank and depth of its liquid, m: a tank that is half full at twice its radius."""
 _BEHIND = 0.1
-"""From the craft's centre of mass back to the middle of the liquid, m."""
+"""Distance from the craft's centre of mass back to the middle of the liquid, m."""
 _DAMPING_RATIO = 0.005
-"""Of a smooth tank without baffles, at the acceleration below (Dodge 2000, chapter 2)."""
+"""Damping of the pendulum over its critical damping, in a smooth tank without baffles, at the acceleration below
+(Dodge 2000, chapter 2)."""
 _ACCELERATION = 0.2
 """m/s^2, as of the floating platform with one thruster."""
 HEADINGS = (

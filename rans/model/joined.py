@@ -14,7 +14,7 @@ from rans.model.actuators import Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
 
 Effectors = Literal["both", "first"]
-"""Whose thrusters and wheels two joined craft have: those of both, or those of the first alone."""
+"""Which thrusters and wheels two joined craft have: those of both, or those of the first alone."""
 
 
 def joined(

@@ -167,7 +167,7 @@ class Adaptation(NamedTuple):
         of_none = rows.product(likelihood, none)
         (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance])
 
-        # The likeliest hypothesis, in favour of none.
+        # The most probable hypothesis; that every thruster works is preferred up to the limit of the odds.
         favour = rows.constant([_EVIDENCE] + [0.0] * len(self.spare))
         (favoured,) = rows.computed(lambda a, b: [a + b], [odds, favour])
         accepted = rows.largest(favoured, self._hypotheses)

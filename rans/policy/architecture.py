@@ -187,7 +187,7 @@ class Architecture:
 
     @property
     def filtering(self) -> int:
-        """Those of them that filters, or the estimator of a network that adapts, remember, which come last."""
+        """Numbers of the memory for the filters, or for the estimator of a network that adapts; they come last."""
         if self.adapts:
             return self.adaptation.width
         filters = sum(filter_.width(self.columns) for filter_ in self._bank)
@@ -210,7 +210,7 @@ class Architecture:
 
     @property
     def preprocessed_width(self) -> int:
-        """Columns and numbers told that are seen at once, and lost thrusters."""
+        """Numbers of a filtered observation: columns as read and as each filter has them, or lost thrusters."""
         if self.adapts:
             return self.column_count + self.adaptation.thrusters
         return len(self.extra_columns) * self.column_count + sum(self.extra_columns)

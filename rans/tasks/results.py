@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import os
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -56,7 +57,9 @@ def check_results(task: Task) -> None:
     for name, arguments, must, holds in checks:
         try:
             result = getattr(task, name)(*arguments)
-        except Exception:
+        except (
+            Exception
+        ):  # what a function raises is told by the engine that calls it, with its traceback
             continue
         _require(task, name, result, must, holds)
 
@@ -65,11 +68,12 @@ def _require(task: Task, name: str, result: Any, must: str, holds: Callable[[Any
     """Raise ConfigError with the file and line of a function whose result is of another kind."""
     if holds(result):
         return
-    code = getattr(type(task), name).__code__
+    code = inspect.unwrap(getattr(type(task), name)).__code__
     got = "nothing, as it has no `return`" if result is None else type(result).__name__
     if isinstance(result, Mapping):
-        wrong = next(key for key, value in result.items() if not _is_field(value))
-        got = f"{wrong!r} with a {type(result[wrong]).__name__} in it"
+        wrong = [(key, value) for key, value in result.items() if not _is_field(value)]
+        if wrong:
+            got = f"{wrong[0][0]!r} with a {type(wrong[0][1]).__name__} in it"
     raise ConfigError(
         f"{os.path.basename(code.co_filename)}, line {code.co_firstlineno}: {type(task).__name__}.{name} must "
         f"return {must}, got {got}."

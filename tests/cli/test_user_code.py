@@ -80,6 +80,7 @@ def test_a_reward_that_is_no_dict_is_named(
 @pytest.mark.parametrize(
     ("function", "said"),
     [
+        ("def done(self, state, goal): return {'won': state.p.x}", "got dict"),
         (
             "def errors(self, state, goal): e = {'position': 1.0}",
             "errors must return a dict of errors",

@@ -84,7 +84,7 @@ def test_without_friction_energy_stays() -> None:
 
 
 def test_small_swings_have_the_frequency_of_a_pendulum() -> None:
-    """Of a light mass below the centre of a heavy craft that accelerates along x: sqrt(a / l)."""
+    """The frequency of a light mass below the centre of a heavy craft that accelerates along x is sqrt(a / l)."""
     slosh = rans.Slosh(1e-5, 0.1, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     craft = replace(SLOSHING, slosh=slosh)
     still = states(craft, 1, spin=0.0)

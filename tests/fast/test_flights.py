@@ -126,7 +126,7 @@ def test_allocation_is_flown(name: str) -> None:
 
 @cache
 def perfect() -> FlightStatistics:
-    """The same flights without conditions."""
+    """Statistics of the flights of this file without conditions."""
     return Flights(policy(PLATFORM), setup(PLATFORM)).fly(0, COUNT, 1)
 
 

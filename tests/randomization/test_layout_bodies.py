@@ -250,7 +250,7 @@ def test_errors_of_the_designed_layout_are_refused() -> None:
 
 
 def test_thrusters_that_a_layout_has_fail() -> None:
-    """Of one fault in every episode none goes to a missing thruster; of eight, all of the layout's die."""
+    """One fault in every episode never goes to a missing thruster; eight kill all thrusters of the layout."""
     for failing in (1, 8):
         faults = rans.FaultConditions(count=float(failing), kinds=("dead",))
         drawn = examples(replace(RANDOM, faults=faults), CRAFT, 10)
@@ -277,7 +277,7 @@ def test_engines_that_cannot_have_them_say_why() -> None:
         rans.Engine(CRAFT, "go-to-pose", 4, conditions=RANDOM, body=body)
 
 
-def told(num_envs: int, conditions: Conditions = RANDOM, **how: Any) -> np.ndarray:
+def observed_thrusters(num_envs: int, conditions: Conditions = RANDOM, **how: Any) -> np.ndarray:
     """Observed thrusters (N, 9, 3) of a craft with eight."""
     task = rans.GoToPose(observed_thrusters=9)
     engine = rans.Engine(CRAFT, task, num_envs, Timing(0.2, 1, 4), conditions=conditions, **how)
@@ -293,7 +293,7 @@ def told(num_envs: int, conditions: Conditions = RANDOM, **how: Any) -> np.ndarr
 @pytest.mark.parametrize("num_envs", [4, 3])
 def test_policies_observe_the_accelerations_of_thrusters(num_envs: int, how: Any) -> None:
     heavy = replace(RANDOM, body=rans.BodyConditions(mass=2.0, inertia=3.0))
-    rows = told(num_envs, heavy, **how)
+    rows = observed_thrusters(num_envs, heavy, **how)
     designed = np.array(CRAFT.wrench_map)
     unit = np.abs(designed[:, 2]).mean()  # all thrusters of this craft turn it as much
     for number in range(num_envs):

@@ -144,7 +144,7 @@ class _Labels(NamedTuple):
 
     columns: Tensor
     actions: Tensor
-    """Of the expert."""
+    """Commands of the expert in the same states."""
     returns: Tensor
     """Discounted rewards."""
     own: Tensor

@@ -40,7 +40,7 @@ class OnAnEllipse(GoToPosition):
 
 @dataclass(frozen=True)
 class AroundAnOblatePlanet(OnAnEllipse):
-    """The same with an argument of latitude, a planet ten times as flat as the Earth, and drag."""
+    """The goal's note is an argument of latitude. The planet is ten times as flat as the Earth; there is drag."""
 
     @property
     def drift(self) -> Any:

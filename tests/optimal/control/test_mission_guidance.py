@@ -118,7 +118,7 @@ def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
 
 @pytest.mark.slow
 def test_a_known_force_does_not_lead_the_filter_astray() -> None:
-    """Of 1e-3 N, 8e-5 m/s^2, an estimate that ignores it is wrong by 40 m after 1,000 s."""
+    """An estimate that ignores a force of 1e-3 N, which is 8e-5 m/s^2, is wrong by 40 m after 1,000 s."""
     task = Dock(deadline=(1000.0, 1000.0))
     timing = replace(task.timing, episode_steps=100)
     starts = scenarios(task, DEPUTY, 7, 3)
