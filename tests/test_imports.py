@@ -178,8 +178,8 @@ def test_each_engine_keeps_to_its_library() -> None:
 
 def test_the_judge_knows_nothing_of_our_equations() -> None:
     values = {f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift")}
-    own = {f"rans.reference.{name}" for name in ("parts", "nozzles", "further")}
-    for judge in ("plant.py", "parts.py", "nozzles.py", "further.py"):
+    own = {f"rans.reference.{name}" for name in ("parts", "nozzles", "further", "rods")}
+    for judge in ("plant.py", "parts.py", "nozzles.py", "further.py", "rods.py"):
         ours = {
             name for name in imports(ROOT / "rans" / "reference" / judge) if name.startswith(ROOMS)
         }

@@ -1,18 +1,23 @@
-"""Motion of a craft with a pendulum inside, which is the equivalent of a sloshing liquid; in the plane."""
+"""Motion of a craft with a pendulum inside, which is the equivalent of a sloshing liquid."""
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from rans.effectors import spherical
 from rans.effectors.effector import Action, Begun, Effector
+from rans.effectors.spherical import Motion, SphericalPair
 from rans.errors import ConfigError
 from rans.model.body import Body
 from rans.model.drift import Drift
-from rans.model.dynamics import NODES, PlanarState, Wrench
-from rans.model.fields import Field, Heading, Vec2, cos, map_leaves, sin, wrap
+from rans.model.dynamics import NODES, PlanarState, SpatialState, Wrench
+from rans.model.fields import Field, Heading, Vec2, Vec3, cos, map_leaves, sin, wrap
 from rans.model.slosh import Slosh
 from rans.model.spacecraft import CommandRange, Spacecraft, Store
 
@@ -29,11 +34,11 @@ _MOST_STEPS = 64
 
 @dataclass(frozen=True)
 class Pendulum(Effector):
-    """Sloshing liquid as an effector: its states are the angle of the rod relative to the craft, and its rate."""
+    """Sloshing liquid as an effector: its states are where the rod points relative to the craft, and its rate."""
 
     slosh: Slosh
     craft: Spacecraft
-    angle_and_rate: tuple[Store, ...]
+    stores_of_rod: tuple[Store, ...]
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
@@ -42,12 +47,13 @@ class Pendulum(Effector):
 
     @property
     def stores(self) -> tuple[Store, ...]:
-        """Angle of the rod, rad, and its rate, rad/s."""
-        return self.angle_and_rate
+        """Plane: angle of the rod, rad, and its rate, rad/s. Space: unit vector in B and its rate, 1/s."""
+        return self.stores_of_rod
 
     def begin(self, begun: Begun) -> Action:
         """Action over a control period: it moves craft and rod together (`Swinging.advance`)."""
-        return Swinging(self, begun.stores, begun.body)
+        kind = SwingingInThePlane if self.craft.dimension == 2 else SwingingInSpace
+        return kind(self, begun.stores, begun.body)
 
 
 class Pair(NamedTuple):
@@ -106,14 +112,13 @@ class Pair(NamedTuple):
 class Swinging(Action):
     """Action of the pendulum over a control period."""
 
-    def __init__(self, pendulum: Pendulum, stores: Sequence[Field], body: Body) -> None:
-        self._angle, self._rate = stores
-        self._pair = Pair.of(pendulum.slosh, pendulum.craft, body)
+    def __init__(self, pendulum: Pendulum, stores: Sequence[Field], _: Body) -> None:
+        self._stores = tuple(stores)
         self._pace, self._decay = paces(pendulum.slosh, pendulum.craft)
 
     def stores(self, time: Field) -> tuple[Field, ...]:
-        """Angle, rad, in [-pi, pi), and rate, rad/s."""
-        return (self._angle, self._rate)
+        """States of the pendulum after the parts of the period so far."""
+        return self._stores
 
     def steps(self, longest: float) -> int:
         """Number of integration steps in a part of the period that lasts so long at most, s."""
@@ -124,6 +129,31 @@ class Swinging(Action):
             ),
             _MOST_STEPS,
         )
+
+    @abstractmethod
+    def advance(
+        self,
+        state: Any,
+        applied: Wrench,
+        body: Body,
+        duration: Field,
+        steps: int = 1,
+        nodes: int = NODES,
+        disturbance: Wrench | None = None,
+        drift: Drift | None = None,
+        last: Wrench | None = None,
+        momentum: tuple[Vec3, Vec3] | None = None,
+        *_: Any,
+    ) -> Any:
+        """State after a wrench has acted for a duration; arguments as of `rans.model.dynamics.advance`."""
+
+
+class SwingingInThePlane(Swinging):
+    """Action of a pendulum that turns in the plane."""
+
+    def __init__(self, pendulum: Pendulum, stores: Sequence[Field], body: Body) -> None:
+        super().__init__(pendulum, stores, body)
+        self._pair = Pair.of(pendulum.slosh, pendulum.craft, body)
 
     def advance(
         self,
@@ -147,9 +177,10 @@ class Swinging(Action):
         # Directions in W, and the centre of mass of both.
         toward = math.atan2(pair.rest[1], pair.rest[0])
         heading = state.attitude.angle
-        rod = heading + (self._angle + toward)
+        angle, rate = self._stores
+        rod = heading + (angle + toward)
         spin = state.w
-        turning = spin + self._rate
+        turning = spin + rate
         away, speed = _centre(pair, heading, rod, spin, turning)
         p = state.p + away
         v = state.v + speed
@@ -194,9 +225,70 @@ class Swinging(Action):
             p = p + moved
             v = v + gained
         away, speed = _centre(pair, heading, rod, spin, turning)
-        self._angle = wrap(rod - heading - toward)
-        self._rate = turning - spin
+        self._stores = (wrap(rod - heading - toward), turning - spin)
         return PlanarState(p - away, Heading(heading), v - speed, spin)
+
+
+class SwingingInSpace(Swinging):
+    """Action of a pendulum that turns about its hinge in every direction."""
+
+    def __init__(self, pendulum: Pendulum, stores: Sequence[Field], body: Body) -> None:
+        super().__init__(pendulum, stores, body)
+        self._pair = SphericalPair.of(pendulum.slosh, pendulum.craft, body)
+
+    def advance(
+        self,
+        state: SpatialState,
+        applied: Wrench,
+        body: Body,
+        duration: Field,
+        steps: int = 1,
+        nodes: int = NODES,
+        disturbance: Wrench | None = None,
+        drift: Drift | None = None,
+        last: Wrench | None = None,
+        momentum: tuple[Vec3, Vec3] | None = None,
+        *_: Any,
+    ) -> SpatialState:
+        """State after a wrench has acted for a duration; arguments as of `rans.model.dynamics.advance`."""
+        h = duration / steps
+        rod, slip = Vec3(*self._stores[:3]), Vec3(*self._stores[3:])
+        motion = Motion(state.attitude, state.w, rod, slip + state.w.cross(rod))
+        away, speed = spherical.centre(self._pair, motion)
+        p = state.p + away
+        v = state.v + speed
+        change = None if last is None else map_leaves(lambda a, b: b - a, applied, last)
+
+        def rates(now: Motion, elapsed: float) -> tuple[Motion, Vec3]:
+            load = applied
+            if change is not None:
+                load = map_leaves(lambda a, b: a + b * elapsed, applied, change)
+            wheels = None if momentum is None else momentum[0] + momentum[1].scale(elapsed)
+            return spherical.rates(self._pair, load, disturbance, wheels, now)
+
+        for k in range(steps):
+            begin, middle, end = (x / steps for x in (k, k + 0.5, k + 1))
+            one, c1 = rates(motion, begin)
+            two, c2 = rates(motion.after(one, 0.5 * h), middle)
+            three, c3 = rates(motion.after(two, 0.5 * h), middle)
+            four, c4 = rates(motion.after(three, h), end)
+            mean = map_leaves(
+                lambda a, b, c, d: (a + (b + c) * 2.0 + d) * (1.0 / 6.0), one, two, three, four
+            )
+            motion = motion.after(mean, h)
+            p, v = (p + v.scale(h), v) if drift is None else drift.carry(p, v, h)
+            p = p + (c1 + c2 + c3).scale(h * h * (1.0 / 6.0))
+            v = v + (c1 + (c2 + c3).scale(2.0) + c4).scale(h * (1.0 / 6.0))
+
+        # The rod has a constant length, and turns about the hinge only.
+        rod = motion.rod.scale(1.0 / motion.rod.norm())
+        slip = motion.moving - motion.spin.cross(rod)
+        slip = slip - rod.scale(slip.dot(rod))
+        self._stores = (*rod.columns(), *slip.columns())
+        attitude = motion.attitude.normalised()
+        motion = Motion(attitude, motion.spin, rod, slip + motion.spin.cross(rod))
+        away, speed = spherical.centre(self._pair, motion)
+        return SpatialState(p - away, attitude, v - speed, motion.spin)
 
 
 def _centre(
@@ -258,16 +350,28 @@ def _accelerations(
 
 def paces(slosh: Slosh, craft: Spacecraft) -> tuple[float, float]:
     """Fastest usual rate of craft and rod, and rate at which friction stops the rod, rad/s and 1/s."""
-    pair = Pair.of(slosh, craft, Body.of(craft))
+    arm, of_craft, reduced = _heaviest(slosh, craft)
     # Half of the thrusters push together at most; the centrifugal field of the arm acts as gravity too.
     pull = 0.5 * sum(thruster.force for thruster in craft.thrusters) / craft.mass
-    pull += _USUAL_SPIN**2 * math.hypot(*pair.arm)
+    pull += _USUAL_SPIN**2 * arm
     pace = max(_USUAL_SPIN, math.sqrt(pull / slosh.length))
-    along = pair.coupling * math.hypot(*pair.arm)
-    mobility = (pair.of_craft + pair.of_rod + 2.0 * along) / (
-        pair.of_craft * pair.of_rod - along**2
-    )
+    of_rod = reduced * slosh.length**2
+    along = reduced * slosh.length * arm
+    mobility = (of_craft + of_rod + 2.0 * along) / (of_craft * of_rod - along**2)
     return pace, slosh.damping * mobility
+
+
+def _heaviest(slosh: Slosh, craft: Spacecraft) -> tuple[float, float, float]:
+    """Length of the arm, least inertia of the craft with the rod's end in the hinge, and reduced mass; SI."""
+    body = Body.of(craft)
+    if craft.dimension == 2:
+        pair = Pair.of(slosh, craft, body)
+        return math.hypot(*pair.arm), pair.of_craft, pair.coupling / pair.length
+    pair = SphericalPair.of(slosh, craft, body)
+    xx, xy, xz, yy, yz, zz = pair.inertia
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    arm = math.hypot(*pair.arm.columns())
+    return arm, float(np.linalg.eigvalsh(tensor)[0]) + pair.reduced * arm**2, pair.reduced
 
 
 def check_slosh(craft: Spacecraft, drift: Drift, period: float) -> None:

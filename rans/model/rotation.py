@@ -66,7 +66,7 @@ def spin_series(
     xx, xy, xz, yy, yz, zz = inertia
     # The part of the tensor that contributes, and how many terms the series has.
     excess = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0)
-    inverse = _inverse(inertia)
+    mobility = symmetric_inverse(inertia)
     is_even = even(inertia)
     calm = is_even and stored is None
     order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
@@ -79,11 +79,11 @@ def spin_series(
             torques += _swollen(turning[: k + 1], swell)
             turning.append(last_product(turning, rate).scale(h / (k + 1)))
         if not calm:
-            own = [] if is_even else [_symmetric_times(excess, rate[k])]
+            own = [] if is_even else [symmetric_times(excess, rate[k])]
             own += (stored or ())[k : k + 1]
             momentum.append(reduce(add, own) if own else Vec3(0.0, 0.0, 0.0))
             torques.append(last_product(momentum, rate))
-        rate.append(_symmetric_times(inverse, reduce(add, torques)).scale(h / (k + 1)))
+        rate.append(symmetric_times(mobility, reduce(add, torques)).scale(h / (k + 1)))
     return rate
 
 
@@ -112,7 +112,7 @@ def _less(a: Field, b: Field) -> Field:
     return 0.0 if a is b else a - b
 
 
-def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
+def symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
     """Product of a symmetric 3x3 tensor, given by its six entries, with a vector."""
     xx, xy, xz, yy, yz, zz = entries
     return Vec3(
@@ -120,7 +120,7 @@ def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
     )
 
 
-def _inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
+def symmetric_inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
     """Inverse of a symmetric 3x3 tensor by cofactors, as its six entries."""
     xx, xy, xz, yy, yz, zz = entries
     a = yy * zz - yz * yz

@@ -15,9 +15,9 @@ _FIRST_ZERO = 1.841183781
 class Slosh:
     """Liquid that sloshes in a tank, as a point mass on a massless rod with a hinge fixed to the spacecraft.
 
-    The rod turns freely in the plane about its hinge, with viscous friction. Mass, inertia and centre of mass of
-    the spacecraft include the liquid with the rod along ``direction``. Without thrust the rod stays where it is or
-    turns on: nothing but the acceleration of the spacecraft acts as gravity.
+    The rod turns freely about its hinge, in the plane or in every direction of space, with viscous friction. Mass,
+    inertia and centre of mass of the spacecraft include the liquid with the rod along ``direction``. Without thrust
+    the rod stays where it is or turns on: nothing but the acceleration of the spacecraft acts as gravity.
 
     A pendulum is the equivalent of the first lateral mode of a liquid under an acceleration that exceeds the effect
     of surface tension. Source: F. T. Dodge, "The new dynamic behavior of liquids in moving containers", Southwest
@@ -37,7 +37,7 @@ class Slosh:
     direction: tuple[float, float, float]
     """Unit vector from the hinge to the mass in G where the angle is zero."""
     damping: float = 0.0
-    """Torque of the hinge's friction for each rad/s, N m s."""
+    """Torque of the hinge's friction for each rad/s of the rod relative to the craft, N m s."""
 
     @classmethod
     def in_cylinder(

@@ -146,7 +146,7 @@ class Spacecraft(NotebookRepr):
     further_effectors: tuple[FurtherEffector, ...] = ()
     """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
     slosh: Slosh | None = None
-    """Liquid that sloshes, in the plane; None: the craft is rigid."""
+    """Liquid that sloshes; None: the craft is rigid."""
 
     def __post_init__(self) -> None:
         check_spacecraft(self)
@@ -300,9 +300,18 @@ class Spacecraft(NotebookRepr):
 
     @cached_property
     def slosh_stores(self) -> tuple[Store, ...]:
-        """Angle and rate of the sloshing liquid's pendulum; empty without one."""
+        """Where the sloshing liquid's pendulum points relative to the craft, and its rate; empty without one.
+
+        Plane: its angle and the rate of this. Space: its unit vector in B and the derivative of this.
+        """
         if self.slosh is None:
             return ()
+        if self.dimension == 3:
+            directions = zip("xyz", self.slosh.direction, strict=True)
+            return (
+                *(Store(f"slosh direction {axis}", "", e, -1.0, 1.0) for axis, e in directions),
+                *(Store(f"slosh rate {axis}", "1/s", 0.0, -_LARGEST, _LARGEST) for axis in "xyz"),
+            )
         return (
             Store("slosh angle", "rad", 0.0, -math.pi, math.pi),
             Store("slosh rate", "rad/s", 0.0, -_LARGEST, _LARGEST),
@@ -317,6 +326,17 @@ class Spacecraft(NotebookRepr):
     def command_dtype(self) -> Literal["int8", "float32"]:
         """Number type in which commands are stored."""
         return self.actuators.dtype if self.has_only_thrusters else "float32"
+
+    @cached_property
+    def least_spread(self) -> float:
+        """Plane: moment of inertia, kg m^2. Space: least second moment of the mass along a line, kg m^2.
+
+        A point mass m at a distance d adds at most m d^2 to it, and a body is rigid if it is not negative.
+        """
+        if self.dimension == 2:
+            return self.inertia[2][2]
+        moments = np.linalg.eigvalsh(np.array(self.inertia))
+        return float(0.5 * moments.sum() - moments[-1])
 
     @property
     def lightest(self) -> float:
@@ -597,11 +617,10 @@ def _check_slosh(craft: Spacecraft) -> None:
     if craft.slosh is None:
         return
     slosh = checked(f"spacecraft {craft.name!r}: slosh", craft.slosh, Slosh)
-    if craft.dimension == 3 or craft.propellant is not None:
-        other = "dimension = 3" if craft.dimension == 3 else "[propellant]"
+    if craft.propellant is not None:
         raise ConfigError(
-            f"spacecraft {craft.name!r} has [slosh], a pendulum of constant mass in the plane, and {other}: take "
-            "one of them out of its file."
+            f"spacecraft {craft.name!r} has [slosh], a pendulum of constant mass, and [propellant]: take one of "
+            "them out of its file."
         )
     _require(_positive(slosh.length), craft, "slosh length", slosh.length, f"{_POSITIVE} m")
     _require(_triple(slosh.hinge), craft, "slosh hinge", slosh.hinge, f"{_TRIPLE} m")
@@ -616,7 +635,7 @@ def _check_slosh(craft: Spacecraft) -> None:
     )
     off = max(abs(slosh.hinge[2] - craft.centre_of_mass[2]), abs(slosh.direction[2]))
     _require(
-        off <= _PLANE_TOLERANCE,
+        craft.dimension == 3 or off <= _PLANE_TOLERANCE,
         craft,
         "slosh hinge and direction",
         (slosh.hinge, slosh.direction),
@@ -630,13 +649,14 @@ def _check_slosh(craft: Spacecraft) -> None:
     # What the mass at rest adds to the inertia about the centre of mass of both.
     away = math.dist(slosh.point(), craft.centre_of_mass)
     adds = slosh.mass * away**2 / (1.0 - slosh.mass / craft.mass)
+    moment = craft.least_spread
     _require(
-        adds <= craft.inertia[2][2] * (1.0 - 1e-3),
+        adds <= moment * (1.0 - 1e-3),
         craft,
         "slosh mass",
         slosh.mass,
         f"so small that the craft without it has an inertia above 0: at rest it is {away:.4g} m from the centre of "
-        f"mass and adds {adds:.4g} kg m^2 of the craft's {craft.inertia[2][2]:.4g} kg m^2, which includes it",
+        f"mass and adds {adds:.4g} kg m^2 of the craft's {moment:.4g} kg m^2, which includes it",
     )
 
 

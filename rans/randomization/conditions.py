@@ -322,7 +322,7 @@ class Conditions(Settings):
             # The largest that the mass at rest adds, as in the check of the spacecraft.
             away = math.dist(slosh.point(), craft.centre_of_mass) + shift
             adds = mass * slosh.mass * away**2 / (1.0 - slosh.mass / craft.mass)
-            moment = least * craft.inertia[2][2]
+            moment = least * craft.least_spread
             if adds > moment * (1.0 - 1e-3):
                 raise ConfigError(
                     f"Conditions of body.mass up to {mass:g}, body.inertia from {least:g} and body.centre up to "

@@ -140,9 +140,12 @@ class DrakeMover:
         fastest = float(np.sqrt(np.nan_to_num(spins).max())) + _STRONGER * self._spin_up * period
         fastest += gyroscopic_rate(self._craft)
         if self._craft.slosh is not None:
-            names = [store.name for store in self._craft.stores]
-            rates = np.nan_to_num(np.abs(state.stores[names.index("slosh rate")]))
-            fastest += float(np.max(rates))
+            rates = [
+                np.nan_to_num(np.square(value))
+                for store, value in zip(self._craft.stores, state.stores, strict=True)
+                if store.name.startswith("slosh rate")
+            ]
+            fastest += float(np.sqrt(np.max(np.sum(rates, axis=0))))
         return max(_SHORTEST, min(period / 20.0, _TURN / max(fastest, 1e-9)))
 
     def _plant_for(self, body: Body, count: int) -> Plant:

@@ -26,7 +26,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
@@ -53,12 +53,11 @@ from rans.reference.parts import (
     designed,
     gravity,
     mounted,
-    point_mass,
-    slosh_mass,
     spatial_inertia,
     thrust_pose,
     wheel_inertia,
 )
+from rans.reference.rods import HingeFriction, PlanarRods, Rods, SphericalRods
 
 _WEIGHINGS = 16
 """Times that a craft is weighed anew in a control period in which it uses propellant."""
@@ -74,7 +73,7 @@ class Plant:
     grow.
 
     A reaction wheel is a body of its own on a revolute joint with an actuator, and sloshing liquid is a point mass
-    on a revolute joint with friction. Propellant that is used makes
+    on a joint with friction (`rans.reference.rods`). Propellant that is used makes
     the craft lighter in short steps of the integration, each with the mass in its middle.
 
     Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake 1.51.1
@@ -140,7 +139,10 @@ class Plant:
             [self._add_wheel(k, number) for number in range(craft.wheel_count)]
             for k in range(count)
         ]
-        self._rods = [] if craft.slosh is None else [self._add_slosh(k) for k in range(count)]
+        self._rods: Rods | None = None
+        if craft.slosh is not None:
+            kind = PlanarRods if craft.dimension == 2 else SphericalRods
+            self._rods = kind(self._plant, craft, self._body, self._bodies)
         self._plant.Finalize()
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
         self._position = np.array(
@@ -152,8 +154,6 @@ class Plant:
         self._spins = np.array(
             [[joint.velocity_start() for joint in wheels] for wheels in self._wheels], dtype=int
         )
-        self._rod_angles = [joint.position_start() for joint in self._rods]
-        self._rod_rates = [joint.velocity_start() for joint in self._rods]
         self._propeller, self._thrust = self._add_thrusters(builder)
         if craft.wheels:
             builder.ExportInput(self._plant.get_actuation_input_port(), "motors")
@@ -322,25 +322,6 @@ class Plant:
         self._plant.AddJointActuator(name, added)
         return added
 
-    def _add_slosh(self, k: int) -> Joint:
-        """The sloshing liquid of one spacecraft: a point mass on a rod."""
-        slosh = self.craft.slosh
-        assert slosh is not None
-        # At the end of the rod, whose x axis points along it.
-        mass = slosh_mass(self.craft, self._body, k)
-        body = self._plant.AddRigidBody(
-            f"S of G{k}", point_mass(mass, np.array([slosh.length, 0.0, 0.0]))
-        )
-        x, y, _ = slosh.direction
-        pose = RigidTransform(RotationMatrix.MakeZRotation(math.atan2(y, x)), np.array(slosh.hinge))
-        hinge = self._plant.AddFrame(
-            FixedOffsetFrame(f"hinge of {body.name()}", self._bodies[k].body_frame(), pose)
-        )
-        axis = np.array([0.0, 0.0, 1.0])
-        return self._plant.AddJoint(
-            RevoluteJoint(body.name(), hinge, body.body_frame(), axis, slosh.damping)
-        )
-
     def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
         """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
         nozzles = [
@@ -379,6 +360,18 @@ class Plant:
         """The input for disturbances, through the orbit's pull where there is an orbit."""
         forces = self._plant.get_applied_generalized_force_input_port()
         if not isinstance(self._drift, Orbit):
+            if isinstance(self._rods, SphericalRods):
+                assert self.craft.slosh is not None
+                friction = HingeFriction(
+                    self._rods,
+                    self.craft.slosh.damping,
+                    self._plant.num_positions(),
+                    self._plant.num_velocities(),
+                )
+                builder.AddSystem(friction)
+                builder.Connect(self._plant.get_state_output_port(), friction.state)
+                builder.Connect(friction.total, forces)
+                forces = friction.others
             builder.ExportInput(forces, "disturbance")
             return
         along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
@@ -539,10 +532,10 @@ class Plant:
             spins = states[:, 5:6] * np.eye(3)[2] if self.craft.dimension == 2 else states[:, 10:]
             rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
             v[self._spins] = self._momenta(stores) / rotors - spins @ self._axes()
-        if self._rods:
+        if self._rods is not None:
             end = self._end_of_rods(stores)
-            q[self._rod_angles] = stores[:, end - 2]
-            v[self._rod_rates] = stores[:, end - 1]
+            own = stores[:, end - len(self.craft.slosh_stores) : end]
+            self._rods.set(self._plant_context, q, v, own)
         if self.craft.propellant is not None:
             self._left = stores[:, 0]
             self._weigh(self._share_of_mass(self._left))
@@ -608,11 +601,8 @@ class Plant:
             rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
             spins = self._plant.GetVelocities(self._plant_context)[self._spins]
             rows = np.hstack([rows, rotors * (w_B @ self._axes() + spins)])
-        if self._rods:
-            angles = self._plant.GetPositions(self._plant_context)[self._rod_angles]
-            rates = self._plant.GetVelocities(self._plant_context)[self._rod_rates]
-            wrapped = np.mod(angles + np.pi, 2.0 * np.pi) - np.pi
-            rows = np.column_stack([rows, wrapped, rates])
+        if self._rods is not None:
+            rows = np.hstack([rows, self._rods.get(self._plant_context)])
         if self._begun:
             time = self._context.get_time()
             rows = np.hstack(

@@ -207,8 +207,6 @@ def test_what_no_pendulum_is_is_refused(changes: dict[str, Any], sentence: str) 
 
 
 def test_what_knows_nothing_of_it_refuses() -> None:
-    with pytest.raises(ConfigError, match="dimension = 3"):
-        replace(rans.load_spacecraft("free-flyer"), slosh=SLOSH)
     with pytest.raises(ConfigError, match=r"and \[propellant\]"):
         replace(SLOSHING, propellant=Propellant(0.5, 50.0))
     with pytest.raises(ConfigError, match="drift is clohessy-wiltshire"):
