@@ -9,7 +9,8 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -64,6 +65,8 @@ _ELEMENTWISE = {
 """What each operation is of single numbers."""
 _TRUTHS = {"Equal", "Greater", "Less", "GreaterOrEqual", "LessOrEqual", "And", "Or"}
 """Operations that give 0 or 1 as an int."""
+_VIEWS = {"Split", "Reshape"}
+"""Operations whose results may be parts of their first operand's memory."""
 
 
 class _Packed(NamedTuple):
@@ -379,6 +382,58 @@ def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
     return "\n".join(texts)
 
 
+class _Loop:
+    """Operations on single numbers of arrays of a size, which one loop computes."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self.lines: dict[str, tuple[str, str]] = {}
+        """By the name of a value: its entry in the loop, and the expression."""
+        self.uses = Counter[str]()
+        """Number of times that the loop uses a value."""
+
+
+class _Scratch:
+    """Places of arrays of floats in a single one, which others take when an array is not used any more."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self._taken: dict[str, tuple[int, int]] = {}
+
+    def taken(self, name: str, size: int) -> int:
+        """First index of a new array: the lowest where it has room."""
+        start = 0
+        for first, end in sorted(self._taken.values()):
+            if start + size <= first:
+                break
+            start = max(start, end)
+        self._taken[name] = start, start + size
+        self.size = max(self.size, start + size)
+        return start
+
+    def free(self, names: Set[str]) -> None:
+        """Give back the places of arrays."""
+        for name in names & self._taken.keys():
+            del self._taken[name]
+
+
+def _last_uses(program: Program, delayed: frozenset[str]) -> dict[str, int]:
+    """Number of the last step that uses each variable, also as a part or in another shape.
+
+    Values of ``delayed`` names are computed where they are used, from their first operand.
+    """
+    own: dict[str, str] = {}
+    last = {}
+    for number, step in enumerate(program.steps):
+        used = [own.get(name, name) for name in step.inputs]
+        last |= dict.fromkeys(used, number)
+        is_view = step.operation in _VIEWS or step.outputs[0] in delayed
+        own |= {name: used[0] if is_view else name for name in step.outputs}
+    # What the function returns.
+    last |= {own.get(name, name): len(program.steps) for name in ("command", "memory_out")}
+    return {_variable(name): number for name, number in last.items()}
+
+
 class _Printer:
     """The steps of a program as lines of one C function."""
 
@@ -389,25 +444,43 @@ class _Printer:
             "memory": _Value("memory", (1, ports.memory)),
         }
         self._used: dict[str, None] = {}
+        self._tables: dict[tuple[Any, ...], _Value] = {}
         self._ports = ports
         self._lines: list[str] = []
-        self._packable = _packable(program)
         self._scores = _scores(program)
+        self._packable = _packable(program, {offset for _, offset in self._scores.whole.values()})
+        self._constants = dict(program.constants)
+        self._halves = {
+            product.inputs[1]: self._split_table(product.inputs[1])
+            for product, _ in self._scores.whole.values()
+        }
+        self._loop = _Loop()
+        self._scratch = _Scratch()
+        self._uses = Counter(
+            [name for step in program.steps for name in step.inputs] + ["command", "memory_out"]
+        )
 
     def lines(self) -> list[str]:
         """Everything from the observation and the memory to the command and the memory after."""
-        for step in self._program.steps:
+        last = _last_uses(self._program, self._scores.parts)
+        for number, step in enumerate(self._program.steps):
             self._print(step)
+            # A loop that is not printed yet still reads its operands.
+            if not self._loop.lines:
+                self._scratch.free({text for text, end in last.items() if end <= number})
+        self._end_loop()
         self._copy("command", "command", self._ports.command)
         if self._ports.memory:
             self._copy("memory_out", "after", self._ports.memory)
+        if self._scratch.size:
+            self._lines.insert(0, f"float scratch[{self._scratch.size}];")
         return self._lines
 
     def tables(self) -> list[str]:
         """Constant arrays that the lines use."""
         texts = []
         for name in self._used:
-            value = self._program.constants[name]
+            value = self._constants[name]
             flat = value.ravel()
             if value.dtype.kind == "i":
                 kind, numbers = "int", [str(int(x)) for x in flat]
@@ -433,25 +506,42 @@ class _Printer:
 
     def _value(self, name: str) -> _Value:
         if name not in self._known:
-            constant = self._program.constants[name]
+            constant = self._constants[name]
             kind = "int" if constant.dtype.kind == "i" else "float"
             if constant.size == 1:
                 item = constant.item()
                 text = str(int(item)) if kind == "int" else _number(float(item))
                 text = f"({text})" if text.startswith("-") else text
             else:
+                # Of equal tables the first one is there.
+                key = constant.dtype.str, constant.shape, constant.tobytes(), name in self._packable
+                if key in self._tables:
+                    self._known[name] = self._tables[key]
+                    return self._known[name]
                 text = _table(name)
                 self._used[name] = None
-            packed = _Packed.of(constant) if name in self._packable else None
+            packed = None
+            if name in self._packable:
+                packed = _Packed.of(constant.reshape(len(constant), -1))
             self._known[name] = _Value(text, constant.shape, kind, packed)
+            if constant.size > 1:
+                self._tables[key] = self._known[name]
         return self._known[name]
 
     def _result(self, name: str, shape: Shape, kind: str = "float") -> _Value:
-        value = _Value("v_" + re.sub(r"\W", "_", name), shape, kind)
+        value = _Value(_variable(name), shape, kind)
         self._known[name] = value
         if value.is_array:
-            self._lines.append(f"{kind} {value.text}[{value.size}];")
+            self._declare(value)
         return value
+
+    def _declare(self, value: _Value) -> None:
+        """Room for an array: floats share what other arrays have used before."""
+        if value.kind == "int":
+            self._lines.append(f"int {value.text}[{value.size}];")
+            return
+        start = self._scratch.taken(value.text, value.size)
+        self._lines.append(f"float *const {value.text} = scratch + {start};")
 
     def _set(self, value: _Value, text: str) -> None:
         """Every entry of an array, or the number."""
@@ -462,7 +552,58 @@ class _Printer:
         else:
             self._lines.append(f"const {value.kind} {value.text} = {text};")
 
+    def _elementwise(self, step: Step) -> None:
+        """An operation on single numbers; those on arrays of a size that follow each other have one loop."""
+        name = step.outputs[0]
+        values = [self._value(operand) for operand in step.inputs]
+        shape = np.broadcast_shapes(*(array.shape for array in values))
+        kind = "int" if step.operation in _TRUTHS else "float"
+        loop = self._loop
+        others = any(
+            operand in loop.lines and array.shape != shape
+            for operand, array in zip(step.inputs, values, strict=True)
+        )
+        size = math.prod(shape)
+        if others or (size > 1 and loop.lines and size != loop.size):
+            self._end_loop()
+            loop = self._loop
+        texts = [
+            loop.lines[operand][0] if operand in loop.lines else array.at("i", shape)
+            for operand, array in zip(step.inputs, values, strict=True)
+        ]
+        text = _ELEMENTWISE[step.operation].format(*texts)
+        if size == 1:
+            self._set(self._result(name, shape, kind), text)
+            return
+        value = _Value(_variable(name), shape, kind)
+        self._known[name] = value
+        loop.lines[name] = (f"{value.text}_i", text)
+        loop.size = size
+        loop.uses.update(step.inputs)
+
+    def _end_loop(self) -> None:
+        """Print the loop; only what later steps use is stored in arrays."""
+        loop, self._loop = self._loop, _Loop()
+        if not loop.lines:
+            return
+        stored = [name for name in loop.lines if self._uses[name] > loop.uses[name]]
+        for name in stored:
+            self._declare(self._known[name])
+        self._lines.append(f"for (int i = 0; i < {loop.size}; ++i) {{")
+        for name, (local, text) in loop.lines.items():
+            value = self._known[name]
+            if loop.uses[name]:
+                self._lines.append(f"    const {value.kind} {local} = {text};")
+                text = local
+            if name in stored:
+                self._lines.append(f"    {value.text}[i] = {text};")
+        self._lines.append("}")
+
     def _print(self, step: Step) -> None:
+        if step.operation in _ELEMENTWISE and step.outputs[0] not in self._scores.parts:
+            self._elementwise(step)
+            return
+        self._end_loop()
         name = step.outputs[0]
         shapes: Any = self._program.constants.get(step.inputs[-1])
         match step.operation:
@@ -484,10 +625,10 @@ class _Printer:
                 self._set(result, f"{value.text}[i % {rows} * {columns} + i / {rows}]")
             case "ReduceMax" | "ReduceSum":
                 self._reduced(step)
-            case "MatMul" if len(self._value(step.inputs[1]).shape) > 2:
-                self._products(name, *(self._value(operand) for operand in step.inputs))
             case "MatMul" | "Add" if name in self._scores.parts:
                 pass  # the search below computes them one by one
+            case "MatMul" if len(self._value(step.inputs[1]).shape) > 2:
+                self._products(name, *(self._value(operand) for operand in step.inputs))
             case "MatMul":
                 result = self._result(name, (1, self._value(step.inputs[1]).shape[1]))
                 self._set(result, self._product(step))
@@ -506,26 +647,43 @@ class _Printer:
                     f"i / {width} * {value.shape[-1]} + " if math.prod(index.shape[:-1]) > 1 else ""
                 )
                 self._set(result, f"{value.text}[{row}{index.text}[i]]")
-            case operation if operation in _ELEMENTWISE:
-                values = [self._value(operand) for operand in step.inputs]
-                shape = np.broadcast_shapes(*(array.shape for array in values))
-                kind = "int" if operation in _TRUTHS else "float"
-                text = _ELEMENTWISE[operation].format(*(array.at("i", shape) for array in values))
-                self._set(self._result(name, shape, kind), text)
             case operation:
                 raise ConfigError(
                     f"the agent has the operation {operation!r}, which the export as C does not know: export as "
                     "onnx or numpy."
                 )
 
+    def _split_table(self, name: str) -> list[str]:
+        """Names of tables of its first rows and of the others, if they are smaller than it; else its own.
+
+        Prices of effectors are one of two numbers, and slopes before them are not.
+        """
+        table = self._constants[name]
+        if name not in self._packable:
+            return [name]
+
+        def size(part: np.ndarray) -> int:
+            packed = _Packed.of(part)
+            return part.nbytes if packed is None else packed.bytes
+
+        sizes = {row: size(table[:row]) + size(table[row:]) for row in range(1, len(table))}
+        row = min(sizes, key=lambda row: sizes[row])
+        if sizes[row] >= size(table):
+            return [name]
+        halves = [f"{name}_first", f"{name}_others"]
+        self._constants |= dict(zip(halves, (table[:row], table[row:]), strict=True))
+        self._packable |= {*halves}
+        return halves
+
     def _product(self, step: Step) -> str:
         """Entry i of a row times a table."""
-        a, b = (self._value(operand) for operand in step.inputs)
+        row, table = step.inputs
+        a = self._value(row)
+        tables = [self._value(name) for name in self._halves.get(table, [table])]
+        entries = [b.entry(str(k), "i") for b in tables for k in range(b.shape[0])]
         return " + ".join(
-            f"{a.text}[{k}] * {b.entry(str(k), 'i')}"
-            if a.is_array
-            else f"{a.text} * {b.entry('0', 'i')}"
-            for k in range(b.shape[0])
+            f"{a.text}[{k}] * {entry}" if a.is_array else f"{a.text} * {entry}"
+            for k, entry in enumerate(entries)
         )
 
     def _split(self, step: Step, widths: Sequence[int]) -> None:
@@ -654,12 +812,12 @@ class _Printer:
     def _argmax(self, step: Step) -> None:
         """Number of the largest entry, the first of equal ones."""
         name = step.outputs[0]
-        result = _Value("v_" + re.sub(r"\W", "_", name), (1,), "int")
+        result = _Value(_variable(name), (1,), "int")
         if name in self._scores.whole:
             product, offset = self._scores.whole[name]
             table = self._value(offset)
             size = table.size
-            score = f"{self._product(product)} + {table.text}[i]"
+            score = f"{self._product(product)} + {table.entry('i', '0')}"
         else:
             value = self._value(step.inputs[0])
             size = value.size
@@ -711,8 +869,11 @@ def _scores(program: Program) -> _Scores:
     return _Scores(whole, frozenset(parts))
 
 
-def _packable(program: Program) -> frozenset[str]:
-    """Names of the float tables of rows that are read entry by entry: weights of layers, slopes, rows to choose."""
+def _packable(program: Program, offsets: Set[str]) -> frozenset[str]:
+    """Names of the float tables of rows that are read entry by entry: weights of layers, slopes, rows to choose.
+
+    ``offsets`` are columns that are added entry by entry.
+    """
     read = {("Gemm", 1), ("MatMul", 1), ("Gather", 0)}
     others = {
         name
@@ -723,8 +884,14 @@ def _packable(program: Program) -> frozenset[str]:
     return frozenset(
         name
         for name, table in program.constants.items()
-        if name not in others and table.ndim == 2 and table.dtype == np.float32 and table.size > 256
+        if (name in offsets or (name not in others and table.ndim == 2))
+        and table.dtype == np.float32
+        and table.size > 256
     )
+
+
+def _variable(name: str) -> str:
+    return "v_" + re.sub(r"\W", "_", name)
 
 
 def _table(name: str) -> str:

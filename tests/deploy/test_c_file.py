@@ -430,6 +430,33 @@ def test_the_agent_for_any_craft_fits_a_small_microcontroller(name: str, tmp_pat
     assert np.isclose(found, expected.numpy(), atol=1e-3).all(axis=1).mean() > 0.99
 
 
+@pytest.mark.slow
+def test_an_agent_that_adapts_fits_a_small_microcontroller(tmp_path: Path) -> None:
+    """4 KiB of stack with the hypotheses of 16 thrusters, and commands and memories of the network."""
+    run = contestant("adaptive:pretrained:any-craft-3d")
+    made = for_craft(run.controller.network, load_spacecraft("free-flyer"), 0.2)  # type: ignore[attr-defined]
+    write_c(tmp_path, agent_program(made), Ports.of(made.architecture), "it")
+    assert 0 < (stack_of(tmp_path) or 0) <= 4096
+    answer = library(tmp_path).rans_agent_answer
+    array = np.ctypeslib.ndpointer(np.float32, flags="C")
+    answer.argtypes = [array] * 4
+    memory = made.initial_state(1)
+    own = np.zeros(memory.shape, np.float32)  # type: ignore[union-attr]
+    found = np.zeros(16, np.float32)
+    random = np.random.default_rng(3)
+    turn = np.eye(3)[:2].ravel()
+    for _ in range(20):
+        rates = 0.02 * random.normal(size=6)
+        seen = np.concatenate([turn, rates, [1.0], [0.5, -1.0, 0.3], turn]).astype(np.float32)
+        expected, memory = made.deterministic_action(torch.tensor(seen[None]), memory)
+        after = np.zeros_like(own)
+        answer(seen, own, found, after)
+        own = after
+        assert np.allclose(found, expected.numpy(), atol=1e-3)
+        # Logarithms of odds, up to 20, are sums of many numbers.
+        assert np.allclose(own, memory, atol=2e-3, rtol=1e-3)
+
+
 def test_tables_of_few_numbers_are_stored_without_loss() -> None:
     """By the C expression of every entry, read as Python, with blocks that are alike and that are not."""
     random = np.random.default_rng(0)
