@@ -342,7 +342,14 @@ class OrbitalMission(SingleTask):
         """Goal with a deadline, s, and the plan for a start in its notes, before its further notes."""
         further = goal.notes[3:]
         goal = replace(goal, notes=(deadline, deadline, deadline * 0.0, *further))
-        arrival = self.guidance_at(goal).arrival(start, goal, deadline, self.guidance_limits(goal))
+        guidance = self.guidance_at(goal)
+        drift = guidance.coasts.drift
+        if isinstance(drift, PerturbedOrbit):
+            # Arrival times are compared without oblateness: it changes all prices alike, and each comparison
+            # would integrate it some thirty times, in nine of ten lines of a generated kernel.
+            coasts = replace(guidance.coasts, drift=replace(drift, oblateness=0.0))
+            guidance = replace(guidance, coasts=coasts)
+        arrival = guidance.arrival(start, goal, deadline, self.guidance_limits(goal))
         return replace(goal, notes=(deadline, arrival, deadline * 0.0, *further))
 
     def guidance_at(self, goal: State) -> OrbitalGuidance:

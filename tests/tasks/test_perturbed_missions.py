@@ -69,6 +69,21 @@ def test_goals_know_where_the_target_is(kind: Any) -> None:
 
 
 @pytest.mark.slow
+def test_arrivals_planned_without_oblateness_cost_as_much_as_those_with_it() -> None:
+    task = Dock(orbit=LOW)
+    drawn = scenarios(task, load_spacecraft("afrl-deputy"), 1, 64)
+    guidance = task.guidance_at(drawn.goal)
+    deadline, planned = drawn.goal.notes[:2]
+    limits = task.guidance_limits(drawn.goal)
+    best = guidance.arrival(drawn.start, drawn.goal, deadline, limits)
+    prices = [
+        guidance.price(drawn.start, drawn.goal, time, limits).mean() for time in (planned, best)
+    ]
+    assert np.mean(planned == best) > 0.9
+    assert prices[0] == pytest.approx(prices[1], rel=1e-3)
+
+
+@pytest.mark.slow
 def test_drake_and_two_body_gravity_move_as_the_mission_does() -> None:
     """Drake integrates the differential equations, from the derivative of the vector of J2."""
     task = Dock(orbit=LOW, deadline=(600.0, 600.0))
