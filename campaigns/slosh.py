@@ -31,6 +31,9 @@ _CONTESTANTS = (
     "lqr:go-to-pose-2d",
     "pretrained:dock-port-2d",
     "pretrained:dock-port-2d-atmos",
+    "pretrained:go-to-pose-3d",
+    "lqr:go-to-pose-3d",
+    "pretrained:dock-port-3d",
 )
 SHARES = (0.0, 0.05, 0.1, 0.2)
 """Mass that swings over the mass of the craft."""
@@ -154,8 +157,15 @@ def _swing(flight: Flight) -> float:
     """Median of the largest angle of the rod, degrees."""
     if flight.craft.slosh is None:
         return float("nan")
-    names = [store.name for store in flight.craft.stores]
-    angles = np.abs(flight.states.stores[names.index("slosh angle")])
+    stores = dict(
+        zip((store.name for store in flight.craft.stores), flight.states.stores, strict=True)
+    )
+    if flight.craft.dimension == 2:
+        angles = np.abs(stores["slosh angle"])
+    else:
+        rest = flight.craft.slosh.direction
+        along = sum(stores[f"slosh direction {a}"] * e for a, e in zip("xyz", rest, strict=True))
+        angles = np.arccos(np.clip(along, -1.0, 1.0))
     return float(np.degrees(np.median(np.nanmax(angles, axis=0))))
 
 

@@ -54,7 +54,9 @@ class Slosh:
 
         Its length is R / (k tanh(k h / R)) and its mass 2 m tanh(k h / R) / ((k^2 - 1) k h / R), for the radius R,
         the depth h, the liquid m and k = 1.8412. The mass that swings is 2 R / k tanh(k h / 2 R) below the surface.
-        The other liquid is a part of the rigid spacecraft. Source: as of the class.
+        The other liquid is a part of the rigid spacecraft. Source: as of the class. Length, mass and hinge agree
+        with table 1 of P. K. Malhotra, T. Wenk and M. Wieland, "Simple procedure for seismic analysis of
+        liquid-storage tanks", Structural Engineering International 10(3), 2000.
 
         Args:
             liquid: mass of all liquid in the tank, kg.

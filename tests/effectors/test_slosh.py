@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from scipy.special import jnp_zeros
 
 import rans
 from rans.effectors.motion import effectors_of, held
@@ -248,3 +249,34 @@ def test_the_pendulum_of_an_upright_cylinder() -> None:
     assert half.point()[1] == pytest.approx(-0.0788, abs=1e-4)  # 0.1086 * tanh(0.9206) deep
     with pytest.raises(ConfigError, match="depth of the liquid must be a finite number > 0 m"):
         rans.Slosh.in_cylinder(1.0, 0.1, 0.0, (0, 0, 0), (0, -1, 0), 0.005, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("depth", "period", "mass", "height"),
+    [
+        (0.5, 1.74, 0.700, 1.517),
+        (1.0, 1.52, 0.452, 0.785),
+        (1.5, 1.48, 0.314, 0.734),
+        (2.0, 1.48, 0.237, 0.764),
+        (3.0, 1.48, 0.158, 0.825),
+    ],
+)
+def test_the_pendulum_is_the_first_of_the_modes_in_a_published_table(
+    depth: float, period: float, mass: float, height: float
+) -> None:
+    """P. K. Malhotra, T. Wenk and M. Wieland, Structural Engineering International 10(3), 2000, table 1.
+
+    By the depth over the radius: the period of the first mode under Earth's gravity in a tank of 1 m radius, s; the
+    fraction of the liquid that all modes move; and the height over the depth at which their force acts on wall and
+    bottom together, which for a pendulum is the hinge's. Modes after the first move less than 3 % of the liquid.
+    """
+    slosh = rans.Slosh.in_cylinder(1.0, 1.0, depth, (0, 0, 0), (0, -1, 0), 0.0, 9.81)
+    assert 2.0 * math.pi / slosh.frequency(9.81) == pytest.approx(period, abs=0.006)
+    k = jnp_zeros(1, 20)
+    x = k * depth
+    masses = 2.0 * np.tanh(x) / ((k * k - 1.0) * x)
+    heights = 1.0 + (2.0 / np.cosh(x) - 1.0) / (x * np.tanh(x))
+    assert slosh.mass == pytest.approx(masses[0], rel=1e-6)
+    assert slosh.hinge[1] == pytest.approx(heights[0] * depth, rel=1e-6)
+    assert masses.sum() == pytest.approx(mass, abs=2e-3)
+    assert masses @ heights / masses.sum() == pytest.approx(height, rel=3e-3)
