@@ -1,7 +1,8 @@
 """Real spacecraft: bounds of least time and least impulse of a transfer to rest, beside the best flight known.
 
 ``python -m campaigns.craft_bounds`` writes docs/validation/craft-bounds.json and the table of docs/certificate.md.
-Names after it measure those craft anew and keep the others. Conditions are nominal. The best flight is that of
+Names after it measure those craft anew and keep the others; with ``--no-flights`` only the bounds are computed
+anew. Conditions are nominal. The best flight is that of
 optimal control, within the same tolerances; its wheels are couples of thrusters without a price, and it counts only
 if wheels can give their torques, with the gyroscopic torque of their own momentum.
 """
@@ -106,8 +107,17 @@ def best(
     return math.inf
 
 
-def measured(name: str, count: int, distance: Sequence[float], guesses: int = 0) -> dict[str, Any]:
-    """Bounds and best flights of a craft from the first starts of an evaluation."""
+def measured(
+    name: str,
+    count: int,
+    distance: Sequence[float],
+    guesses: int = 0,
+    before: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Bounds and best flights of a craft from the first starts of an evaluation.
+
+    With an earlier result its flights, starts and horizon stay.
+    """
     craft = load_spacecraft(name)
     low, high = distance
     task = GoToPose(evaluation_distance=(low, high)).for_evaluation()
@@ -116,24 +126,34 @@ def measured(name: str, count: int, distance: Sequence[float], guesses: int = 0)
         warnings.simplefilter("ignore", UserWarning)
         bare = replace(craft, wheels=())
         within = replace(goal_set(task), velocity=0.0, spin=0.0)
+        if before is not None:
+            count = len(before["starts"])
         starts = [*each(scenarios(task, bare, EVALUATION_SEED, count))]
         hulls = [_hull_time(bare, within, one) for one in starts]
         # Twice the least time, in whole seconds: neither in haste nor as slow as you like.
         horizon = float(math.ceil(2.0 * float(np.mean(hulls))))
+        if before is not None:
+            horizon = before["horizon"]
         rows = []
-        for one, before in zip(starts, hulls, strict=True):
+        for k, (one, loose) in enumerate(zip(starts, hulls, strict=True)):
             start: Any = one.start
             goal: Any = one.goal
             fuel = MinimumFuel(horizon, horizon / _INTERVALS, "set")
+            if before is None:
+                time = best(craft, task, MinimumTime(_INTERVALS, "set"), one, guesses)
+                impulse = best(craft, task, fuel, one, guesses)
+            else:
+                row = before["starts"][k]
+                time, impulse = float(row["best time"]), float(row["best impulse"])
             rows.append(
                 {
-                    "hull time": before,
+                    "hull time": loose,
                     "least time": attitude_tube.least_time(craft, start, goal, within),
-                    "best time": best(craft, task, MinimumTime(_INTERVALS, "set"), one, guesses),
+                    "best time": time,
                     "least impulse": attitude_tube.least_impulse(
                         craft, start, goal, horizon, within
                     ),
-                    "best impulse": best(craft, task, fuel, one, guesses),
+                    "best impulse": impulse,
                 }
             )
     return {"horizon": horizon, "starts": rows}
@@ -155,6 +175,8 @@ class CraftBounds:
     """Starts of each."""
     guesses: int = 0
     """Guesses of optimal control; 0: as usual, 3 for least times in space."""
+    flights: bool = True
+    """Whether flights are computed anew; else those of the file stay."""
 
     def run(self) -> int:
         """Write the file and the table; 1 if a flight is below its bound."""
@@ -163,11 +185,12 @@ class CraftBounds:
         distances = read_json(docs / "validation/craft.json")
         failed = 0
         for name in self.names or CRAFTS:
-            result = measured(name, self.starts, distances[name]["distance"], self.guesses)
+            found = read_json(file) if file.exists() else {}
+            before = None if self.flights else found[name]
+            result = measured(name, self.starts, distances[name]["distance"], self.guesses, before)
             for row in result["starts"]:
                 for kind in ("time", "impulse"):
                     failed += row[f"best {kind}"] < row[f"least {kind}"] * (1.0 - 1e-6)
-            found = read_json(file) if file.exists() else {}
             found[name] = result
             write_json(file, {one: found[one] for one in CRAFTS if one in found})
             table(docs).write(docs)

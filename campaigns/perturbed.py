@@ -1,9 +1,9 @@
 """Holding a point near a target around the oblate Earth, with drag: ``python -m campaigns.perturbed``.
 
 Mission guidance flies the same starts of hold around a sphere and around the oblate Earth with drag, once with an
-orbit that it knows and once with the circle around a sphere in its place. Some flights are repeated in two-body
-gravity with J2 and an atmosphere. With ``--docs docs`` the command writes docs/validation/perturbed.json and its
-table in docs/missions/perturbed.md.
+orbit that it knows and once with the circle around a sphere in its place. The flights are repeated in two-body
+gravity with J2 and an atmosphere, and coasts are compared with it. With ``--docs docs`` the command writes
+docs/validation/perturbed.json and its tables in docs/missions/perturbed.md.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from campaigns.markdown import Table
 from rans.evaluation.measure.metrics import impulses
 from rans.files import environment, read_json, write_json
 from rans.flight import fly
+from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
+from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import TargetOrbit
 from rans.tasks.hold import Hold
 from rans.terminal import Terminal
-from validation.two_body import Perturbations, TwoBodyMover
+from validation.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
 _DEADLINE = 1000.0
 """s"""
@@ -40,6 +42,18 @@ _DECELERATION = 3.7e-7
 air, which turns with the Earth."""
 _RATIO = 0.5
 """Ballistic coefficient of the craft over that of the target."""
+_COAST = 2000.0
+"""Duration of the coasts, s."""
+_DISTANCES = 100.0, 300.0, 1000.0
+"""Distances from the target at which coasts begin at rest, m."""
+_COASTS = 64
+"""Number of coasts from each distance, in random directions and from anywhere on the orbit."""
+_COAST_HEADINGS = (
+    "distance, m",
+    "coasts",
+    "these equations: median, worst error, m",
+    "a circle: median, worst error, m",
+)
 _HEADINGS = (
     "who",
     "flown in",
@@ -56,9 +70,9 @@ _HEADINGS = (
 class Perturbed:
     """Fly all rows, print them, and write the evidence."""
 
-    episodes: int = 32
+    episodes: int = 64
     """Held-out starts."""
-    true: int = 8
+    true: int = 64
     """Number of starts, the first ones, that are flown in two-body gravity."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
@@ -68,7 +82,9 @@ class Perturbed:
     def run(self) -> int:
         """Print and write."""
         rows = self._flown()
+        errors = _coast_errors(self.seed)
         Terminal().show(f"hold by {_DEADLINE:,.0f} s, seed {self.seed}", _HEADINGS, _cells(rows))
+        Terminal().show(f"coasts of {_COAST:,.0f} s", _COAST_HEADINGS, _coast_cells(errors))
         if self.docs is not None:
             evidence = {
                 "seed": self.seed,
@@ -76,9 +92,11 @@ class Perturbed:
                 "true": self.true,
                 "environment": environment(),
                 "rows": rows,
+                "coasts": errors,
             }
             write_json(self.docs / "validation" / "perturbed.json", evidence)
             in_document(self.docs).write(self.docs)
+            coasts_in_document(self.docs).write(self.docs)
         return 0
 
     def _flown(self) -> list[dict[str, Any]]:
@@ -93,13 +111,7 @@ class Perturbed:
         perturbed = replace(sphere, orbit=orbit)
         steps = round((_DEADLINE + sphere.hold_seconds) / Hold.timing.control_period) + 1
         timing = replace(Hold.timing, episode_steps=steps)
-        air = Perturbations(
-            math.radians(_INCLINATION),
-            np.zeros(1),
-            target_drag=_TARGET_DRAG,
-            craft_drag=_TARGET_DRAG / _RATIO,
-        )
-        gravity = TwoBodyMover(craft, timing, sphere.mean_motion, perturbations=air)
+        gravity = TwoBodyMover(craft, timing, sphere.mean_motion, perturbations=_air(np.zeros(1)))
         calm = np.zeros(0)
         rows = []
         for who, knows, flown_in, task, mover, count in (
@@ -139,6 +151,54 @@ class Perturbed:
         return rows
 
 
+def _air(latitude: np.ndarray) -> Perturbations:
+    """J2 and the air of targets at these arguments of latitude, rad."""
+    return Perturbations(
+        math.radians(_INCLINATION),
+        latitude,
+        target_drag=_TARGET_DRAG,
+        craft_drag=_TARGET_DRAG / _RATIO,
+    )
+
+
+def _coast_errors(seed: int) -> list[dict[str, Any]]:
+    """How far coasts of linear equations end from those in two-body gravity with J2 and air, m."""
+    rng = np.random.default_rng(seed)
+    n = Hold().mean_motion
+    drag = _DECELERATION * (1.0 / _RATIO - 1.0)
+    rows = []
+    for distance in _DISTANCES:
+        direction = rng.normal(size=(_COASTS, 3))
+        p = distance * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        latitude = rng.uniform(0.0, math.tau, _COASTS)
+        truth, _ = perturbed_motion(n, p, 0.0 * p, [_COAST], _air(latitude))
+        row: dict[str, Any] = {"distance": distance, "coasts": _COASTS}
+        for name, drift in (
+            (
+                "these equations",
+                PerturbedOrbit.around_earth(n, math.radians(_INCLINATION), drag, latitude),
+            ),
+            ("circle", ClohessyWiltshire(n)),
+        ):
+            end, _ = drift.carry(Vec3(*p.T), Vec3(*(0.0 * p.T)), _COAST)
+            gap = np.linalg.norm(np.stack(end.columns(), axis=1) - truth[0], axis=1)
+            row[name] = [float(np.median(gap)), float(gap.max())]
+        rows.append(row)
+    return rows
+
+
+def _coast_cells(rows: list[Any]) -> list[list[str]]:
+    """Rows of the table of coasts."""
+    return [
+        [
+            f"{row['distance']:,.0f}",
+            str(row["coasts"]),
+            *(f"{row[name][0]:.2f}, {row[name][1]:.2f}" for name in ("these equations", "circle")),
+        ]
+        for row in rows
+    ]
+
+
 def _cells(rows: list[Any]) -> list[list[str]]:
     """Rows of the table."""
     return [
@@ -165,6 +225,18 @@ def in_document(docs: Path) -> Table:
         _HEADINGS,
         _cells(evidence["rows"]),
         f"The deadline is {_DEADLINE:,.0f} s. The values are in [perturbed.json](../validation/perturbed.json).",
+    )
+
+
+def coasts_in_document(docs: Path) -> Table:
+    """The table of coasts of the evidence in docs/validation."""
+    evidence = read_json(docs / "validation" / "perturbed.json")
+    return Table(
+        "missions/perturbed.md",
+        "python -m campaigns.perturbed --docs docs, coasts",
+        _COAST_HEADINGS,
+        _coast_cells(evidence["coasts"]),
+        "",
     )
 
 

@@ -158,6 +158,10 @@ class Compare:
                 if self.front:
                     comparison.trace(between, self.budget, cache, stages(bars))
             except KeyboardInterrupt:
+                bars.console.print(
+                    "Interrupted: what there is is written, the page last. Ctrl-C again leaves the page out.",
+                    soft_wrap=True,
+                )
                 comparison.notes.insert(0, self._interrupted(comparison))
                 raise
         run = self.contestants[0]
@@ -244,11 +248,7 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     if not (comparison.entries or comparison.failures):
         console.say("Interrupted before the first contestant had flown: nothing was written.")
         return
-    # Files: the result as data, its page, and what the page of a screen needs.
     write_json(folder / "compare.json", to_json(comparison, TEXT))
-    result = page(comparison, command_line())
-    result.write(folder / "compare.html")
-    write_json(folder / "screen-compare.json", Screen.of(result).to_json())
     # Tables: scores, multiples of bounds, the bound of a mission, and the front.
     board = scoreboard(comparison)
     if board:
@@ -274,6 +274,10 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
             console.say(sentence)
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)
+    # The page, and what the page of a screen needs: last, because its figures take seconds.
+    result = page(comparison, command_line())
+    result.write(folder / "compare.html")
+    write_json(folder / "screen-compare.json", Screen.of(result).to_json())
     console.say(f"Written to {folder / 'compare.html'} and compare.json.")
 
 

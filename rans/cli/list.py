@@ -239,7 +239,7 @@ def _solved(card: dict[str, Any]) -> str:
 
 
 def _agent_details(name: str) -> Iterable[str | Listing]:
-    from rans.evaluation.measure.statistics import figure, quantity
+    from rans.evaluation.measure.statistics import interval, quantity
 
     card = pretrained_card(name)
     training = card["training"]
@@ -263,7 +263,7 @@ def _agent_details(name: str) -> Iterable[str | Listing]:
                     (
                         metric,
                         quantity(value, unit),
-                        f"{figure(low)} to {figure(high)}",
+                        interval(low, high),
                     )
                     for metric, (*three, unit) in values.items()
                     for value, low, high in [map(number, three)]

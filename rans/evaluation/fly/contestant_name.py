@@ -99,9 +99,13 @@ class ContestantName:
         # Forms with a colon.
         if first == PREFIX and rest:
             inner = cls.parse(text.removeprefix(f"{PREFIX}:"))
+            if inner.looks_ahead:
+                raise ConfigError(f"{brief(text)} has {PREFIX}: twice; write {inner.text}.")
             return replace(inner, text=text, looks_ahead=True)
         if first == ADAPTIVE and rest:
             inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
+            if inner.adapts:
+                raise ConfigError(f"{brief(text)} has {ADAPTIVE}: twice; write {inner.text}.")
             if inner.looks_ahead or inner.kind not in ("run folder", "pretrained"):
                 raise ConfigError(
                     f"{brief(rest)} is no agent for any craft, and no other adapts in flight: name "

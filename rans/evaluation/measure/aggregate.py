@@ -19,7 +19,14 @@ from rich.text import Text
 from rans.display import NotebookRepr
 from rans.errors import counted
 from rans.evaluation.measure.metrics import Sample, samples
-from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, quantity, share
+from rans.evaluation.measure.statistics import (
+    Bootstrap,
+    Estimate,
+    figure,
+    interval,
+    quantity,
+    share,
+)
 from rans.files import number, replace_file
 from rans.flight import Flight
 from rans.model.fields import leaves
@@ -176,11 +183,11 @@ def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
     name = " / ".join((first.name, *(re.sub(r"^\D*", "", row.name) for row in rows[1:])))
     unit = first.unit if math.isfinite(first.value) else ""
     value = f"{' / '.join(figure(row.value) for row in rows)} {unit}".strip()
-    interval = f"{figure(first.low)} to {figure(first.high)}"
+    limits = interval(first.low, first.high)
     if len(rows) > 1:
         widest = max(max(row.high - row.value, row.value - row.low) for row in rows)
-        interval = f"up to ± {figure(widest)}"
-    return name, value, interval, first.meaning
+        limits = f"up to ± {figure(widest)}"
+    return name, value, limits, first.meaning
 
 
 def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> None:

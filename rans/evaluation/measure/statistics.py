@@ -57,6 +57,12 @@ def quantity(value: float, unit: str) -> str:
     return f"{figure(value)} {unit}".rstrip() if math.isfinite(value) else figure(value)
 
 
+def interval(low: float, high: float) -> str:
+    """An interval as in tables; of two infinite times "never" alone."""
+    ends = figure(low), figure(high)
+    return ends[0] if math.isinf(low) and low == high else f"{ends[0]} to {ends[1]}"
+
+
 class Bootstrap:
     """Percentile bootstrap over episodes (Efron and Tibshirani, 1993, section 13.3).
 

@@ -15,7 +15,7 @@ import matplotlib
 from rans.drawing import draw_layout
 from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.evaluation.measure.statistics import figure, quantity
+from rans.evaluation.measure.statistics import figure, interval, quantity
 from rans.evaluation.stress.outcome import WANTED
 from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
@@ -185,8 +185,8 @@ def _stressed(stress: Mapping[str, Any]) -> tuple[str, list[Tile]] | None:
     tiles = []
     for _, name in ranked:
         own = shares[name][who]
-        interval = "{low:.1%} to {high:.1%}".format(**own)
-        note = "\n".join(filter(None, (interval, others(shares[name], share))))
+        limits = "{low:.1%} to {high:.1%}".format(**own)
+        note = "\n".join(filter(None, (limits, others(shares[name], share))))
         tiles.append(Tile(f"held, {name}", share(own), note))
     for name, effect in stress.get("effects", {}).items():
 
@@ -266,7 +266,7 @@ def headline(measured: Metrics) -> tuple[str, list[Tile]]:
         Tile(
             name,
             quantity(values[name].value, values[name].unit),
-            f"{figure(values[name].low)} to {figure(values[name].high)}",
+            interval(values[name].low, values[name].high),
         )
         for name in (*_KEY_METRICS, "impulse")
         if name in values
@@ -429,8 +429,8 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
 def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
     yield "episodes", f"{measured.episodes:,} ({measured.engine} engine)"
     yield from (
-        (name, f"{value} ({interval})")
-        for _, (name, value, interval, _) in measured.lines()
+        (name, f"{value} ({limits})")
+        for _, (name, value, limits, _) in measured.lines()
         if name in _KEY_METRICS
     )
 

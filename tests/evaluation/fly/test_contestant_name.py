@@ -77,3 +77,9 @@ def test_an_agent_that_adapts_has_files_of_its_own() -> None:
     assert name.output_folder != plain.output_folder
     with pytest.raises(ConfigError, match="'lqr:hold-3d' is no agent for any craft"):
         ContestantName.parse("adaptive:lqr:hold-3d")
+
+
+@pytest.mark.parametrize("prefix", ["adaptive", "lookahead"])
+def test_a_prefix_stands_before_a_name_once(prefix: str) -> None:
+    with pytest.raises(ConfigError, match=f"has {prefix}: twice; write {prefix}:any-craft-2d"):
+        ContestantName.parse(f"{prefix}:{prefix}:any-craft-2d")

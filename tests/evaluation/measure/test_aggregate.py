@@ -27,7 +27,7 @@ success | failed | 0 % | 0 to 65.8 | declared failed by the task at any time
 success | first at rest | never | 0 to never \
 | median first time within all tolerances and 5 cm/s, 5 deg/s
 success | at rest for good | 0 % | 0 to 65.8 | within all of these from then on, at every instant
-success | time at rest for good | never | never to never | median time from which that is so, be it later
+success | time at rest for good | never | never | median time from which that is so, be it later
 success | held 5 cm 3 deg / 2 cm 2 deg / 1 cm 1 deg | 50 / 50 / 50 % | up to ± 40.5 \
 | within so much at every step of the last fifth
 position | PT10 / 5 / 2 / 1 | 90 / 85 / 25 / 15 % | up to ± 25 \

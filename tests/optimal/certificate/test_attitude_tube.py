@@ -110,6 +110,7 @@ def test_linear_program_of_an_oblique_transfer_agrees() -> None:
     assert answer.fun * (1.0 - CLOSE) < bound < answer.fun * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
 def test_half_turn_in_space_is_in_the_tube() -> None:
     # A ball-like craft that may turn at once and one that cannot: the tube lies between them.
     craft = load_spacecraft("spheres")
@@ -129,7 +130,8 @@ def test_spinning_wheels_do_not_turn_a_craft_out_of_its_tube() -> None:
     moments = np.array([1.0, 3.0, 3.5])
     craft = load_spacecraft("cubesat-3u")
     craft = replace(craft, inertia=_diagonal(moments))
-    largest = attitude_tube._corners(craft)[1]
+    # The largest rate of the root of twice the energy, here by a torque about the axis of moment 1.
+    largest = attitude_tube._measures(craft)[0][1]
     time, steps = 1.0 / math.sqrt(largest), 1200  # turns by half a radian at most
     h = time / steps
     torque = largest * np.array([1.0, 0.0, 0.0])
@@ -162,6 +164,80 @@ def test_spinning_wheels_do_not_turn_a_craft_out_of_its_tube() -> None:
         ):
             middle = Rotation.from_matrix(centre).inv()
             assert max((middle * one).magnitude() for one in both) <= width * (1.0 + 1e-6) + 1e-6
+
+
+_BALL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Moments of inertia of 1 kg m^2."""
+_AT_REST = SpatialState(Vec3(0, 0, 0), Quat(1, 0, 0, 0), Vec3(0, 0, 0), Vec3(0, 0, 0))
+
+
+def _turning(main: bool) -> Spacecraft:
+    """A craft of 10 kg in space with couples of 0.05 N m about z, and perhaps 1 N along x."""
+    couples = tuple(
+        Thruster((0.5 * side, 0.0, 0.0), (0.0, side * sense, 0.0), 0.05)
+        for sense in (1.0, -1.0)
+        for side in (1.0, -1.0)
+    )
+    ahead = (Thruster((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0),) if main else ()
+    return Spacecraft("turning", 3, 10.0, _BALL, ahead + couples)
+
+
+@pytest.mark.filterwarnings("ignore:.* cannot push and turn")
+def test_a_turn_in_space_is_speeding_up_and_slowing_down() -> None:
+    goal: Any = replace(_AT_REST, attitude=Quat(math.cos(1.0), 0, 0, math.sin(1.0)))
+    # Two radians with 0.05 rad/s^2.
+    optimum = 2.0 * math.sqrt(2.0 / 0.05)
+    bound = attitude_tube.least_time(_turning(False), _AT_REST, goal, EXACT)
+    assert optimum * (1.0 - CLOSE) < bound < optimum
+    # In 20 s: 0.05 t (20 - t) = 2, and both thrusters of a couple are open for 2 t.
+    burn = 10.0 - math.sqrt(60.0)
+    least = attitude_tube.least_impulse(_turning(False), _AT_REST, goal, 20.0, EXACT)
+    assert 0.2 * burn * (1.0 - CLOSE) < least < 0.2 * burn
+
+
+@pytest.mark.filterwarnings("ignore:.* cannot push and turn")
+def test_pushing_and_turning_in_space_add_up() -> None:
+    """One engine ahead: it burns for 4 s, half a turn, and it brakes for 4 s; worked out by hand."""
+    # Ahead for 4 s to 0.4 m/s; couples for 2 s to 0.1 rad/s and back half a turn later; it brakes from 56 s on.
+    goal: Any = replace(_AT_REST, p=Vec3(0.4 * 56.0, 0.0, 0.0), attitude=Quat(0, 0, 0, 1))
+    spent = 8.0 + 4.0 * 0.1
+    bound = attitude_tube.least_impulse(_turning(True), _AT_REST, goal, 60.0, EXACT)
+    assert 0.95 * spent < bound < spent
+
+
+@pytest.mark.filterwarnings("ignore:.* cannot push and turn")
+def test_a_turn_on_the_way_has_its_price() -> None:
+    """The same craft ends in the attitude of its start: it has to turn by half a turn, brake and turn back."""
+    # Couples for 5 s to 0.25 rad/s: half a turn and both of their burns last pi / 0.25 + 5 s.
+    turn = math.pi / 0.25 + 5.0
+    goal: Any = replace(_AT_REST, p=Vec3(0.4 * (4.0 + turn), 0.0, 0.0))
+    time = 8.0 + 2.0 * turn
+    spent = 8.0 + 20.0 * 0.1
+    bound = attitude_tube.least_impulse(_turning(True), _AT_REST, goal, time, EXACT)
+    free = hull.least_fuel(_turning(True), ("position", "velocity"), _AT_REST, goal, time, EXACT)
+    assert 1.1 * free < bound < spent
+    assert not attitude_tube._excluded(_turning(True), _AT_REST, goal, time, EXACT)
+
+
+@pytest.mark.filterwarnings("ignore:.* cannot push and turn")
+def test_the_price_of_an_angle_is_one_of_the_torque_before() -> None:
+    """The fastest turn speeds up for half of the time: its angle is 0.025 t^2, and from the goal on likewise."""
+    time = 20.0
+    goal: Any = replace(_AT_REST, attitude=Quat(math.cos(1.25), 0, 0, math.sin(1.25)))
+    transfer = attitude_tube._transfer(_turning(False), _AT_REST, goal, time, EXACT, 0)
+    assert transfer is not None
+    turning = transfer.turning
+    instants = (np.arange(400_000) + 0.5) * time / 400_000
+    # From the nearer one of the two attitudes, as the tube is measured, in each of 40 intervals.
+    angle = 0.025 * np.minimum(instants, time - instants) ** 2
+    angles = angle.reshape(40, -1).sum(axis=1) * time / 400_000
+    priced = turning.lean.any(axis=0)
+    leant = (turning.lean.T @ angles)[priced]
+    torque = 0.05 * turning.basis.mean(axis=1).sum(axis=0)[priced] * time / 40
+    assert priced.sum() == attitude_tube._PRICES
+    # The trapezoidal rule is never below the integral of the price, and 2 % above where the price ends.
+    assert np.all(leant <= torque + turning.spared[priced] - turning.gain[priced])
+    np.testing.assert_allclose(torque, leant, rtol=0.03)
 
 
 def _diagonal(moments: np.ndarray) -> Any:
