@@ -13,7 +13,7 @@ import numpy as np
 
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Vec2, Vec3, map_leaves
-from rans.model.passive_safety import Pieces, carried, joined, keep_away, single_coasts
+from rans.model.passive_safety import PRECISION, Pieces, carried, joined, keep_away, single_coasts
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.navigation_filter import NavigationFilter
@@ -320,7 +320,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             before = states
         time = np.full(_DETOURS, self._orbit + self._period)
         coasts = Pieces(before, states, time, np.zeros(_DETOURS), every)
-        safe = keep_away(n, coasts, _DETOURS, self.task.keep_out + _COASTS_CLEAR)
+        safe = keep_away(n, coasts, _DETOURS, self._clear_of(start))
         states, burn = states[safe], np.abs(burn[safe]).sum(axis=1)
 
         # Prices of all plans from there; the detour must last some periods.
@@ -488,7 +488,14 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         ]
         if now > 0.0 or self._coast_distance(start[0]) >= self.task.keep_out:
             pieces.append(Pieces(at_first, transfer, nothing + orbit, nothing, every))
-        return keep_away(n, joined(pieces), count, self.task.keep_out + _COASTS_CLEAR)
+        return keep_away(n, joined(pieces), count, self._clear_of(start[0]))
+
+    def _clear_of(self, start: np.ndarray) -> float:
+        """Distance from the target, m, that coasts of plans from a state (6,) keep if burns are impulses."""
+        # A safe start whose own coast is nearer than the clearance asks for no more than it has itself.
+        distance = self._coast_distance(start) - 2.0 * PRECISION
+        usual = self.task.keep_out + _COASTS_CLEAR
+        return distance if self._is_safe(distance) and distance < usual else usual
 
     def _flown_safely(
         self,

@@ -26,12 +26,14 @@ from rans.model.passive_safety import (
     pushed,
     single_coasts,
 )
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.optimal.control.velocity_guidance import PassivelySafeGuidance
+from rans.optimal.convex.passive_transfer import passive_transfer
+from rans.optimal.convex.rendezvous import Meeting, least_margin
 from rans.tasks.base import Task
-from rans.tasks.orbital import OrbitalMission
+from rans.tasks.orbital import OrbitalMission, last_check
 from rans.tasks.shapes import Cone
 
 _TRIES = ((0, 4000, 0.75), (0, 16_000, 0.92), (1, 32_000, 0.92))
@@ -61,6 +63,10 @@ _CLEAR = 0.1
 """Least distance of coasts after impulses from the zone, m, in plans whose flight is predicted."""
 _TRIM = 1e-4
 """Error of velocity that is left alone on the first coast, m/s."""
+_ENTRIES = (0.77, 0.7, 0.84)
+"""Parts of the time to the deadline in which a transfer of cone programs comes to the approach, tried in turn."""
+_TRANSFER_CLEAR = 0.3
+"""Distance from the zone that coasts of these keep at the instants of the programs, m."""
 _OUT_OF_LIMIT = 1e3
 """Price of a plan that breaks a limit, m/s: more than any plan costs."""
 
@@ -79,9 +85,20 @@ class _Plans(NamedTuple):
     price: np.ndarray
     """(K,) impulse to the target over mass, m/s."""
 
-    def first_coast(self, row: int) -> tuple[np.ndarray, np.ndarray]:
-        """Turn and end (2, 3) of the first coast of a plan, m, and their instants (2,), s."""
-        return self.points[row], self.ends[row]
+    def first_coast(self, row: int, is_safe: bool) -> _Plan:
+        """The first coast of a plan."""
+        return _Plan(self.points[row], self.ends[row], is_safe)
+
+
+class _Plan(NamedTuple):
+    """First coast of one plan."""
+
+    points: np.ndarray
+    """(2, 3) where it turns and where it ends, m."""
+    ends: np.ndarray
+    """(2,) instants of both, s."""
+    is_safe: bool
+    """Whether all its coasts keep out of the zone."""
 
 
 class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
@@ -95,9 +112,11 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     target. Plans, that is points and times, are drawn at random, with the same random numbers for every start. In
     the order of their prices their coasts are computed (`rans.model.passive_safety`), first of impulses and then of
     burns as they are flown. The cheapest plan whose coasts keep out of the zone is flown. Without one, the first
-    coast may turn on the way by one more burn; without a safe plan of these, that is flown whose coasts keep the
-    largest distance. Of a mission with a cone the whole flight is predicted, and the cheapest of
-    these plans is flown that stays inside the cone.
+    coast may turn on the way by one more burn. The whole flight is predicted. Of a mission with a cone the cheapest
+    of these plans is flown that stays inside the cone. Of other missions a start without a plan that is safe, keeps
+    the limits and arrives in time has a thrust for every period from cone programs
+    (`rans.optimal.convex.passive_transfer`). Without these too, that plan is flown whose coasts keep the largest
+    distance.
 
     It knows the state exactly, and expects no errors of sensors and thrusters.
 
@@ -154,6 +173,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         """(N,) whether mission guidance flies."""
         self._arrivals = np.zeros(count)
         """(N,) instants of the arrivals that it plans, s."""
+        self._scheduled: dict[int, np.ndarray] = {}
+        """Changes of velocity in W in every period, (T, 3) m/s, of flights that cone programs have planned."""
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; uses the state and the goal's notes, not the observation."""
@@ -174,11 +195,14 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
             size = len(states)
             self._entered, self._arrivals = np.zeros(size, bool), np.zeros(size)
             plans = self._planned(states, state, goal)
-            self._points = np.array([point for point, _ in plans])
-            self._ends = np.array([end for _, end in plans])
+            self._points = np.array([plan.points for plan in plans])
+            self._ends = np.array([plan.ends for plan in plans])
         # Within the approach mission guidance makes a plan of its own.
         near = np.linalg.norm(states[:, :3], axis=1) < self._zone.approach
+        step = round(now / self._period)
+        schedules = {row: x for row, x in self._scheduled.items() if step < len(x)}
         enters = (near | (now > self._ends[:, 1])) & ~self._entered
+        enters[list(schedules)] = False
         if enters.any():
             replanned = self.task.plan(state, goal, goal.notes[0])
             self._arrivals = np.where(enters, now + replanned.notes[1], self._arrivals)
@@ -186,6 +210,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         change = np.where(
             self._entered[:, None], 0.0, self._change(states, self._points, self._ends, now)
         )
+        for row, changes in schedules.items():
+            change[row] = changes[step]
         burns: Any = change.any(axis=1)
         return change, burns
 
@@ -204,73 +230,122 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         change = change * np.minimum(1.0, self._largest_change / np.maximum(largest, 1e-12))
         return np.where((largest > _TRIM) & (ends - now > self._period)[:, None], change, 0.0)
 
-    def _planned(
-        self, states: np.ndarray, state: Any, goal: Any
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _planned(self, states: np.ndarray, state: Any, goal: Any) -> list[_Plan]:
         """Plans of all starts, of states (N, 6): see `_plan`.
 
-        Where the mission has a cone, all plans are flown ahead to the target. A start whose flight leaves the cone
-        tries its next plan, and flies the first one if none of its plans stays inside.
+        All plans are flown ahead to the target. Where the mission has a cone, a start whose flight does not win
+        tries its next plan, and flies the first one if none of its plans does. Elsewhere it tries cone programs.
         """
         deadlines = [float(t) for t in goal.notes[0]]
         plans = [self._plan(p, t) for p, t in zip(states, deadlines, strict=True)]
-        if not self._has_cone:
-            return plans
         excluded: list[list[np.ndarray]] = [[] for _ in plans]
         trying = np.arange(len(plans))
         attempts = dict(enumerate(plans))
-        for _ in range(_ATTEMPTS):
-            some, aim = map_leaves(lambda x, rows=trying: np.asarray(x)[rows], (state, goal))
-            ahead = copy(self)
-            ahead._begin([attempts[k] for k in trying.tolist()])
-            inside = ahead._stays_inside(states[trying], some, aim)
-            for k in trying[inside].tolist():
+        for _ in range(_ATTEMPTS if self._has_cone else 1):
+            wins = self._wins(states, state, goal, trying, [attempts[k] for k in trying.tolist()])
+            for k in trying[wins].tolist():
                 plans[k] = attempts[k]
-            trying = trying[~inside]
+            trying = trying[~wins]
             if not len(trying):
                 break
-            for k in trying.tolist():
-                excluded[k].append(attempts[k][0])
-                attempts[k] = self._plan(states[k], deadlines[k], excluded[k])
+            if self._has_cone:
+                for k in trying.tolist():
+                    excluded[k].append(attempts[k].points)
+                    attempts[k] = self._plan(states[k], deadlines[k], excluded[k])
+        if not self._has_cone and not can_turn(self.craft):
+            unsafe = [k for k, plan in enumerate(plans) if not plan.is_safe]
+            for k in sorted({*trying.tolist(), *unsafe}):
+                self._schedule(k, states, state, goal, plans[k])
         return plans
 
-    def _begin(self, plans: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        """Forget everything, in objects of its own, and fly these plans."""
-        self._guidance = MissionGuidance(self.craft, self.task, self._timing)
-        self._rounding = copy(self._rounding)
-        self.reset(len(plans))
-        self._points = np.array([point for point, _ in plans])
-        self._ends = np.array([end for _, end in plans])
+    def _schedule(self, row: int, states: np.ndarray, state: Any, goal: Any, plan: _Plan) -> None:
+        """Set the thrust of one flight by cone programs, if they have a safe flight that wins."""
+        start, deadline = states[row], float(goal.notes[0][row])
+        target = map_leaves(lambda x: float(x[row]), goal)
+        meeting = replace(Meeting.of(self.craft, self.task, target), timing=self._timing)
+        periods = last_check(deadline, self._period)
+        if least_margin(meeting.limits, np.stack([start, start])) < 0.0:
+            # Lost, whatever is flown.
+            return
+        for part in _ENTRIES:
+            entry = round(part * periods)
+            commands = passive_transfer(meeting, start, self._zone, _TRANSFER_CLEAR, entry, periods)
+            if commands is None:
+                continue
+            changes = commands @ meeting.forces.T * (self._period / self.craft.mass)
 
-    def _stays_inside(self, states: np.ndarray, state: Any, goal: Any) -> np.ndarray:
-        """Whether flights from states (N, 6) are inside all cones at every check until they arrive, (N,)."""
+            def law(x: np.ndarray, now: float, changes: np.ndarray = changes) -> np.ndarray:
+                away = np.linalg.norm(x[:, :3], axis=1) >= self._zone.approach
+                return np.where(away[:, None], changes[round(now / self._period)], 0.0)
+
+            distance = self._predicted_distance(
+                start[None],
+                law,
+                entry,
+                self._orbit + entry * self._period,
+                self._coast_distance(start) < self._radius,
+            )
+            rows = np.array([row])
+            if (
+                self._is_safe(distance[0])
+                and self._wins(states, state, goal, rows, [plan], {0: changes}).all()
+            ):
+                self._scheduled[row] = changes
+                return
+
+    def _wins(
+        self,
+        states: np.ndarray,
+        state: Any,
+        goal: Any,
+        rows: np.ndarray,
+        plans: list[_Plan],
+        scheduled: dict[int, np.ndarray] | None = None,
+    ) -> np.ndarray:
+        """Whether flights by plans from states (N, 6) with these numbers keep all limits and arrive, (K,)."""
+        ahead = copy(self)
+        # Everything forgotten, in objects of its own.
+        ahead._guidance = MissionGuidance(self.craft, self.task, self._timing)
+        ahead._rounding = copy(self._rounding)
+        ahead.reset(len(rows))
+        ahead._points = np.array([plan.points for plan in plans])
+        ahead._ends = np.array([plan.ends for plan in plans])
+        ahead._scheduled = scheduled or {}
+        some, aim = map_leaves(lambda x: np.asarray(x)[rows], (state, goal))
+        return ahead._arrives(states[rows], some, aim)
+
+    def _arrives(self, states: np.ndarray, state: Any, goal: Any) -> np.ndarray:
+        """Whether flights from states (N, 6) keep all limits at every check, and arrive by the deadline, (N,)."""
         n, checks = self.task.mean_motion, self._timing.checks
         forces = np.array([t.force * np.array(t.direction) for t in self.craft.thrusters])
         inside = np.ones(len(states), bool)
         arrived = np.zeros(len(states), bool)
+        limits = (*self._limits.speeds, *self._limits.others)
         for _ in range(math.ceil(np.max(goal.notes[0]) / self._period)):
             now = replace(state, p=Vec3(*states[:, :3].T), v=Vec3(*states[:, 3:].T))
             command = self.act(now, goal, np.zeros((len(states), 0)))
             push = command @ forces / self.craft.mass
             after = states
             for check in range(1, checks + 1):
-                after = pushed(n, states, push, check * self._period / checks)
+                passed = check * self._period / checks
+                after = pushed(n, states, push, passed)
                 p, v = Vec3(*after[:, :3].T), Vec3(*after[:, 3:].T)
-                for limit in self._limits.others:
+                for limit in limits:
                     inside &= arrived | (np.asarray(limit.gap(p, v)) >= 0.0)
-                arrived |= np.asarray(self.task.reached(replace(now, p=p, v=v), goal))
+                reached = np.asarray(self.task.reached(replace(now, p=p, v=v), goal))
+                arrived |= reached & inside & (goal.notes[0] >= passed)
             states = after
             goal = self.task.later(goal, self._period)
             if bool((arrived | ~inside).all()):
                 break
-        return inside
+        return inside & arrived
 
     def _plan(
         self, start: np.ndarray, deadline: float, excluded: Sequence[np.ndarray] = ()
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """`_Plans.first_coast` of the plan from a state (6,); another one than those excluded."""
+    ) -> _Plan:
+        """The plan from a state (6,); another one than those whose points are excluded."""
         is_unsafe_start = self._coast_distance(start) < self._radius
-        best: tuple[np.ndarray, np.ndarray] | None = None
+        best: _Plan | None = None
         farthest = -1.0
         for number, (seed, count, latest) in enumerate(_TRIES + _TURNS):
             turns = number >= len(_TRIES)
@@ -286,12 +361,13 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
                 partial(self._distance_of_flights, plans, start, is_unsafe_start),
             )
             if plan is not None and plan.distance > farthest:
-                best, farthest = plans.first_coast(plan.row), plan.distance
+                farthest = plan.distance
+                best = plans.first_coast(plan.row, bool(self._is_safe(farthest)))
             if self._is_safe(farthest):
                 break
             if best is None:
                 # No coast is safe even after impulses: the cheapest plan.
-                best = plans.first_coast(int(np.argmin(plans.price)))
+                best = plans.first_coast(int(np.argmin(plans.price)), False)
         assert best is not None
         return best
 

@@ -548,7 +548,7 @@ def _tangent_margin(limits: Sequence[Shape], state: np.ndarray, reference: np.nd
     """The least margin of the limits where what is concave in them is its tangent at the reference."""
     margins = []
     for limit in limits:
-        cone = _cone(limit, reference)
+        cone = cone_rows(limit, reference)
         head = cone.row @ state + cone.constant
         tail = cone.matrix @ state + cone.vector
         margins.append(head - np.linalg.norm(tail) + 0.5 * _SLACK)
@@ -556,7 +556,7 @@ def _tangent_margin(limits: Sequence[Shape], state: np.ndarray, reference: np.nd
 
 
 @dataclass(frozen=True)
-class _ConeRows:
+class ConeRows:
     """|matrix x + vector| <= row x + constant, for a state x."""
 
     row: np.ndarray
@@ -565,7 +565,7 @@ class _ConeRows:
     vector: np.ndarray
 
 
-def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
+def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
     """A limit as a second-order cone, tangent at a reference state (2 d,) where it is not convex.
 
     Raises:
@@ -583,7 +583,7 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
         row[:size] = float(limit.slope) * unit
         constant = float(limit.base) - float(limit.slope) * float(unit @ at) - _SLACK
         matrix = np.hstack([np.zeros((size, size)), np.eye(size)])
-        return _ConeRows(row, constant, matrix, np.zeros(size))
+        return ConeRows(row, constant, matrix, np.zeros(size))
     # A ball to keep out of: the half space beyond the tangent plane that faces the reference.
     if isinstance(limit, Ball):
         centre = _vector(limit.centre)
@@ -591,20 +591,20 @@ def _cone(limit: Shape, reference: np.ndarray) -> _ConeRows:
         unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
         row = np.zeros(2 * size)
         row[:size] = unit
-        return _ConeRows(
+        return ConeRows(
             row, -float(unit @ centre) - float(limit.radius) - _SLACK, none, np.zeros(0)
         )
     # A cone around an axis is convex; far from its apex it does not apply.
     if isinstance(limit, Cone):
         apex, axis = _vector(limit.apex), _vector(limit.axis)
         if np.linalg.norm(positions - apex) > float(limit.length):
-            return _ConeRows(np.zeros(2 * size), 1.0, none, np.zeros(0))
+            return ConeRows(np.zeros(2 * size), 1.0, none, np.zeros(0))
         row = np.zeros(2 * size)
         tangent = np.tan(float(limit.half_angle))
         row[:size] = tangent * axis
         across = np.eye(size) - np.outer(axis, axis)
         matrix = np.hstack([across, np.zeros((size, size))])
-        return _ConeRows(row, -tangent * float(axis @ apex) - _SLACK, matrix, -across @ apex)
+        return ConeRows(row, -tangent * float(axis @ apex) - _SLACK, matrix, -across @ apex)
     raise ConfigError(f"convex bounds know balls, cones and speed limits, got {limit!r}.")
 
 
@@ -643,7 +643,7 @@ class _Rows:
         """Keep a limit at a check."""
         effect = self.meeting.effect(check, self.periods)[:, self._used]
         free = self.meeting.free(self._start, np.array([check]))[0]
-        cone = _cone(limit, reference)
+        cone = cone_rows(limit, reference)
         self._append(
             cone.row @ effect,
             float(cone.row @ free) + cone.constant,

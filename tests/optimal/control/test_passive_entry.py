@@ -12,7 +12,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
-from rans.optimal.control.passive_entry import PassiveEntry
+from rans.optimal.control.passive_entry import PassiveEntry, _Plan
 from rans.tasks import Dock
 from tests.support.clohessy_wiltshire import transition
 
@@ -82,7 +82,8 @@ def test_a_first_coast_may_turn_where_no_other_is_safe() -> None:
     """From this start, of evaluation start 226, one burn leads into the zone or breaks the speed limit."""
     pilot = PassiveEntry("afrl-deputy", "dock")
     start = np.array([-9.906, 21.243, 135.843, -0.008, -0.017, -0.172])
-    points, ends = pilot._plan(start, 607.66)
+    points, ends, is_safe = pilot._plan(start, 607.66)
+    assert is_safe
     assert np.linalg.norm(points[0]) > 20.0 > np.linalg.norm(points[1])
     assert 0.0 < ends[0] < ends[1] < 607.66
     # The plan by itself: impulses, and coasts of an orbit from a hundred instants and eleven parts of a burn.
@@ -119,18 +120,19 @@ def test_each_start_flies_its_cheapest_plan_that_stays_inside_the_cone(
     ends = {-1.0: [600.0, 700.0, 400.0], -2.0: [300.0], -3.0: [900.0] * 20}
     asked = []
 
-    def plan(start: Any, deadline: float, excluded: Any = ()) -> tuple[np.ndarray, np.ndarray]:
-        return np.full((2, 3), float(len(excluded))), np.full(2, ends[start[0]][len(excluded)])
+    def plan(start: Any, deadline: float, excluded: Any = ()) -> _Plan:
+        end = np.full(2, ends[start[0]][len(excluded)])
+        return _Plan(np.full((2, 3), float(len(excluded))), end, True)
 
-    def stays_inside(self: PassiveEntry, states: Any, state: Any, goal: Any) -> np.ndarray:
+    def arrives(self: PassiveEntry, states: Any, state: Any, goal: Any) -> np.ndarray:
         asked.append(state.p.x.tolist())
         return self._ends[:, 1] <= 500.0
 
     monkeypatch.setattr(pilot, "_plan", plan)
-    monkeypatch.setattr(PassiveEntry, "_stays_inside", stays_inside)
+    monkeypatch.setattr(PassiveEntry, "_arrives", arrives)
     x = np.repeat([[-1.0], [-2.0], [-3.0]], 6, axis=1)
     goal = replace(state_of(x), notes=(np.full(3, 5000.0),))
     plans = pilot._planned(x, state_of(x), goal)
-    assert [end[1] for _, end in plans] == [400.0, 300.0, 900.0]
+    assert [plan.ends[1] for plan in plans] == [400.0, 300.0, 900.0]
     assert asked[:3] == [[-1.0, -2.0, -3.0], [-1.0, -3.0], [-1.0, -3.0]]
     assert set(map(tuple, asked[3:])) == {(-3.0,)}
