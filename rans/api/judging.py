@@ -107,6 +107,7 @@ def evaluate(
     protocol: ProtocolName = "own",
     guard: bool = False,
     guard_slack: float | None = None,
+    guard_coasts: bool = False,
     start: State | None = None,
     goal: State | None = None,
     zones: Sequence[Sequence[float]] = (),
@@ -128,6 +129,8 @@ def evaluate(
         guard: whether to fly behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
         guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and three standard deviations of
             the conditions' noise.
+        guard_coasts: whether the filter also keeps coasts of the next orbit out of the zone around the target
+            (`rans.guard.SafeCoasts`).
         start: start of all episodes, as `rans.state` makes it; None: sampled. Without conditions one episode
             flies from it, because all would be the same.
         goal: goal of all episodes, as `rans.state` makes it; None: sampled.
@@ -150,7 +153,7 @@ def evaluate(
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)
-    flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack)
+    flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack, guard_coasts)
     return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal, zones)))
 
 

@@ -83,6 +83,9 @@ class Evaluate:
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
     default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
+    guard_coasts: bool = False
+    """With --guard: also replace commands after which the coast of the next orbit would enter the zone around the
+    target if all thrusters shut (docs/missions/passive_safety.md)."""
     full: bool = False
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: Trust = False
@@ -122,7 +125,7 @@ class Evaluate:
 
         run = contestant(self.contestant, self.protocol, trust=self.trust)
         run = run.under(conditions_if_named(self.conditions))
-        run = run.guarded(self.guard, self.guard_slack)
+        run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
         if self.ccsds:
             from rans.ccsds import orbit_of
 

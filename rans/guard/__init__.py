@@ -10,12 +10,16 @@ from rans.guard.ahead import SLACK
 from rans.guard.backup import FlownBackup
 from rans.guard.barrier import BarrierProgram, check_throttles
 from rans.guard.expected import Expected
+from rans.guard.safe_coasts import SafeCoasts
+from rans.model.drift import ClohessyWiltshire
 from rans.scenario import scenario
 
-__all__ = ["BarrierProgram", "FlownBackup", "safety_filter"]
+__all__ = ["BarrierProgram", "FlownBackup", "SafeCoasts", "safety_filter"]
 
 
-def safety_filter(setup: Setup, slack: float | None = None) -> Guard:
+def safety_filter(
+    setup: Setup, slack: float | None = None, safe_coasts: bool | float = False
+) -> Guard:
     """Safety filter for the spacecraft, task and conditions of a setup.
 
     It is a `BarrierProgram` for throttles, and a `FlownBackup` for on/off and pulsed thrusters. Under conditions it
@@ -25,6 +29,8 @@ def safety_filter(setup: Setup, slack: float | None = None) -> Guard:
     Args:
         setup: spacecraft, task, timing and conditions.
         slack: least margin in the unit of each constraint, in place of that for noise; None: that for noise.
+        safe_coasts: whether it is a `SafeCoasts` around that filter: if all thrusters shut at any instant, the
+            coast of the next orbit, or of a time in s, keeps out of `rans.tasks.base.Task.coast_zone`.
 
     >>> craft = rans.load_spacecraft("floating-platform")
     >>> safety_filter(Setup(craft, rans.load_task("avoid"))).name
@@ -32,7 +38,7 @@ def safety_filter(setup: Setup, slack: float | None = None) -> Guard:
 
     Raises:
         ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, or the slack
-            is no number above 0.
+            is no number above 0; or coasts are to be safe, and the task has no zone for them.
     """
     task = setup.task
     name = type(task).__name__
@@ -50,7 +56,20 @@ def safety_filter(setup: Setup, slack: float | None = None) -> Guard:
     expected = Expected.of(setup)
     reserve = expected.reserve if slack is None else ()
     least = SLACK if slack is None else slack
+    kind = FlownBackup
     if setup.craft.actuators.kind == "throttle":
         check_throttles(setup.craft)
-        return BarrierProgram(slack=least, reserve=reserve, delay=expected.delay)
-    return FlownBackup(slack=least, reserve=reserve, delay=expected.delay)
+        kind = BarrierProgram
+    result = kind(slack=least, reserve=reserve, delay=expected.delay)
+    if not safe_coasts:
+        return result
+    zone, drift = task.coast_zone, task.drift
+    if zone is None or not isinstance(drift, ClohessyWiltshire) or setup.craft.dimension != 3:
+        raise ConfigError(
+            f"coasts are filtered in missions in space on a circular orbit, such as hold, and {name} is not one."
+        )
+    orbit = 2.0 * math.pi / drift.mean_motion
+    seconds = orbit if safe_coasts is True else float(safe_coasts)
+    if not 0.0 < seconds < math.inf:
+        raise ConfigError(f"the time of a coast must be a finite number of s > 0, got {seconds:g}.")
+    return SafeCoasts(result, zone, drift.mean_motion, seconds)

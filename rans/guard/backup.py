@@ -82,6 +82,11 @@ class FlownBackup:
             return tuple(float(x[0]) for x in admitted), bool(changed[0])
         return admitted, changed
 
+    def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
+        """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""
+        search = _Search.of(self, world)
+        return search.passes(state, goal, command, search.ways)
+
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """Whether states (N,) of arrays or tensors are safe: the filter can keep all margins from there, (N,)."""
         search = _Search.of(self, world)

@@ -102,6 +102,10 @@ class BarrierProgram:
             return tuple(float(x[0]) for x in admitted), bool(changed[0])
         return admitted, changed
 
+    def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
+        """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""
+        return _Search.of(self, world).kept(state, goal, command)
+
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """Whether braking keeps every margin from these states on, (N,)."""
         search = _Search.of(self, world)

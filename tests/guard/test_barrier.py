@@ -28,21 +28,9 @@ from rans.randomization.conditions import (
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import Dock, Hold, Land
+from tests.support.ramming import Ramming
 
 DEPUTY = load_spacecraft("afrl-deputy")
-
-
-class Ramming:
-    """Full thrust towards the target."""
-
-    name = "ramming"
-
-    def reset(self, count: int) -> None:
-        """Nothing to forget."""
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        way = np.array((goal.p - state.p).columns())
-        return np.array([x for axis in np.sign(way) for x in (axis > 0, axis < 0)], float).T
 
 
 @pytest.mark.slow

@@ -98,14 +98,19 @@ class LoadedRun(NamedTuple):
             warn_of_unobserved_layouts(self.task, loaded)
         return self._replace(controller=informed(self.controller, loaded), conditions=loaded)
 
-    def guarded(self, guard: bool = True, slack: float | None = None) -> LoadedRun:
-        """The run with the safety filter for its setup and slack (`rans.guard.safety_filter`), if ``guard``.
+    def guarded(
+        self, guard: bool = True, slack: float | None = None, safe_coasts: bool = False
+    ) -> LoadedRun:
+        """The run with the safety filter for its setup (`rans.guard.safety_filter`), if ``guard``.
 
         Raises:
-            ConfigError: the task has no constraints, no filter knows the craft, or there is a slack but no filter.
+            ConfigError: the task has no constraints, no filter knows the craft, or there is a slack, or coasts are
+                to be safe, but there is no filter.
         """
         if guard:
-            return self._replace(guard=safety_filter(self.judged, slack))
+            return self._replace(guard=safety_filter(self.judged, slack, safe_coasts))
+        if safe_coasts:
+            raise ConfigError("--guard-coasts is for the coasts of a safety filter: add --guard.")
         if slack is not None:
             raise ConfigError("--guard-slack is the slack of a safety filter: add --guard.")
         return self

@@ -76,6 +76,7 @@ def test_coasts_keep_out_of_the_zone_and_the_craft_arrives_below_the_limit() -> 
     assert ignoring.impulse < spent < 1.5 * ignoring.impulse
 
 
+@pytest.mark.slow
 def test_there_is_no_transfer_that_is_too_fast_for_the_limit() -> None:
     zone = TASK.coast_zone
     assert zone is not None
