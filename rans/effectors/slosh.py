@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +28,8 @@ _STEP = 0.1
 and 3e-7 rad of Drake, and the rod within 1e-6 rad."""
 _DECAY = 1.0
 """Longest step times the rate at which friction stops the rod; the method is stable up to 2.78."""
+_STABLE = 2.5
+"""Longest step times this rate under factors on mass and damping."""
 _MOST_STEPS = 64
 """Largest number of steps in a piece of a control period, which bounds the length of generated programs."""
 
@@ -75,13 +77,13 @@ class Pair(NamedTuple):
     """Moment of inertia that the spin of the rod has, kg m^2."""
     coupling: Field
     """Reduced mass times the length of the rod, kg m."""
-    damping: float
+    damping: Field
     """Friction of the hinge, N m s."""
 
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> Pair:
-        """Constants of a body, whose mass that swings is the same share of the whole as in the designed craft."""
-        share = slosh.mass / craft.mass
+        """Constants of a body, whose factors apply to the fraction that swings of the designed craft."""
+        share = spherical.swinging(slosh, craft, body)
         ratio = share / (1.0 - share)
         x, y = (
             h - c - offset
@@ -105,7 +107,7 @@ class Pair(NamedTuple):
             rigid + reduced * (arm[0] * arm[0] + arm[1] * arm[1]),
             reduced * length**2,
             reduced * length,
-            slosh.damping,
+            spherical.friction(slosh, body),
         )
 
 
@@ -122,13 +124,7 @@ class Swinging(Action):
 
     def steps(self, longest: float) -> int:
         """Number of integration steps in a part of the period that lasts so long at most, s."""
-        return min(
-            max(
-                math.ceil(longest * self._pace / _STEP - 1e-9),
-                math.ceil(longest * self._decay / _DECAY),
-            ),
-            _MOST_STEPS,
-        )
+        return _steps(longest, self._pace, self._decay)
 
     @abstractmethod
     def advance(
@@ -374,13 +370,23 @@ def _heaviest(slosh: Slosh, craft: Spacecraft) -> tuple[float, float, float]:
     return arm, float(np.linalg.eigvalsh(tensor)[0]) + pair.reduced * arm**2, pair.reduced
 
 
-def check_slosh(craft: Spacecraft, drift: Drift, period: float) -> None:
-    """Refuse drifts and control periods for which the motion of a pendulum is not computed.
+def _steps(longest: float, pace: float, decay: float) -> int:
+    """Number of integration steps in a time, s, at the rates of `paces`."""
+    needed = max(math.ceil(longest * pace / _STEP - 1e-9), math.ceil(longest * decay / _DECAY))
+    return min(needed, _MOST_STEPS)
+
+
+def check_slosh(
+    craft: Spacecraft, drift: Drift, period: float, mass: float = 1.0, damping: float = 1.0
+) -> None:
+    """Refuse drifts, control periods and conditions for which the motion of a pendulum is not computed.
 
     Args:
         craft: any; one without `Spacecraft.slosh` passes.
         drift: motion of a free point.
         period: control period, s.
+        mass: least factor on the mass that swings.
+        damping: largest factor on the damping.
 
     Raises:
         ConfigError: an orbit pulls, or friction stops the rod too fast for the control period.
@@ -392,11 +398,22 @@ def check_slosh(craft: Spacecraft, drift: Drift, period: float) -> None:
             f"spacecraft {craft.name!r} has [slosh], which is computed in free flight and uniform gravity only, "
             f"and the task's drift is {drift.name}: take [slosh] out of its file for missions on an orbit."
         )
-    _, decay = paces(craft.slosh, craft)
+    pace, decay = paces(craft.slosh, craft)
     if period * decay / _DECAY > _MOST_STEPS:
         limit = craft.slosh.damping * _MOST_STEPS * _DECAY / (period * decay)
         raise ConfigError(
             f"spacecraft {craft.name!r}: slosh damping must be at most {limit:.3g} N m s at a control period of "
             f"{period:g} s, got {craft.slosh.damping:g}: the rod would stop within {1 / decay:.2g} s. The usual "
             "cause is a damping ratio in its place."
+        )
+    # Steps are those of the designed craft.
+    extreme = replace(
+        craft.slosh, mass=mass * craft.slosh.mass, damping=damping * craft.slosh.damping
+    )
+    step = period / max(_steps(period, pace, decay), 1)
+    if step * paces(extreme, craft)[1] > _STABLE:
+        raise ConfigError(
+            f"Conditions of body.slosh_mass from {mass:g} and body.slosh_damping up to {damping:g} stop the rod of "
+            f"{craft.name!r} within {1 / paces(extreme, craft)[1]:.2g} s, too fast for steps of {step:.2g} s: "
+            "raise the damping in the spacecraft's file, and draw factors below 1."
         )

@@ -16,7 +16,7 @@ from rans.model.spacecraft import Spacecraft
 class SphericalPair(NamedTuple):
     """Craft without the mass that swings, and this mass: constants of their motion in space."""
 
-    share: float
+    share: Field
     """Mass that swings over the mass of both."""
     mass: Field
     """Mass of both, kg."""
@@ -34,13 +34,13 @@ class SphericalPair(NamedTuple):
     """Inverse of this tensor, 1/(kg m^2)."""
     reduced: Field
     """Reduced mass of both, kg."""
-    damping: float
+    damping: Field
     """Friction of the hinge, N m s."""
 
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> SphericalPair:
-        """Constants of a body, of which the same fraction swings as of the designed craft."""
-        share = slosh.mass / craft.mass
+        """Constants of a body, whose factors apply to the fraction that swings of the designed craft."""
+        share = swinging(slosh, craft, body)
         ratio = share / (1.0 - share)
         shift = body.centre or (0.0, 0.0, 0.0)
         hinge = Vec3(
@@ -64,8 +64,19 @@ class SphericalPair(NamedTuple):
             inertia,
             symmetric_inverse(inertia),
             body.mass * (share * (1.0 - share)),
-            slosh.damping,
+            friction(slosh, body),
         )
+
+
+def swinging(slosh: Slosh, craft: Spacecraft, body: Body) -> Field:
+    """Fraction of a body's mass that swings."""
+    share = slosh.mass / craft.mass
+    return share if body.slosh_mass is None else body.slosh_mass * share
+
+
+def friction(slosh: Slosh, body: Body) -> Field:
+    """Friction of the hinge of a body, N m s."""
+    return slosh.damping if body.slosh_damping is None else body.slosh_damping * slosh.damping
 
 
 @dataclass(frozen=True)
@@ -123,7 +134,7 @@ def rates(
 
     # Friction, and acceleration of the hinge by the spin alone.
     slip = moving - spin.cross(rod)
-    friction = slip.scale(-pair.damping / pair.length)
+    drag = slip.scale(-pair.damping / pair.length)
     inwards = spin.cross(spin.cross(pair.arm))
 
     # Angular acceleration of the craft.
@@ -134,7 +145,7 @@ def rates(
     tension = (rod.dot(inwards) - moving.dot(moving) * pair.length) * pair.reduced
     tension = tension + rod.dot(force) * pair.share
     turning = torque + pair.to_origin.cross(force) - spin.cross(held)
-    turning = turning + rod.cross(slip).scale(pair.damping) - pair.arm.cross(friction)
+    turning = turning + rod.cross(slip).scale(pair.damping) - pair.arm.cross(drag)
     turning = turning - lever.scale(tension)
     freely = symmetric_times(pair.mobility, turning)
     of_lever = symmetric_times(pair.mobility, lever)
@@ -142,7 +153,7 @@ def rates(
     spin_up = freely - of_lever.scale(along)
 
     # Acceleration of the rod's direction: what is across it follows from the forces, and the rest from its length.
-    pulled = (friction - force.scale(pair.share)).scale(1.0 / pair.reduced)
+    pulled = (drag - force.scale(pair.share)).scale(1.0 / pair.reduced)
     pulled = pulled - inwards - spin_up.cross(pair.arm)
     across = (pulled - rod.scale(rod.dot(pulled))).scale(1.0 / pair.length)
     bending = across - rod.scale(moving.dot(moving))

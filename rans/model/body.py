@@ -53,6 +53,10 @@ class Body:
     """Droop of each supply, see `rans.model.dynamics.thrust`; None: that of the craft."""
     mountings: tuple[Mounting, ...] = ()
     """True position and direction of each thruster; empty: as designed."""
+    slosh_mass: Field | None = None
+    """Factor on the fraction of the mass that sloshes; None: 1."""
+    slosh_damping: Field | None = None
+    """Factor on the damping of the liquid; None: 1."""
 
     @classmethod
     def of(cls, craft: Spacecraft) -> Body:
@@ -110,6 +114,8 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
         in_fields({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
         in_fields({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak),
         mountings=_mountings_in_memory(body.mountings, len(thrusters), count, field),
+        slosh_mass=_factor("slosh mass", "> 0", body.slosh_mass, count, field),
+        slosh_damping=_factor("slosh damping", ">= 0", body.slosh_damping, count, field),
     )
     if len(body.inertia) == 6:
         _check_rigid(body.inertia)
@@ -135,6 +141,11 @@ def _mountings_in_memory(
         )
         for i, mounting in enumerate(mountings)
     )
+
+
+def _factor(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:
+    """Checked factor as of `_placed`; None for None."""
+    return None if value is None else _placed(f"factor on the {name}", bound, value, count, field)
 
 
 def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:

@@ -69,6 +69,15 @@ class BodyConditions(Settings):
     """Factor on all moments of inertia."""
     centre: Range = 0.0
     """Distance between the true centre of mass and the designed one, in a random direction, m."""
+    slosh_mass: Range = 1.0
+    """Factor on the fraction of the mass that sloshes, of a craft with `Spacecraft.slosh`."""
+    slosh_damping: Range = 1.0
+    """Factor on the damping of its liquid."""
+
+    @property
+    def varies_slosh(self) -> bool:
+        """Whether the liquid is not as designed."""
+        return (self.slosh_mass, self.slosh_damping) != (1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -314,6 +323,11 @@ class Conditions(Settings):
         """Reject masses, inertias and centres of mass that leave no rigid craft around a sloshing liquid."""
         slosh = craft.slosh
         if slosh is None:
+            if any(part.body.varies_slosh for part in (self, *self.others)):
+                raise ConfigError(
+                    f"Conditions have body.slosh_mass or body.slosh_damping, and {craft.name!r} has no [slosh]: "
+                    "leave them out, or write [slosh] into its file."
+                )
             return
         for part in (self, *self.others):
             (_, mass), (least, _), (_, shift) = map(
@@ -321,13 +335,20 @@ class Conditions(Settings):
             )
             # The largest that the mass at rest adds, as in the check of the spacecraft.
             away = math.dist(slosh.point(), craft.centre_of_mass) + shift
-            adds = mass * slosh.mass * away**2 / (1.0 - slosh.mass / craft.mass)
+            swings = slosh.mass * largest(part.body.slosh_mass)
+            if swings > craft.mass * (1.0 - 1e-3):
+                raise ConfigError(
+                    f"Conditions of body.slosh_mass up to {largest(part.body.slosh_mass):g} let {swings:g} kg "
+                    f"swing of the {craft.mass:g} kg of {craft.name!r}."
+                )
+            adds = mass * swings * away**2 / (1.0 - swings / craft.mass)
             moment = least * craft.least_spread
             if adds > moment * (1.0 - 1e-3):
                 raise ConfigError(
-                    f"Conditions of body.mass up to {mass:g}, body.inertia from {least:g} and body.centre up to "
-                    f"{shift:g} m leave no inertia to {craft.name!r} without its sloshing liquid: that adds up to "
-                    f"{adds:.4g} kg m^2 of {moment:.4g} kg m^2. Raise body.inertia, or narrow the ranges."
+                    f"Conditions of body.mass up to {mass:g}, body.inertia from {least:g}, body.centre up to "
+                    f"{shift:g} m and body.slosh_mass up to {largest(part.body.slosh_mass):g} leave no inertia to "
+                    f"{craft.name!r} without its sloshing liquid: that adds up to {adds:.4g} kg m^2 of "
+                    f"{moment:.4g} kg m^2. Raise body.inertia, or narrow the ranges."
                 )
 
     @property
@@ -350,6 +371,14 @@ class Conditions(Settings):
         if self.others or not self.dead:
             return False
         return replace(self, description="", faults=FaultConditions()) == Conditions()
+
+    @property
+    def slosh_factors(self) -> tuple[float, float]:
+        """Least factor on the mass that sloshes, and largest on its damping."""
+        every = [part.body for part in (self, *self.others)]
+        return min(bounds(body.slosh_mass)[0] for body in every), max(
+            largest(body.slosh_damping) for body in every
+        )
 
     @property
     def steady_torque(self) -> float:
@@ -435,7 +464,8 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
 
 def _check_body(body: BodyConditions) -> None:
     """Reject a body without mass or inertia."""
-    for name, values in (("mass", body.mass), ("inertia", body.inertia)):
+    for name in ("mass", "inertia", "slosh_mass"):
+        values = getattr(body, name)
         _require(bounds(values)[0] > 0, f"body.{name}", values, "> 0")
 
 

@@ -286,6 +286,7 @@ _STREAMS = {
     "mixture": 17,
     "noise": 18,
     "mountings": 19,
+    "slosh": 20,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
 eight streams. These numbers must not change: every seed would then have other episodes."""
@@ -327,6 +328,13 @@ def draw(
     mountings = _mountings(thrusters.misalignment, thrusters.position, craft, random("mountings"))
     # A base with true positions keeps them unless the conditions have errors.
     body = replace(body, mountings=mountings or base.mountings)
+    if conditions.body.varies_slosh:
+        liquid = random("slosh")
+        body = replace(
+            body,
+            slosh_mass=liquid.within(conditions.body.slosh_mass),
+            slosh_damping=liquid.within(conditions.body.slosh_damping),
+        )
     pushes = conditions.disturbances
     return EpisodeParameters(
         number=number,

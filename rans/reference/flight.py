@@ -149,7 +149,9 @@ class DrakeMover:
         return max(_SHORTEST, min(period / 20.0, _TURN / max(fastest, 1e-9)))
 
     def _plant_for(self, body: Body, count: int) -> Plant:
-        flying = _columns(leaves((body.mass, body.inertia, body.centre, body.mountings)), count)
+        parts = (body.mass, body.inertia, body.centre, body.mountings)
+        liquid = (body.slosh_mass, body.slosh_damping)
+        flying = _columns(leaves((*parts, *liquid)), count)
         if not np.array_equal(flying, self._built_for):
             step = _SHORTEST if self._max_step is None else self._max_step
             self._plant = Plant(self._craft, count, step, body, self._drift)

@@ -63,10 +63,18 @@ def centre_of_mass(craft: Spacecraft, body: Body, index: int) -> np.ndarray:
 
 
 def slosh_mass(craft: Spacecraft, body: Body, index: int) -> float:
-    """Mass that swings in one of many spacecraft, kg: the same share of each."""
+    """Mass that swings in one of many spacecraft, kg."""
     assert craft.slosh is not None
-    whole = body.mass if np.ndim(body.mass) == 0 else body.mass[index]
-    return craft.slosh.mass * float(whole) / craft.mass
+    factor = 1.0 if body.slosh_mass is None else body.slosh_mass
+    whole, times = (float(x if np.ndim(x) == 0 else x[index]) for x in (body.mass, factor))
+    return times * craft.slosh.mass * whole / craft.mass
+
+
+def slosh_damping(craft: Spacecraft, body: Body, count: int) -> np.ndarray:
+    """Friction of the liquid's hinge in each of many spacecraft, (N,) N m s."""
+    assert craft.slosh is not None
+    factor = 1.0 if body.slosh_damping is None else body.slosh_damping
+    return craft.slosh.damping * np.broadcast_to(np.asarray(factor, dtype=np.float64), count)
 
 
 def point_mass(mass: float, position: np.ndarray) -> SpatialInertia:

@@ -361,10 +361,8 @@ class Plant:
         forces = self._plant.get_applied_generalized_force_input_port()
         if not isinstance(self._drift, Orbit):
             if isinstance(self._rods, SphericalRods):
-                assert self.craft.slosh is not None
                 friction = HingeFriction(
                     self._rods,
-                    self.craft.slosh.damping,
                     self._plant.num_positions(),
                     self._plant.num_velocities(),
                 )

@@ -18,7 +18,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
-from rans.reference.parts import point_mass, slosh_mass
+from rans.reference.parts import point_mass, slosh_damping, slosh_mass
 
 
 class Rods(ABC):
@@ -30,6 +30,8 @@ class Rods(ABC):
         assert craft.slosh is not None
         self._plant = plant
         self._slosh = craft.slosh
+        self.damping = slosh_damping(craft, body, len(bodies))
+        """Friction of each hinge, (N,) N m s."""
         self._hinges = []
         self._joints: list[Joint] = []
         for k, rigid in enumerate(bodies):
@@ -39,7 +41,7 @@ class Rods(ABC):
                 f"hinge of {rod.name()}", rigid.body_frame(), self._pose(self._slosh.direction)
             )
             self._hinges.append(plant.AddFrame(hinge))
-            self._joints.append(plant.AddJoint(self._joint(self._hinges[-1], rod)))
+            self._joints.append(plant.AddJoint(self._joint(self._hinges[-1], rod, self.damping[k])))
 
     @property
     @abstractmethod
@@ -51,8 +53,8 @@ class Rods(ABC):
         """Pose in G of the hinge's frame, which a rod's frame equals when it points along a direction."""
 
     @abstractmethod
-    def _joint(self, hinge: FixedOffsetFrame, rod: Any) -> Joint:
-        """Joint between a hinge and its rod."""
+    def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
+        """Joint between a hinge and its rod, with friction, N m s."""
 
     @abstractmethod
     def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
@@ -81,9 +83,9 @@ class PlanarRods(Rods):
         turn = RotationMatrix.MakeZRotation(math.atan2(direction[1], direction[0]))
         return RigidTransform(turn, np.array(self._slosh.hinge))
 
-    def _joint(self, hinge: FixedOffsetFrame, rod: Any) -> Joint:
+    def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
         axis = np.array([0.0, 0.0, 1.0])
-        return RevoluteJoint(rod.name(), hinge, rod.body_frame(), axis, self._slosh.damping)
+        return RevoluteJoint(rod.name(), hinge, rod.body_frame(), axis, damping)
 
     def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
         """Write angles and rates."""
@@ -121,7 +123,7 @@ class SphericalRods(Rods):
         axes = np.column_stack([x, np.cross(z, x), z])
         return RigidTransform(RotationMatrix(axes), np.array(self._slosh.hinge))
 
-    def _joint(self, hinge: FixedOffsetFrame, rod: Any) -> Joint:
+    def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
         return UniversalJoint(rod.name(), hinge, rod.body_frame(), 0.0)
 
     def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
@@ -158,14 +160,13 @@ class HingeFriction(LeafSystem):
 
     Args:
         rods: of a plant that is finalized.
-        damping: N m s.
         positions: number of the plant's positions.
         count: number of its velocities.
     """
 
-    def __init__(self, rods: Rods, damping: float, positions: int, count: int) -> None:
+    def __init__(self, rods: Rods, positions: int, count: int) -> None:
         super().__init__()
-        self._damping = damping
+        self._damping = rods.damping[:, None]
         own, self._rates = rods.coordinates()
         self._second = own[:, 1]
         self._positions = positions

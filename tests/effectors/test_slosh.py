@@ -43,6 +43,7 @@ UNEVEN = Conditions(
     body=BodyConditions(mass=(0.8, 1.2), inertia=(0.9, 1.2), centre=(0.0, 0.02)),
     disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
 )
+LIQUIDS = Conditions(body=BodyConditions(slosh_mass=(0.3, 1.0), slosh_damping=(0.0, 2.0)))
 
 
 def moving(count: int = 4, **changes: Any) -> Any:
@@ -127,8 +128,9 @@ def test_a_rod_that_friction_holds_moves_as_the_rigid_craft() -> None:
         (SLOSHING, rans.GoToPose(), None),
         (WHEELED, FallingInThePlane(), None),
         (SLOSHING, rans.GoToPose(), UNEVEN),
+        (SLOSHING, rans.GoToPose(), LIQUIDS),
     ],
-    ids=["free", "wheel and gravity", "drawn bodies and disturbances"],
+    ids=["free", "wheel and gravity", "drawn bodies and disturbances", "drawn liquids"],
 )
 def test_drake_flies_it_alike(craft: Any, task: Any, conditions: Any) -> None:
     """A point mass on a revolute joint with friction, in Drake's own multibody equations."""
@@ -230,6 +232,40 @@ def test_conditions_leave_inertia_to_the_craft_without_it(body: BodyConditions) 
     """Otherwise craft and rod would accelerate each other without end."""
     with pytest.raises(ConfigError, match="leave no inertia to 'sloshing' without its sloshing"):
         rans.Engine(SLOSHING, "go-to-pose", 2, conditions=Conditions(body=body))
+
+
+@pytest.mark.parametrize(
+    ("craft", "body", "sentence"),
+    [
+        (replace(SLOSHING, slosh=None), BodyConditions(slosh_mass=0.5), r"has no \[slosh\]"),
+        (SLOSHING, BodyConditions(slosh_mass=6.0), "up to 6 let 6.384 kg swing of the 5.32 kg"),
+        (SLOSHING, BodyConditions(slosh_mass=(0.0, 1.0)), "body.slosh_mass must be > 0"),
+        (
+            SLOSHING,
+            BodyConditions(slosh_damping=(1.0, 200.0)),
+            "slosh_damping up to 200 stop the rod",
+        ),
+    ],
+)
+def test_liquids_that_a_craft_cannot_have_are_refused(
+    craft: Any, body: BodyConditions, sentence: str
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        rans.Engine(craft, "go-to-pose", 2, conditions=Conditions(body=body))
+
+
+def test_drawn_liquids_swing_as_such_craft() -> None:
+    """A factor is the same as another mass and damping in the craft's file."""
+    body = replace(Body.of(SLOSHING), slosh_mass=0.5, slosh_damping=3.0)
+    other = replace(
+        SLOSHING, slosh=replace(SLOSH, mass=0.5 * SLOSH.mass, damping=3.0 * SLOSH.damping)
+    )
+    command = tuple(commands(SLOSHING, 4, seed=2).T)
+    timing = Timing(control_period=0.2, substeps=16)
+    one = held(moving(), SLOSHING, body, command, timing)
+    same = held(moving(), other, Body.of(other), command, timing)
+    for a, b in zip(leaves(one), leaves(same), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
 
 
 def test_the_pendulum_of_an_upright_cylinder() -> None:

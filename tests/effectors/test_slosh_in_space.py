@@ -40,7 +40,13 @@ WHEELED = replace(
     ),
 )
 UNEVEN = Conditions(
-    body=BodyConditions(mass=(0.8, 1.1), inertia=(0.9, 1.2), centre=(0.0, 0.01)),
+    body=BodyConditions(
+        mass=(0.8, 1.1),
+        inertia=(0.9, 1.2),
+        centre=(0.0, 0.01),
+        slosh_mass=(0.5, 1.0),
+        slosh_damping=(0.0, 2.0),
+    ),
     disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
 )
 
