@@ -32,7 +32,7 @@ _CONTESTANTS = (
     "pretrained:dock-port-2d",
     "pretrained:dock-port-2d-atmos",
     "pretrained:go-to-pose-3d",
-    "lqr:go-to-pose-3d",
+    "pretrained:any-craft-3d",
     "pretrained:dock-port-3d",
 )
 SHARES = (0.0, 0.05, 0.1, 0.2)
