@@ -128,6 +128,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "dock on ellipses": elliptic.in_document,
     "coasts on ellipses": elliptic.errors_in_document,
     "hold with J2 and drag": perturbed.in_document,
+    "what is known with J2 and drag": perturbed.known_in_document,
     "coasts with J2 and drag": perturbed.coasts_in_document,
     **{
         f"errors: {name}": partial(error_sources.in_document, table=name)

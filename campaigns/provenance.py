@@ -259,14 +259,18 @@ SOURCES: dict[str, Source] = {
         quick_seconds=127.0,
     ),
     "hold with J2 and drag": Source(
-        tables=("hold with J2 and drag",),
+        tables=(
+            "hold with J2 and drag",
+            "what is known with J2 and drag",
+            "coasts with J2 and drag",
+        ),
         page="missions/perturbed.md",
         commands=("python -m campaigns.perturbed --docs docs",),
         quick=("python -m campaigns.perturbed --docs docs --episodes 4 --true 1",),
-        flights=(32, 4),
+        flights=(64, 4),
         uncompared=("starts", "mean spent, N s", "over the sphere, %", "worst, %"),
         evidence=("perturbed.json",),
-        quick_seconds=150.0,
+        quick_seconds=170.0,
     ),
     "error sources": Source(
         tables=tuple(f"errors: {name}" for name in error_sources.TABLE_NAMES),
