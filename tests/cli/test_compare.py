@@ -272,3 +272,20 @@ def test_an_interrupted_page_says_how_far_it_got(
     assert main([*command, "--with", "switching"]) == 130
     said = "Interrupted: 1 contestant had flown"
     assert said in (tmp_path / "compare.html").read_text("utf-8")
+
+
+@pytest.mark.slow
+def test_an_interrupt_of_the_page_leaves_the_data(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The page is drawn last: scores are printed and written before."""
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rans.show.pages.comparison_page.page", interrupted)
+    command = ["compare", "switching:go-to-pose-2d", "--episodes", "2", "--output", str(tmp_path)]
+    assert main([*command, "--with", "switching"]) == 130
+    assert "settled, %" in capsys.readouterr().out
+    assert (tmp_path / "compare.json").is_file()
+    assert not (tmp_path / "compare.html").exists()
