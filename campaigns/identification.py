@@ -76,11 +76,17 @@ def hidden_flights(
     if not craft.wheels:
         return _flights(craft, count, seconds, period, seed, conditions)
     # Conditions have no ranges of wheels: each hidden craft is another spacecraft, flown by itself.
-    flights = [
-        _flights(hidden, 1, seconds, period, seed + 1000 * (k + 1), conditions)
+    jobs = [
+        (hidden, 1, seconds, period, seed + 1000 * (k + 1), conditions)
         for k, hidden in enumerate(_with_other_wheels(craft, count, seed))
     ]
+    workers = Workers(nothing, count=1 if count == 1 else None, work="flew hidden craft")
+    flights = [*workers.ordered(_flown, jobs)]
     return [log for logs, _ in flights for log in logs], np.concatenate([one for _, one in flights])
+
+
+def _flown(_: None, *flight: Any) -> tuple[list[FlightLog], np.ndarray]:
+    return _flights(*flight)
 
 
 def _with_other_wheels(craft: Spacecraft, count: int, seed: int) -> Iterator[Spacecraft]:

@@ -39,8 +39,8 @@ class Identify:
     box: Annotated[float | None, Former("write --excite CRAFT,box=SIDE")] = None
     """Side of the box in which these commands keep the spacecraft, m."""
     window: Annotated[
-        float, Former("leave it out, or call rans.identify(..., window=...) in Python")
-    ] = 5.0
+        float | None, Former("leave it out, or call rans.identify(..., window=...) in Python")
+    ] = None
     """Length of the windows over which the log is predicted, s."""
 
     def run(self) -> int:
@@ -76,7 +76,7 @@ class Identify:
             for channel in result.channels()
         ]
         console.show(
-            f"Error of predictions over {self.window:g} s, rms",
+            f"Error of predictions over {result.fit.window:g} s, rms",
             ("reading", "data sheet", "identified", "unit"),
             predictions,
         )

