@@ -419,6 +419,7 @@ def step(
     command: Command,
     draws: Draws | None = None,
     move: Mover | None = None,
+    rewarded: bool = True,
 ) -> Outcome:
     """Hold a command for one control period, then evaluate reward and ends of the episode.
 
@@ -428,6 +429,7 @@ def step(
         command: one field per command of the craft.
         draws: seed of the random numbers; needed under conditions.
         move: function that moves the spacecraft; None: `World.move`.
+        rewarded: whether to evaluate the terms of the reward, which the outcome otherwise lacks.
     """
     task = world.task
     period = world.timing.control_period
@@ -493,7 +495,7 @@ def step(
     return Outcome(
         episode=arrived,
         command=command,
-        terms=reward_terms(task, transition, done, checked.violated),
+        terms=reward_terms(task, transition, done, checked.violated) if rewarded else {},
         failed=failed,
         done=done,
         truncated=time_is_up & ~(failed if done is None else failed | done),

@@ -34,6 +34,9 @@ from rans.verdict import FlightAccumulator
 class Controller(Protocol):
     """Protocol of controllers, which compute commands from states: agents, LQR, MPC and others.
 
+    A controller that reads states alone may have an attribute ``observes`` that is False. Its observations then
+    have no columns: those of a mission contain the recommended change of velocity, and cost as much as guidance.
+
     >>> import numpy as np
     >>> class Coasting:
     ...     name = "coasting"
@@ -311,6 +314,7 @@ def fly(
     begun = now.state
     nowhere = map_leaves(lambda _: np.nan, begun)
     controller.reset(count)
+    observes = getattr(controller, "observes", True)
     # History, of T + 1 states and goals, and of T commands and margins.
     states = [begun]
     goals = [starts.goal]
@@ -322,7 +326,9 @@ def fly(
     won = None
     lengths = None
     for step_number in range(timing.episode_steps):
-        observations = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
+        observations = np.zeros((count, 0), dtype=np.float32)
+        if observes:
+            observations = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
         desired = np.asarray(
             controller.act(world.sensed(now, draws), now.goal, observations), dtype=np.float64
         )
@@ -333,7 +339,7 @@ def fly(
                 f"craft than {craft.name}?"
             )
         # A control period: the guard may change commands.
-        outcome = step(world, now, tuple(desired.T), draws, move)
+        outcome = step(world, now, tuple(desired.T), draws, move, rewarded=False)
         command = np.stack(outcome.command, axis=1)
         if outcome.guarded is not None:
             changed = np.broadcast_to(outcome.guarded, count)

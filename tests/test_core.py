@@ -197,27 +197,21 @@ MISSING = [
         ("pydrake", "evaluate lqr:go-to-pose-2d --engine drake --episodes 2"),
         ("pydrake", "view go-to-pose-2d"),
         ("pydrake", "validate --quick"),
-    ],
-    [
         ("casadi", "optimal go-to-pose"),
         ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),
         ("clarabel", "optimal dock"),
         ("numba", "optimal go-to-pose --certify"),
+        ("onnx", "export go-to-pose-2d --format onnx --output out --margins 0"),
+        ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
+        ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out --margins 0"),
+        ("rans_agents", "evaluate pretrained:dock-port-2d --episodes 2"),
+        ("rans_agents", "view go-to-pose-2d-robust"),
+        ("rans_agents", "list go-to-pose-2d-robust"),
     ],
     [
         ("matplotlib", "report ."),
         ("matplotlib", "stress go-to-pose-2d --episodes 2"),
         ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
-    ],
-    [
-        ("onnx", "export go-to-pose-2d --format onnx --output out --margins 0"),
-        ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
-        ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out --margins 0"),
-    ],
-    [
-        ("rans_agents", "evaluate pretrained:dock-port-2d --episodes 2"),
-        ("rans_agents", "view go-to-pose-2d-robust"),
-        ("rans_agents", "list go-to-pose-2d-robust"),
     ],
 ]
 """Modules, and commands that need them before anything else that is not of the core, a process each."""

@@ -327,3 +327,30 @@ def test_a_flight_draws_each_of_its_episodes() -> None:
     assert any(np.shape(line) == path.shape and np.allclose(line, path) for line in lines)
     with pytest.raises(ConfigError, match="episode must be >= 0 and < 2, got 2"):
         flight.plot(2)
+
+
+def test_who_reads_states_alone_is_given_no_columns() -> None:
+    widths = []
+
+    class Reading:
+        name = "reading"
+        observes = True
+
+        def reset(self, count: int) -> None: ...
+
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            widths.append(observation.shape)
+            return np.zeros((len(observation), 8))
+
+    class Blind(Reading):
+        observes = False
+
+    platform = load_spacecraft("floating-platform")
+    starts = scenarios(GoToPose(), platform, 7, 3)
+    flights = [
+        fly(platform, GoToPose(), one, starts, Timing(episode_steps=2))
+        for one in (Reading(), Blind())
+    ]
+    width = observation_width(GoToPose(), 2)
+    assert widths == [(3, width)] * 2 + [(3, 0)] * 2
+    np.testing.assert_array_equal(flights[0].states.p.x, flights[1].states.p.x)

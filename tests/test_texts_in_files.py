@@ -146,7 +146,7 @@ def check_run(trained: Path, asks: list[Callable[[], object]], every: int) -> No
     base = json.loads(json.dumps(to_table(IMITATION))) | {"about": {"command": "rans train"}}
     count = 0
     for number, (where, changed) in enumerate(texts(base)):
-        if every > 1 and number % 3 and where not in NAMING:
+        if every > 1 and number % 9 and where not in NAMING:
             continue  # that no code is named here, `test_config_of_a_run` sees of every text
         apart = min(3, every) if where in NAMING else every
         for ask in asks[number % apart :: apart]:

@@ -228,6 +228,8 @@ class CertifiedBound(Bound, ControlHistory):
 class _OpenLoop:
     """Commands that were chosen beforehand, as a controller."""
 
+    observes = False
+
     def __init__(self, name: str, commands: np.ndarray) -> None:
         self.name = name
         self._commands = commands

@@ -19,6 +19,7 @@ from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import Dock
 from tests.support import plugins
+from tests.support.training import CONFIG, TINY, after, ignore, resumed, tiny_trainer
 
 plugins.register()
 
@@ -52,9 +53,10 @@ def config(**changes: Any) -> TrainConfig:
         "dock",
         TASK,
         "afrl-deputy",
-        timing=TASK.timing,
+        # A twelfth of the task's episode, which judgements of the agent fly to its end.
+        timing=replace(TASK.timing, episode_steps=20),
         algorithm="imitation",
-        learner={"expert": "damping", "updates": 150, "roll_in": 0.05},
+        learner={"expert": "damping", "updates": 150, "roll_in": 0.5},
         total_timesteps=3 * 64 * 10,
         report_interval=1,
         solved_share=None,
@@ -108,18 +110,23 @@ def test_an_expert_is_met_and_others_begin_from_the_agent(tmp_path: Path) -> Non
     torch.testing.assert_close(other.learner.network.tensors["features_extractor.mean"], mean)
 
 
-@pytest.mark.slow
 def test_it_resumes_bit_by_bit(tmp_path: Path) -> None:
-    learner = {"expert": "damping", "updates": 10, "roll_in": 0.05}
-    short = config(learner=learner, total_timesteps=2 * 640)
-    whole = trained(tmp_path / "whole", short)
-    run = RunFolder(tmp_path / "half")
-    half = Trainer([short], DEPUTY, run)
-    run.begin(short, "test")
-    half.train(lambda _: None, lambda: half.steps >= 640)
-    again = Trainer([run.config()], DEPUTY, run)
-    again.resume()
-    again.train(lambda _: None)
+    learner = {"expert": "lqr", "updates": 10, "roll_in": 0.5}
+    count = TINY.n_envs * TINY.n_steps
+    short = replace(
+        CONFIG,
+        spacecraft="astrobee-granite",
+        algorithm="imitation",
+        learner=learner,
+        total_timesteps=2 * count,
+    )
+    whole = tiny_trainer(tmp_path / "whole", short)
+    whole.train(ignore)
+    half = tiny_trainer(tmp_path / "half", short)
+    half.train(ignore, after(1))
+    assert half.steps == count
+    again = resumed(tmp_path / "half")
+    again.train(ignore)
     assert again.steps == whole.steps
     for name, tensor in whole.learner.network.tensors.items():
         assert torch.equal(tensor, again.learner.network.tensors[name])

@@ -72,6 +72,31 @@ _APART = (
 PAIRS = [pair for pair in itertools.combinations(EFFECTS, 2) if {*pair} not in _APART]
 
 
+def groups(size: int) -> list[tuple[str, ...]]:
+    """Sets of at most so many effects, in which every pair of effects is in some set."""
+    left = set(PAIRS)
+    found: list[tuple[str, ...]] = []
+    while left:
+        group = min(left, key=PAIRS.index)
+        while len(group) < size:
+            new = {
+                one: sum(pair in left for pair in _pairs_with(one, group))
+                for one in EFFECTS
+                if one not in group and all(pair in PAIRS for pair in _pairs_with(one, group))
+            }
+            if not any(new.values()):
+                break
+            group = (*group, max(new, key=lambda one: new[one]))
+        group = tuple(sorted(group, key=EFFECTS.index))
+        left -= set(itertools.combinations(group, 2))
+        found.append(group)
+    return found
+
+
+def _pairs_with(effect: str, group: tuple[str, ...]) -> list[tuple[str, ...]]:
+    return [tuple(sorted((effect, other), key=EFFECTS.index)) for other in group]
+
+
 class InOrbit(GoToPose):
     """In the Hill frame of an orbit of 209 s, whose terms are as large as the thrust."""
 

@@ -42,6 +42,7 @@ class Script:
     """A controller that gives a fixed sequence of commands, and from the arrival on stays if it is told how."""
 
     name = "optimum"
+    observes = False
 
     def __init__(self, commands: np.ndarray, afterwards: Afterwards | None = None) -> None:
         self._commands = commands

@@ -139,6 +139,7 @@ class CheckedController:
         try:
             self._made = maker(*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
+            self.observes = getattr(self._made, "observes", True)
         except RansError:
             raise
         except Exception as error:  # somebody else's code raises anything

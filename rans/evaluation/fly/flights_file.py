@@ -42,6 +42,7 @@ class FlightsFile:
             spacecraft cannot give a command or a change of velocity; the message names the line.
     """
 
+    observes = False
     together = True
     """Commands belong to the numbers of episodes (`rans.evaluation.fly.episodes.fly_episodes`)."""
 

@@ -40,6 +40,7 @@ class WithoutDead:
     ) -> None:
         self.name = nominal.name
         self.slow = getattr(nominal, "slow", False)
+        self.observes = nominal.observes
         self.heeds_constraints = nominal.heeds_constraints
         self.craft = craft
         self._nominal = nominal

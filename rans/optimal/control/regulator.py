@@ -190,6 +190,9 @@ class ModelBased:
     """
 
     name: str
+    observes: ClassVar[bool] = False
+    """Whether it reads observations (`rans.flight.Controller`); a subclass that does says so."""
+
     heeds_constraints: ClassVar[bool] = False
     """Whether it keeps the margins of a task's constraints from being negative; others warn that they do not."""
 

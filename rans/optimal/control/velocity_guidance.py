@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class VelocityGuidance(ABC, Generic[Mission]):
     """
 
     name: str
+    observes: ClassVar[bool] = False
+    """Whether it reads observations (`rans.flight.Controller`)."""
 
     def __init__(
         self,
