@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -168,8 +169,16 @@ class Engine:
             each * processes.size,
             backend.fields,
         )
-        in_episodes = None if is_drawn and body is None else self.body
-        buffers = self._world, in_episodes, num_envs, draws
+        reads_tables = is_drawn and body is None
+        if reads_tables and self.compiled:
+            self.compiled = False
+            warnings.warn(
+                f"this engine steps slower, by single operations of torch: its number of environments, "
+                f"{num_envs:,}, is not a multiple of layouts.count, so that compiled steps would have another "
+                "layout in every episode.",
+                stacklevel=2,
+            )
+        buffers = self._world, None if reads_tables else self.body, num_envs, draws
         # A generated kernel steps on a GPU where it can; any other step needs episodes that remember.
         self.episode = backend.episodes(*buffers, remember)
         self._kernel = None
@@ -178,7 +187,9 @@ class Engine:
                 self._world, self.episode, draws, processes, dtype, self.members
             )
         if self._kernel is None:
-            self.episode = backend.episodes(*buffers, remember=True)
+            # To read a table in every step costs a generated program less than to remember its entries.
+            draws_again = reads_tables and backend.fields is np.float32
+            self.episode = backend.episodes(*buffers, remember or not draws_again)
         self._step = stepping(backend, self.compiled and self._kernel is None, plain)
         self.state, self.goal = self.episode.state, self.episode.goal
         """State and goal of the running episodes; the next step overwrites their tensors; constants are floats."""
@@ -360,7 +371,7 @@ def _with_layouts(
     stride: int,
     compiled: bool,
 ) -> Body | None:
-    """Bodies with random layouts of environments that keep theirs; None: every episode has another one.
+    """Bodies with random layouts, of environments that keep theirs; None: episodes read a table of layouts.
 
     Args:
         conditions: with random layouts.
@@ -371,24 +382,17 @@ def _with_layouts(
         compiled: whether steps are compiled.
 
     Raises:
-        ConfigError: the craft cannot have random layouts, there is a body too, or a compiled step would need
-            another layout in every episode.
+        ConfigError: the craft cannot have random layouts, or there is a body too.
     """
-    count = conditions.layouts.count
     conditions.check_craft(craft)
     if body is not None:
         raise ConfigError(
             "an engine takes a body= or conditions with random layouts (layouts.count), not both: layouts make "
             "the body of every episode. Leave out one of them."
         )
-    if stride % count == 0:
-        return base_body(conditions, craft, first, np.float64)
-    if compiled:
-        raise ConfigError(
-            f"a compiled step needs a number of environments that is a multiple of layouts.count, {count:,}, so "
-            f"that each keeps its layout; got {stride:,}."
-        )
-    return None
+    # A kernel has no tables.
+    keeps = compiled and stride % conditions.layouts.count == 0
+    return base_body(conditions, craft, first, np.float64) if keeps else None
 
 
 def _check_actions(

@@ -84,9 +84,11 @@ class Flights:
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
         """Generated program of whole flights; None if there is none, with a warning on a GPU."""
-        if getattr(self._setup.guard, "by_values", False) or self.world.has_layouts:
+        if getattr(self._setup.guard, "by_values", False):
             return None
         if self.device.type == "cuda":
+            if self.world.has_layouts:  # A kernel has no tables.
+                return None
             return FlightKernel.made(self.world, self._network, self.device, products)
         if not is_installed("llvmlite"):
             return None

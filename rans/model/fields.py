@@ -78,9 +78,11 @@ def entries(table: np.ndarray, index: Field, dtype: Any) -> Field:
     """Entries of a table (K,) at whole numbers from 0 to K - 1, in this floating dtype of their library.
 
     Raises:
-        TypeError: the numbers are symbols; generated programs have no tables.
+        TypeError: the numbers are of a library without tables.
     """
     library = type(index).__module__.partition(".")[0]
+    if library == "rans":
+        return type(index).entry(table, index)
     if library == "torch":
         torch = sys.modules["torch"]
         return torch.as_tensor(table, dtype=dtype, device=index.device)[index.long()]

@@ -6,6 +6,7 @@ constants folded: the branch-free program that `rans.compile.cuda.source` prints
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import math
 import operator
@@ -46,6 +47,7 @@ _FOLDED: dict[str, Callable[..., Any]] = {
     "maximum": max,
     "where": lambda condition, a, b: a if condition else b,
     **{name: getattr(math, name) for name in _REAL_FUNCTIONS},
+    "remainder": operator.mod,
 }
 UNTRACEABLE = (TypeError, AttributeError)
 """Exceptions of tasks that use more than arithmetic on a symbol, such as a method of tensors."""
@@ -53,6 +55,17 @@ UNTRACEABLE = (TypeError, AttributeError)
 
 class Untraceable(TypeError):
     """Equations used a symbol in a way that needs a number, such as a branch on its value."""
+
+
+class Table:
+    """Numbers (K,) that a program reads by their index. Tables of equal numbers have the same representation."""
+
+    def __init__(self, numbers: np.ndarray) -> None:
+        self.numbers = np.ascontiguousarray(numbers, np.float64)
+        self._digest = hashlib.sha256(self.numbers.tobytes()).hexdigest()
+
+    def __repr__(self) -> str:
+        return self._digest
 
 
 class Symbol:
@@ -68,11 +81,11 @@ class Symbol:
     _serials = itertools.count()
 
     operation: str
-    """"input", "constant", or an operation in the tables above."""
+    """"input", "constant", "entry" of a table, or an operation in the tables above."""
     args: tuple[Symbol, ...]
     kind: Kind
     value: Any
-    """Name of an input, or number of a constant."""
+    """Name of an input, number of a constant, or `Table` of an entry."""
     serial: int
     """Serial number, increasing, so that that of an operation is above those of its operands."""
 
@@ -134,6 +147,19 @@ class Symbol:
             args = tuple(sorted(args, key=lambda arg: arg.serial))
         return cls._of(operation, _kind(operation, args), args)
 
+    @classmethod
+    def entry(cls, table: np.ndarray, index: Symbol) -> Symbol:
+        """Entry of a table (K,) at an index from 0 to K - 1, real."""
+        if index.operation == "constant":
+            return cls.constant(float(table[index.value]))
+        return cls._of("entry", "real", (index,), Table(table))
+
+    def on(self, *args: Symbol) -> Symbol:
+        """The same operation on other symbols."""
+        if self.operation == "entry":
+            return Symbol.entry(self.value.numbers, *args)
+        return Symbol.apply(self.operation, *args)
+
     def is_number(self, value: float) -> bool:
         """Whether the symbol is a constant of this value."""
         return self.operation == "constant" and self.value == value
@@ -147,6 +173,12 @@ class Symbol:
 
     def __abs__(self) -> Symbol:
         return Symbol.apply("abs", self)
+
+    def __mod__(self, divisor: int) -> Symbol:
+        # The sign of a remainder differs between languages, so that only programs that take Python's have it.
+        if self.kind != "int":
+            return NotImplemented
+        return Symbol.apply("remainder", self, divisor)
 
     def __invert__(self) -> Symbol:
         return Symbol.apply("^", self, True if self.kind == "bool" else -1)
@@ -247,5 +279,5 @@ def substituted(roots: Iterable[Symbol], values: Mapping[Symbol, Symbol]) -> lis
             continue
         args = tuple(new[arg] for arg in symbol.args)
         same = all(map(operator.is_, args, symbol.args))
-        new[symbol] = symbol if same else Symbol.apply(symbol.operation, *args)
+        new[symbol] = symbol if same else symbol.on(*args)
     return [new[root] for root in roots]

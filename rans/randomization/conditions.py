@@ -125,8 +125,15 @@ class LayoutConditions(Settings):
     seed: int = 0
     """Seed of the layouts. Layout k of a seed is the same for every count."""
     fewest: int = 4
-    """Smallest number of thrusters of a layout; the largest is that of the spacecraft. The last
-    thrusters are those that a layout lacks; their commands do nothing."""
+    """Smallest number of thrusters of a layout, in space at least 7; the largest is that of the spacecraft. The
+    last thrusters are those that a layout lacks; their commands do nothing."""
+
+    def least(self, dimension: int) -> int:
+        """Smallest number of thrusters in the plane (2) or in space (3).
+
+        Thrusters only push, so that three components of a twist need four of them, and six need seven.
+        """
+        return max(self.fewest, {2: 4, 3: 7}[dimension])
 
 
 @dataclass(frozen=True)
@@ -285,10 +292,11 @@ class Conditions(Settings):
         """
         self._check_slosh(craft)
         count = craft.thruster_count
-        if self.layouts.count and (craft.dimension == 3 or count < self.layouts.fewest):
+        least = self.layouts.least(craft.dimension) if self.layouts.count else 0
+        if count < least:
             raise ConfigError(
-                f"layouts.count is for craft in the plane with at least {self.layouts.fewest} thrusters "
-                f"(layouts.fewest); {craft.name!r} has {count} and moves in {craft.dimension} dimensions."
+                f"layouts.count is for craft with at least {least} thrusters (layouts.fewest; at least 4 in the "
+                f"plane and 7 in space); {craft.name!r} has {count}."
             )
         if self.layouts.count and craft.thrust_sharing != "none":
             raise ConfigError(
@@ -302,7 +310,7 @@ class Conditions(Settings):
                 f"Conditions have faults of {max(failing, len(named)):g} thrusters in every episode, and "
                 f"{craft.name!r} has {count or 'none'}."
             )
-        lowest = self.layouts.fewest if self.layouts.count else count
+        lowest = least or count
         if any(k >= lowest for k in self.faults.thrusters):
             owner = (
                 "those of every random layout" if self.layouts.count else f"those of {craft.name!r}"

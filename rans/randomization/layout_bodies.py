@@ -11,43 +11,58 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.body import Body, Mounting
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.twists import thrust
 from rans.randomization.conditions import LayoutConditions
 from rans.randomization.layouts import LayoutRanges, layouts
 
+_NORMAL = 1e-6
+"""Largest torque along a thruster's force of 1, far above rounding and far below that of unequal moments."""
+
 
 def layout_spacecraft(craft: Spacecraft, layout: np.ndarray) -> Spacecraft:
-    """Spacecraft in the plane whose thrusters are a layout, with the mass, inertia and kind of another one.
+    """Spacecraft whose thrusters are a layout, with everything else of another one.
 
     Args:
         craft: gives everything but the thrusters; their mean force and their root mean square distance from the
             centre of mass are the units of the layout.
-        layout: columns (n, 3) of F_x, F_y and torque, such as `rans.randomization.layouts.sample_layout` draws. A
-            thruster stands where the line of its force is nearest to the centre of mass.
+        layout: columns of thrusters, such as `rans.randomization.layouts.sample_layout` draws: (n, 3) of F_x, F_y
+            and torque in the plane, or (n, 6) of force and torque in space, where the torque is normal to the
+            force (`rans.randomization.layouts.LayoutRanges.moments` of 0). A thruster stands where the line of
+            its force is nearest to the centre of mass.
 
     Raises:
-        ConfigError: the craft moves in space.
+        ConfigError: the columns are not those of thrusters in the dimension of the craft.
     """
-    if craft.dimension != 2:
+    size = craft.dimension
+    rows = np.zeros((len(layout), 6))
+    if layout.shape != (len(layout), craft.degrees_of_freedom):
         raise ConfigError(
-            f"layouts of thrusters are for craft in the plane; {craft.name!r} moves in space."
+            f"a layout for {craft.name!r}, which moves in {size} dimensions, has {craft.degrees_of_freedom} "
+            f"numbers for each thruster, got columns of the shape {layout.shape}."
         )
+    rows[:, :size] = layout[:, :size]
+    rows[:, -1 if size == 2 else 3 :] = layout[:, size:]
     centre = np.array(craft.centre_of_mass)
     mean = float(np.mean([thruster.force for thruster in craft.thrusters]))
     arms = np.array([thruster.position for thruster in craft.thrusters]) - centre
-    distance = math.sqrt(float(np.square(arms).sum(axis=1).mean()))
-    forces = thrust(layout)
-    thrusters = []
+    distance = math.sqrt(float(np.square(arms[:, :size]).sum(axis=1).mean()))
+    forces = np.linalg.norm(rows[:, :3], axis=1)
+    along = np.abs((rows[:, :3] * rows[:, 3:]).sum(axis=1))
+    if not (forces > 0.0).all() or (along > _NORMAL * forces).any():
+        raise ConfigError(
+            "a thruster has a force above 0, and a torque that is normal to it; the usual cause is a layout with "
+            "wheels, or one of unequal moments of inertia: draw it with wheels=0.0 and moments=0.0 in LayoutRanges."
+        )
+    directions = rows[:, :3] / forces[:, None]
+    # The arm d x t / F has the torque t of a force F along a unit vector d.
+    places = centre + np.cross(directions, rows[:, 3:] / forces[:, None]) * distance
     supplies = [thruster.supply for thruster in craft.thrusters] + [0] * len(layout)
-    for (x, y, torque), force, supply in zip(
-        layout.tolist(), forces.tolist(), supplies, strict=False
-    ):
-        direction = (x / force, y / force, 0.0)
-        # The arm (d_y, -d_x) s has the torque s F about z, along a unit vector d.
-        arm = torque / force * distance
-        place = centre + arm * np.array([direction[1], -direction[0], 0.0])
-        thrusters.append(Thruster(tuple(place.tolist()), direction, mean * force, supply))
-    return replace(craft, thrusters=tuple(thrusters))
+    thrusters = tuple(
+        Thruster(tuple(place), tuple(direction), mean * force, supply)
+        for place, direction, force, supply in zip(
+            places.tolist(), directions.tolist(), forces.tolist(), supplies, strict=False
+        )
+    )
+    return replace(craft, thrusters=thrusters)
 
 
 @lru_cache(maxsize=8)
@@ -57,16 +72,20 @@ def layout_bodies(craft: Spacecraft, drawn: LayoutConditions) -> Body:
     A thruster of the craft moves to its place in the layout, and its gain is the force there over its own. The
     thrusters that a layout lacks have no gain.
     """
-    ranges = LayoutRanges(fewest=drawn.fewest, most=craft.thruster_count)
+    size = craft.dimension
+    ranges = LayoutRanges(
+        dimension=size, fewest=drawn.least(size), most=craft.thruster_count, moments=0.0
+    )
     shape = (drawn.count, craft.thruster_count)
     gain = np.zeros(shape)
-    offset = np.zeros((*shape, 2))
-    direction = np.broadcast_to([t.direction[:2] for t in craft.thrusters], (*shape, 2)).copy()
+    offset = np.zeros((*shape, size))
+    designed = [t.direction[:size] for t in craft.thrusters]
+    direction = np.broadcast_to(designed, (*shape, size)).copy()
     for number, layout in enumerate(layouts(drawn.count, drawn.seed, ranges)):
         pairs = zip(layout_spacecraft(craft, layout).thrusters, craft.thrusters, strict=False)
-        for k, (thruster, designed) in enumerate(pairs):
-            gain[number, k] = thruster.force / designed.force
-            offset[number, k] = np.subtract(thruster.position, designed.position)[:2]
-            direction[number, k] = thruster.direction[:2]
+        for k, (thruster, usual) in enumerate(pairs):
+            gain[number, k] = thruster.force / usual.force
+            offset[number, k] = np.subtract(thruster.position, usual.position)[:size]
+            direction[number, k] = thruster.direction[:size]
     mountings = (Mounting(tuple(offset[:, k].T), tuple(direction[:, k].T)) for k in range(shape[1]))
     return replace(Body.of(craft), gain=tuple(gain.T), mountings=tuple(mountings))

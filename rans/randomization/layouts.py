@@ -43,6 +43,8 @@ class LayoutRanges:
     """Probability that a layout has lost one thruster, which then is not a part of it."""
     wheels: float = 0.0
     """Probability of three reaction wheels about the axes of B, in space."""
+    moments: float = 0.6
+    """Largest logarithm of the factors on the principal moments of inertia, in space; 0: all moments are equal."""
 
 
 IN_SPACE = LayoutRanges(dimension=3, fewest=8, most=16, wheels=0.25)
@@ -59,6 +61,9 @@ def sample_layout(random: np.random.Generator, ranges: LayoutRanges | None = Non
     drawn = _drawn if ranges.dimension == 2 else _drawn_in_space
     while True:
         columns = drawn(random, ranges)
+        # Mirror images of one thruster may be more than there is room for.
+        if (thrust(columns) > 0.0).sum() > ranges.most:
+            continue
         if len(columns) > ranges.fewest and random.random() < ranges.dead:
             thrusters = int((thrust(columns) > 0.0).sum())
             columns = np.delete(columns, random.integers(thrusters), axis=0)
@@ -246,7 +251,7 @@ def _drawn_in_space(random: np.random.Generator, ranges: LayoutRanges) -> np.nda
     # Columns, in units of the mean force and of the root mean square of the arms; unequal moments of inertia.
     push = (force / force.mean())[:, None] * along
     arm = math.sqrt(np.square(position).sum(axis=1).mean()) or 1.0
-    moments = np.exp(random.uniform(-0.6, 0.6, 3))
+    moments = np.exp(random.uniform(-ranges.moments, ranges.moments, 3))
     torque = np.cross(position / arm, push) / (moments / moments.mean())
     columns = np.column_stack([push, torque])
     if has_wheels:

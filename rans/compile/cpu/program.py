@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "minimum": lambda a, b, to: np.minimum(a, b, out=to),
     "maximum": lambda a, b, to: np.maximum(a, b, out=to),
     "atan2": np.arctan2,
+    "remainder": np.remainder,
     **{name: getattr(np, name) for name in ("sin", "cos", "exp", "log", "tanh", "sqrt", "floor")},
 }
 _TYPES = {"real": np.float32, "int": np.int32, "bool": np.bool_}
@@ -213,6 +214,10 @@ class ProgramMemory:
                 return _choose, (*(x.view(np.int32) for x in (*args, to)),)
             case "real":
                 return _convert, (*args, to)
+            case "entry" if isinstance(operation.of, Symbol):
+                table = operation.of.value.numbers.astype(np.float32)
+                # Without the mode NumPy checks every index, and copies.
+                return partial(np.take, table, mode="clip"), (args[0], None, to)
         return _FUNCTIONS[operation.name], (*args, to)
 
 

@@ -139,8 +139,6 @@ class ArrayStep:
         """Step as `rans.fast.stepping.step.step_arrays` does."""
         small = len(episode.memory()) <= _MOST
         by_values = getattr(world.setup.guard, "by_values", False)
-        # A table of layouts, of which every episode reads another one, is not arithmetic.
-        by_values = by_values or (world.has_layouts and episode.body is None)
         if not self._tried and draws.dtype is np.float32 and small and not by_values:
             try:
                 self._generated = GeneratedStep(world, episode, draws)
