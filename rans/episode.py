@@ -447,6 +447,10 @@ def step(
         before = [earlier[:count] for earlier in episode.commands]
         obeyed = episode.parameters.dwell.enforced(command[:count], before, period)
         command = (*obeyed, *command[count:])
+    if episode.parameters is not None and episode.parameters.limits is not None:
+        count = world.craft.thruster_count
+        limited = episode.parameters.limits.enforced(command[:count], world.craft.actuators, period)
+        command = (*limited, *command[count:])
 
     # Motion, and constraints, memory and success at every check.
     states = (move or world.move)(episode.state, world.step_inputs(episode, command, draws))

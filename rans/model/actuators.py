@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from rans.errors import ConfigError, brief
-from rans.model.fields import Field, ascending, at_least, floor, where
+from rans.model.fields import Field, ascending, at_least, floor, where, within
 
 Command = Sequence[Field]
 """One field per thruster."""
@@ -48,6 +48,10 @@ class Actuators:
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """Pieces of a control period, each with its share of the period and the thrusters' shares of full force."""
         yield 1.0, command
+
+    def without_short_pulses(self, command: Command, shortest: Field, period: float) -> Command:
+        """Commands without pulses below ``shortest`` (s) in a control period (s); actuators without pulses: all."""
+        return command
 
     def steady(self) -> Actuators:
         """Actuators that hold the mean force of each command for the control period: themselves, or a throttle."""
@@ -187,12 +191,18 @@ class Pulsed(Actuators):
             begun = end
             past = end if regular else -at_least(-end, 0.5 - self.counts)
 
+    def without_short_pulses(self, command: Command, shortest: Field, period: float) -> Command:
+        """See `Actuators.without_short_pulses`: the bound is rounded to counts; whole periods are always given."""
+        counts = float(self.counts)
+        least = within(floor(shortest * (counts / period) + 0.5), 0.0, counts)
+        return [where(self._width(duty) < least, duty * 0.0, duty) for duty in command]
+
     def steady(self) -> Throttle:
         """Throttle with the same mean forces, without rounding to counts and without the least pulse."""
         return Throttle()
 
     def _width(self, duty: Field) -> Field:
-        """Counts for which a thruster is open."""
+        """Counts for which a thruster is open under a duty cycle from 0 to 1."""
         whole = floor(duty * float(self.counts) + 0.5)
         return where(whole < self.least, whole * 0.0, whole) if self.least > 1 else whole
 

@@ -110,6 +110,11 @@ class ThrusterConditions(Settings):
     """Angle between the true and the designed direction of each thruster, to a random side, rad."""
     position: Range = 0.0
     """Distance between the true and the designed position of each thruster, in a random direction, m."""
+    least_pulse: Range = 0.0
+    """Shortest pulse of a pulsed thruster, s, rounded to counts of the spacecraft; shorter ones are not given."""
+    on_off: Range = 0.0
+    """Probability that the pulsed or throttled thrusters of an episode are on/off: a command of half or more opens
+    them fully for the control period, a smaller one does nothing."""
 
 
 @dataclass(frozen=True)
@@ -320,12 +325,30 @@ class Conditions(Settings):
                 f"{lowest - 1}."
             )
         for name in ("least_on", "least_off"):
-            longest = max(largest(getattr(part.thrusters, name)) for part in (self, *self.others))
+            longest = self._largest("thrusters", name)
             if longest > 0 and craft.actuators.is_continuous:
                 raise ConfigError(
                     f"Conditions have thrusters.{name} up to {longest:g} s, which is for on/off "
                     f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}."
                 )
+        actuators = craft.actuators
+        for name, fitting, fits_craft in (
+            ("least_pulse", "pulsed thrusters", actuators.kind == "pulsed"),
+            (
+                "on_off",
+                "pulsed or throttled thrusters that can be shut",
+                actuators.is_continuous and actuators.low == 0.0,
+            ),
+        ):
+            if not fits_craft and self._largest("thrusters", name) > 0.0:
+                raise ConfigError(
+                    f"Conditions have thrusters.{name} up to {self._largest('thrusters', name):g}, which is for "
+                    f"{fitting}; those of {craft.name!r} take commands of {actuators.allowed}."
+                )
+
+    def _largest(self, section: str, name: str) -> float:
+        """Upper bound of a range in all conditions of the mixture."""
+        return max(largest(getattr(getattr(part, section), name)) for part in (self, *self.others))
 
     def _check_slosh(self, craft: Spacecraft) -> None:
         """Reject masses, inertias and centres of mass that leave no rigid craft around a sloshing liquid."""
@@ -498,6 +521,12 @@ def _check_thrusters(thrusters: ThrusterConditions) -> None:
         "thrusters.noise",
         thrusters.noise,
         "at most 1, all of the force",
+    )
+    _require(
+        largest(thrusters.on_off) <= 1,
+        "thrusters.on_off",
+        thrusters.on_off,
+        "a probability, at most 1",
     )
     _require(
         largest(thrusters.misalignment) <= math.pi / 2,

@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError, brief
+from rans.model.actuators import Actuators
 from rans.model.body import Body, Mounting
 from rans.model.drift import Drift
 from rans.model.dynamics import Piece, Wrench, undelayed
 from rans.model.fields import Field, Vec3, at_least, cos, entries, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
-from rans.randomization.conditions import Conditions, Range, largest
+from rans.randomization.conditions import Conditions, Range, ThrusterConditions, largest
 from rans.randomization.fault_draws import Fault, draw_fault
 from rans.randomization.layout_bodies import layout_bodies
 from rans.randomization.sensors import Sensors, draw_sensors
@@ -60,6 +61,29 @@ class MinimumDwell:
                     must_open, commanded * 0.0 + 1.0, where(must_shut, commanded * 0.0, commanded)
                 )
             )
+        return tuple(result)
+
+
+@dataclass(frozen=True)
+class CommandLimits:
+    """Limits of the commands of pulsed or throttled thrusters in an episode."""
+
+    least_pulse: Field | None = None
+    """Shortest pulse, s; None: that of the spacecraft."""
+    on_off: Field | None = None
+    """1 where thrusters only open and shut, else 0; None: everywhere 0."""
+
+    def enforced(
+        self, command: Sequence[Field], actuators: Actuators, period: float
+    ) -> tuple[Field, ...]:
+        """Commands of thrusters that are carried out in a control period (s)."""
+        result = command
+        if self.on_off is not None:
+            half = 0.5 * actuators.high
+            switched = [where(c >= half, c * 0.0 + actuators.high, c * 0.0) for c in result]
+            result = [where(self.on_off > 0.5, a, b) for a, b in zip(switched, result, strict=True)]
+        if self.least_pulse is not None:
+            result = actuators.without_short_pulses(result, self.least_pulse, period)
         return tuple(result)
 
 
@@ -153,6 +177,8 @@ class EpisodeParameters:
     sensors: Sensors | None
     noise: Field | None = None
     """Standard deviation of each thrust over its force, drawn anew in every control period."""
+    limits: CommandLimits | None = None
+    """Limits of commands; None: those of the spacecraft."""
 
     def body_at(self, time: Field) -> Body:
         """Body at a time since the start of the episode, s."""
@@ -286,6 +312,7 @@ _STREAMS = {
     "mixture": 17,
     "noise": 18,
     "mountings": 19,
+    "limits": 20,
     "slosh": 20,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
@@ -349,6 +376,7 @@ def draw(
         kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
         sensors=draw_sensors(conditions.sensors, random("sensors")),
         noise=_noise(conditions.thrusters.noise, random("noise")),
+        limits=_limits(conditions.thrusters, random("limits")),
     )
 
 
@@ -451,6 +479,17 @@ def _dwell(conditions: Conditions, random: Random) -> MinimumDwell | None:
         if largest(on) > 0 or largest(off) > 0
         else None
     )
+
+
+def _limits(thrusters: ThrusterConditions, random: Random) -> CommandLimits | None:
+    has_pulse = largest(thrusters.least_pulse) > 0.0
+    has_kinds = largest(thrusters.on_off) > 0.0
+    if not has_pulse and not has_kinds:
+        return None
+    pulse = random.within(thrusters.least_pulse)
+    chance = random.unit()
+    on_off = where(chance < random.within(thrusters.on_off), chance * 0.0 + 1.0, chance * 0.0)
+    return CommandLimits(pulse if has_pulse else None, on_off if has_kinds else None)
 
 
 def _push(force: Range, torque: Range, random: Random) -> Wrench | None:

@@ -25,28 +25,13 @@ from rans.randomization.layouts import LayoutRanges, layouts
 from rans.randomization.parameters import examples
 from rans.scenario import draws, scenarios
 from rans.tasks import observation_width
+from tests.support.played import Played
 
 CRAFT = rans.load_spacecraft("floating-platform")
 IN_SPACE = rans.load_spacecraft("free-flyer")
 both_dimensions = pytest.mark.parametrize("craft", [CRAFT, IN_SPACE], ids=["plane", "space"])
 RANDOM = Conditions(layouts=LayoutConditions(count=4, seed=3))
 TIMING = Timing(0.2, 1, 8)
-
-
-class Played:
-    """Commands (T, N, thrusters) that are written beforehand."""
-
-    name = "played"
-
-    def __init__(self, commands: np.ndarray) -> None:
-        self.commands = commands
-
-    def reset(self, count: int) -> None:
-        self.step = -1
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        self.step += 1
-        return self.commands[self.step]
 
 
 def drawn(craft: rans.Spacecraft, count: int = 4, seed: int = 3) -> list[np.ndarray]:
