@@ -13,15 +13,13 @@ import numpy as np
 import tyro
 
 from campaigns.command import ended
-from campaigns.guard import MISSIONS, SEED, adversary
+from campaigns.guard import MISSIONS, SEED, adversary, setup_of
 from rans.episode import Setup, World
 from rans.errors import one_of
 from rans.guard import safety_filter
 from rans.guard.ahead import Ahead
 from rans.model.fields import map_leaves
-from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
-from rans.tasks import load_task
 from rans.terminal import Terminal
 
 _PERIODS = 120
@@ -41,14 +39,11 @@ class FilterCost:
         """Print a line of each mission and pilot."""
         for mission in self.missions:
             one_of("a mission", mission, MISSIONS)
-            task_name, craft_name = MISSIONS[mission]
-            craft = load_spacecraft(craft_name)
-            task = load_task(task_name).for_evaluation()
-            setup = Setup(craft, task, task.timing)
+            setup = setup_of(mission)
             for who in ("random", "adversary"):
                 costs = 1e3 * np.array(_costs(setup, who, self.seconds))
                 Terminal().say(
-                    f"{mission:18} {who:9} {len(costs):6,} steps of {1e3 * task.timing.control_period:6,.0f} ms: "
+                    f"{mission:18} {who:9} {len(costs):6,} steps of {1e3 * setup.timing.control_period:6,.0f} ms: "
                     f"median {np.median(costs):.1f} ms, 99 % {np.percentile(costs, 99):.1f} ms, "
                     f"largest {costs.max():.1f} ms"
                 )

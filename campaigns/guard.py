@@ -13,14 +13,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 import tyro
 
 from rans.effectors.commands import of_outputs
-from rans.episode import Setup, World, step
+from rans.episode import Episode, Setup, World, step
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import controller
 from rans.fast.stepping.step import Backend
@@ -190,6 +190,51 @@ def guided(world: World, backend: Backend, size: int) -> Policy:
     return act
 
 
+def setup_of(mission: str, conditions: Conditions | None = None) -> Setup:
+    """Spacecraft, task with evaluation starts, and timing of one of `MISSIONS`."""
+    task_name, craft_name = MISSIONS[mission]
+    task = load_task(task_name).for_evaluation()
+    return Setup(load_spacecraft(craft_name), task, task.timing, conditions)
+
+
+def noise_and_delay(mission: str, noise: tuple[float, float], delay: float) -> Conditions | None:
+    """Conditions of standard deviations, m and m/s, and a delay in control periods; None: neither."""
+    if not (any(noise) or delay):
+        return None
+    position, velocity = (SensorConditions(noise=sigma) for sigma in noise)
+    period = load_task(MISSIONS[mission][0]).timing.control_period
+    return Conditions(
+        thrusters=ThrusterConditions(command_delay=delay * period),
+        sensors=SensorsConditions(position=position, velocity=velocity),
+    )
+
+
+class Begun(NamedTuple):
+    """Flights of N starts at their first instant, in single precision."""
+
+    backend: Backend
+    world: World
+    draws: Draws
+    episode: Episode
+    safe: Any
+    """(N,) whether the filter holds from the start."""
+
+
+def begun(setup: Setup, filtered: bool, numbers: np.ndarray, device: str, plain: bool) -> Begun:
+    """Flights of the starts of these numbers, (N,), without the filter or behind it."""
+    guard: Any = safety_filter(setup)
+    backend = Backend.of(device, torch.float32, None, plain)
+    world = World(setup._replace(guard=guard if filtered else None), backend.nodes)
+    first = backend.put(numbers.astype(np.int32), torch.int32)
+    draws = Draws(*seed_words(SEED), first, 0, backend.fields)
+    clock = draws.first * 0
+    episode = world.begin(*world.scenario(clock, draws), clock, draws)
+    never = episode.state.p.columns()[0] * 0.0 > 1.0
+    return Begun(
+        backend, world, draws, episode, guard.safe(world, episode.state, episode.goal) | never
+    )
+
+
 @torch.no_grad()
 def flown(
     mission: str,
@@ -201,23 +246,10 @@ def flown(
     conditions: Conditions | None = None,
 ) -> Row:
     """Fly them all, in single precision."""
-    task_name, craft_name = MISSIONS[mission]
-    craft = load_spacecraft(craft_name)
-    task = load_task(task_name).for_evaluation()
-    backend = Backend.of(device, torch.float32, None, plain)
-    guard: Any = safety_filter(Setup(craft, task, task.timing, conditions))
-    setup = Setup(craft, task, task.timing, conditions, guard if filtered else None)
-    world = World(setup, backend.nodes)
-    draws = Draws(
-        *seed_words(SEED),
-        backend.put(np.arange(count, dtype=np.int32), torch.int32),
-        0,
-        backend.fields,
-    )
-    clock = draws.first * 0
-    now = world.begin(*world.scenario(clock, draws), clock, draws)
+    setup = setup_of(mission, conditions)
+    craft, task = setup.craft, setup.task
+    backend, world, draws, now, holds = begun(setup, filtered, np.arange(count), device, plain)
     zero = now.state.p.columns()[0] * 0.0
-    holds = guard.safe(world, now.state, now.goal) | (zero > 1.0)
     if policy == "random":
         act = random_commands(world, backend)
     elif policy == "adversary":
@@ -237,7 +269,7 @@ def flown(
     steps = task.timing.episode_steps
     k = 0
     ends = task.done(now.state, now.goal) is not None
-    begun = time.perf_counter()
+    clock = time.perf_counter()
     for k in range(steps):
         outcome = step(world, now, act(now.state, now.goal, world.observe(now, draws)), draws)
         now = outcome.episode
@@ -259,7 +291,7 @@ def flown(
         ended = ended | outcome.terminated
         if bool(ended.all()):
             break
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - clock
     if not ends:
         won = ~ended & (settled <= 0.8 * steps)
         after = settled
@@ -325,20 +357,9 @@ class Campaign:
                             wanted,
                             self.device,
                             self.plain,
-                            self.conditions(mission),
+                            noise_and_delay(mission, self.noise, self.delay),
                         )
                         say(row.line())
-
-    def conditions(self, mission: str) -> Conditions | None:
-        """Noise and delay in a mission; None: neither."""
-        if not (any(self.noise) or self.delay):
-            return None
-        period = load_task(MISSIONS[mission][0]).timing.control_period
-        position, velocity = (SensorConditions(noise=sigma) for sigma in self.noise)
-        return Conditions(
-            thrusters=ThrusterConditions(command_delay=self.delay * period),
-            sensors=SensorsConditions(position=position, velocity=velocity),
-        )
 
 
 if __name__ == "__main__":

@@ -92,6 +92,8 @@ class Passive:
     """Measure these rows alone, such as "hold, mission", and keep the others as they are in the evidence."""
     episodes: int = 1024
     """Number of starts of every row."""
+    again: bool = False
+    """Fly only the starts that the evidence of these rows names as lost or unsafe, and print them."""
     workers: int | None = None
     """Number of processes; None: one per processor."""
     seed: int = EVALUATION_SEED
@@ -104,6 +106,9 @@ class Passive:
         file = None if self.docs is None else self.docs / "validation" / _FILE
         before = read_json(file)["rows"] if self.only and file and file.exists() else []
         known = {row["who"]: row for row in before}
+        if self.again:
+            self._fly_again(known)
+            return 0
         # The jobs of all rows together, so that no processor waits.
         jobs = [
             (name, self.seed, first, min(size, self.episodes - first))
@@ -129,6 +134,21 @@ class Passive:
             for mission in standings.MISSIONS:
                 standings.in_document(self.docs, mission).write(self.docs)
         return 0
+
+    def _fly_again(self, known: dict[str, dict[str, Any]]) -> None:
+        """Print a line of each start that was lost or unsafe."""
+        jobs = [
+            (name, self.seed, start, 1)
+            for name in self.only
+            for start in sorted({*known[name]["lost"], *known[name]["entered"]})
+        ]
+        parts = Workers(int, (), self.workers, "flew starts").ordered(flights, jobs)
+        for (name, _, start, _), part in zip(jobs, parts, strict=True):
+            Terminal().say(
+                f"{name}, start {start}: {'won' if part.won[0] else 'lost'} at {part.arrival[0]:,.0f} s, "
+                f"{'unsafe' if part.unsafe[0] else 'safe'}, coasts {part.distance[0]:.2f} m away, "
+                f"{part.impulse[0]:.3g} N s"
+            )
 
 
 def _row(mission: str, flown: Flown) -> dict[str, Any]:

@@ -127,7 +127,7 @@ def evaluate(
             `Conditions`; None: those of the training.
         protocol: "own", "paper" or "original", see `rans.evaluation.fly.protocols.under_protocol`.
         guard: whether to fly behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
-        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and three standard deviations of
+        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and a reserve for
             the conditions' noise.
         guard_coasts: whether the filter also keeps coasts of the next orbit out of the zone around the target
             (`rans.guard.SafeCoasts`).

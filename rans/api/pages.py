@@ -134,7 +134,7 @@ def view(
         trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
         save: HTML file to write the page to; None: none.
         guard: whether all fly behind the safety filter for their spacecraft and task.
-        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and three standard deviations of
+        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and a reserve for
             the conditions' noise.
         start: start of all flights, as `rans.state` makes it; None: sampled.
         goal: goal of all flights, as `rans.state` makes it; None: sampled.

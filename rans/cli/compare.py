@@ -72,7 +72,7 @@ class Compare:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
+    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
     certified: int = 4
     """Starts whose bounds are certified, if optimal joins: half a minute of processor time each in the plane,
     minutes in space with its package (docs/certificate.md), else hull and tube bounds. They are kept for the next

@@ -82,7 +82,7 @@ class Evaluate:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
+    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
     guard_coasts: bool = False
     """With --guard: also replace commands after which the coast of the next orbit would enter the zone around the
     target if all thrusters shut (docs/missions/passive_safety.md)."""
@@ -160,7 +160,8 @@ class Evaluate:
         if self.guard_slack is not None:
             same += [f"{self.guard_slack:g}"]
         same += as_options(self.start, self.goal, self.zones)
-        command = shlex.join(["rans", "evaluate", self.contestant, *same, *more])
+        coasts = ["--guard-coasts"] if self.guard_coasts else []
+        command = shlex.join(["rans", "evaluate", self.contestant, *same, *coasts, *more])
         Terminal().suggest(
             f"{command}   # all metrics" if more else f"{command} --engine drake",
             shlex.join(["rans", "compare", self.contestant, *same]),

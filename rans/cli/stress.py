@@ -49,7 +49,7 @@ class Stress:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
+    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     trust: Trust = False

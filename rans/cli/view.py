@@ -57,7 +57,7 @@ class View:
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and three standard deviations of the conditions' noise (docs/missions/guard.md)."""
+    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
     save: Path | None = None
     """Write the flights to a file, and return: .html is a page that replays them offline and without RANS, .mp4 or
     .gif a film of all side by side, .png or .jpg one picture of ten instants of the first. With --play it is a page

@@ -167,6 +167,6 @@ class Ahead:
         return PredictedState(states[-1], goal, tuple(margins))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _remembered(world: World, reserve: Reserve) -> Ahead:
     return Ahead(world, reserve)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 from rans.episode import Command, World
 from rans.guard.ahead import SLACK, Ahead
 from rans.guard.coasting import Coasting, periods_of
-from rans.guard.expected import Reserve
+from rans.guard.expected import PERIODS, Reserve
 from rans.guard.manoeuvres import Manoeuvre, Thrusters, manoeuvres
 from rans.guard.rows import (
     batched,
@@ -27,6 +28,8 @@ from rans.model.fields import Field
 
 _FEW = 2
 """Number of manoeuvres that are tried after commands near the desired one."""
+_PARTS = (0.75, 0.5, 0.25, 0.0)
+"""Parts of the reserve that backups keep where readings are so pessimistic that none keeps all of it."""
 _BLENDS = (0.25, 0.5, 0.75)
 """Shares of a manoeuvre in commands of pulsed valves near the desired one."""
 
@@ -45,13 +48,14 @@ class FlownBackup:
 
     A command that does not pass is replaced by the first of these that does: commands that differ from it in one
     thruster (for pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and the first
-    command of a manoeuvre. If none passes, the first manoeuvre is flown.
+    command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is flown that
+    passes with the largest part of the reserve; without any the first manoeuvre.
 
     The filter uses the measured state and the craft as designed. `rans.guard.safety_filter` sets reserve and delay
     for known noise and delays; faults and disturbances are not accounted for.
     """
 
-    periods: int = 20
+    periods: int = PERIODS
     """Largest number of control periods of a manoeuvre."""
     slack: float = SLACK
     """Least margin that passes, in the unit of each margin."""
@@ -153,6 +157,14 @@ class _Search:
             guard.slack,
         )
 
+    @property
+    def with_less_reserve(self) -> Iterator[_Search]:
+        """The same with parts of the reserve, the largest first; nothing without a reserve."""
+        for part in _PARTS if self.ahead.reserve else ():
+            reserve = tuple((name, part * margin) for name, margin in self.ahead.reserve)
+            ahead = Ahead.of(self.world, reserve)
+            yield replace(self, ahead=ahead, coasting=replace(self.coasting, ahead=ahead))
+
     def safe(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
         """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
         safe = self.coasting.safe(state, goal)
@@ -251,25 +263,32 @@ class _Search:
                 replaced = replaced | passed
             open_ = open_[~replaced]
 
-        # All shut, then manoeuvres.
-        if len(open_):
-            states, goals = taken(state, open_), taken(goal, open_)
-            coasts = self.coasting.safe(states, goals)
-            for x in admitted:
-                x[open_[coasts]] = 0.0
-            open_ = open_[~coasts]
-        if len(open_):
-            states, goals = taken(state, open_), taken(goal, open_)
-            works = self.leaves_by(self.ways, states, goals)
-            done = truths(states, len(open_))
-            for manoeuvre, work in zip(self.ways, works, strict=True):
-                rows = where_true(work & ~done)
-                done = done | work
-                if len(rows):
-                    tried = self.command(manoeuvre, taken(states, rows), taken(goals, rows))
-                    for x, y in zip(admitted, tried, strict=True):
-                        x[open_[rows]] = y
+        # All shut, then manoeuvres; if readings are worse than expected, those that keep most of the reserve.
+        for search in (self, *self.with_less_reserve):
+            if len(open_):
+                open_ = search.backups(admitted, state, goal, open_)
         return tuple(admitted)
+
+    def backups(self, admitted: list[Any], state: Any, goal: Any, open_: Any) -> Any:
+        """Set commands of rows ``open_`` to those of backups that work; the rows without any."""
+        states, goals = taken(state, open_), taken(goal, open_)
+        coasts = self.coasting.safe(states, goals)
+        for x in admitted:
+            x[open_[coasts]] = 0.0
+        open_ = open_[~coasts]
+        if not len(open_):
+            return open_
+        states, goals = taken(state, open_), taken(goal, open_)
+        works = self.leaves_by(self.ways, states, goals)
+        done = truths(states, len(open_))
+        for manoeuvre, work in zip(self.ways, works, strict=True):
+            rows = where_true(work & ~done)
+            done = done | work
+            if len(rows):
+                tried = self.command(manoeuvre, taken(states, rows), taken(goals, rows))
+                for x, y in zip(admitted, tried, strict=True):
+                    x[open_[rows]] = y
+        return open_[~done]
 
     def _near(self, command: Command, first: Command) -> list[Command]:
         """Commands near the desired ones."""

@@ -12,7 +12,7 @@ import numpy as np
 from rans.episode import Command, World
 from rans.errors import ConfigError
 from rans.guard.ahead import SLACK, Ahead
-from rans.guard.expected import Reserve
+from rans.guard.expected import PERIODS, Reserve
 from rans.guard.manoeuvres import slope_of_least
 from rans.guard.quadratic import nearest
 from rans.guard.rows import (
@@ -63,7 +63,7 @@ class BarrierProgram:
     for known noise and delays; faults and disturbances are not accounted for.
     """
 
-    periods: int = 20
+    periods: int = PERIODS
     """Control periods in which the craft must be able to brake."""
     slack: float = SLACK
     """Least margin of a safe state, in the unit of each margin."""

@@ -18,6 +18,7 @@ from rans.evaluation.fly.agent import run_of
 from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.guard import FlownBackup, safety_filter
+from rans.guard.ahead import Ahead
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -121,6 +122,31 @@ def test_thrust_towards_a_zone_is_cut_where_braking_would_be_too_late() -> None:
         assert (given == ahead) is passes
         coasting = FlownBackup().admitted(world, here, goal, (0.0,) * 8)
         assert coasting == ((0.0,) * 8, False)
+
+
+def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() -> None:
+    """As after a reading that is worse than those before, with any heading and spin close to a zone."""
+    task = Avoid(zones=1)
+    world = World(Setup(PLATFORM, task, task.timing))
+    rng = np.random.default_rng(4)
+    count = 48
+    zero = np.zeros(count)
+    distance = rng.uniform(0.05, 0.4, count)
+    state = PlanarState(
+        Vec2(zero, rng.uniform(-0.3, 0.3, count)),
+        Heading(rng.uniform(-3.0, 3.0, count)),
+        Vec2(rng.uniform(0.1, 0.5, count), zero),
+        rng.uniform(-0.5, 0.5, count),
+    )
+    ball = Ball(Vec2(distance + 0.4, zero), Vec2(zero, zero), zero + 0.4)
+    goal = PlanarState(Vec2(zero + 9.0, zero), Heading(zero), Vec2(zero, zero), zero, notes=(ball,))
+    plain, wary = FlownBackup(), FlownBackup(reserve=(("zone 1", 0.3),))
+    some = plain.safe(world, state, goal) & ~wary.safe(world, state, goal)
+    assert some.sum() > 10
+    command = tuple(1.0 * (rng.random((8, count)) < 0.5))
+    given, _ = wary.admitted(world, state, goal, command)
+    reached = Ahead.of(world).fly(state, goal, given)
+    assert plain.safe(world, reached.state, reached.goal)[some].all()
 
 
 def test_one_spacecraft_of_numbers_is_filtered_as_in_a_batch_and_in_torch() -> None:

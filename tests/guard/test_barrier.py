@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
@@ -197,6 +199,42 @@ def test_noise_that_grows_with_range_is_that_of_the_farthest_start() -> None:
     # A start is on the sphere up to rounding.
     assert growing == pytest.approx(dict(expected(SensorConditions(noise=0.1)).reserve), rel=1e-5)
     assert min(growing.values()) > 0.1
+
+
+def test_the_reserve_is_what_rare_readings_are_off_by() -> None:
+    """Hold, whose ball has a slope of 1: of 260 periods a one-sided error of one in 20 x 260 is 3.55 deviations.
+
+    An error of the velocity counts for 10 s, and the time to stop twice the mean speed of 2,600 s at 0.02 m/s^2.
+    """
+    task = Hold()
+    sensors = SensorsConditions(
+        position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
+    )
+    setup = Setup(load_spacecraft("vbar-chaser"), task, task.timing, Conditions(sensors=sensors))
+    assert task.timing.episode_steps == 260
+    expected = Expected.of(setup)
+    starts = scenarios(task, setup.craft, seed=0, count=64)
+    way = np.linalg.norm(
+        [np.asarray(x) for x in (starts.start.p - starts.goal.p).columns()], axis=0
+    )
+    braking = 10.0 + 2.0 * way.max() / 2600.0 / 0.02
+    assert expected.braking == pytest.approx(braking, rel=1e-6)
+    deviations = -norm.ppf(0.05 / 260.0)
+    assert deviations == pytest.approx(3.55, abs=0.01)
+    reserve = deviations * math.hypot(0.1, 0.01 * braking)
+    assert dict(expected.reserve)["keep-out"] == pytest.approx(reserve, rel=1e-4)
+
+    # A reading that is farther out by 0.1 m more than the reserve is beyond it by that, and one that is nearer not.
+    state, goal = (
+        map_leaves(lambda x: x[:1] if np.ndim(x) else x, x) for x in (starts.start, starts.goal)
+    )
+    outwards = state.p.scale(1.0 / state.p.norm())
+    for sign, beyond in ((1.0, 0.1), (-1.0, -0.1 - 2.0 * reserve)):
+        reading = replace(state, p=state.p + outwards.scale(sign * (reserve + 0.1)))
+        found = expected.beyond(World(setup), state, reading, goal)
+        assert found[0] == pytest.approx(beyond, abs=1e-6)
+    faster = replace(state, v=state.v + outwards.scale((reserve + 0.1) / braking))
+    assert expected.beyond(World(setup), state, faster, goal)[0] == pytest.approx(0.1, abs=1e-6)
 
 
 def test_a_mixture_is_expected_with_all_of_its_parts() -> None:
