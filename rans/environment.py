@@ -15,7 +15,7 @@ from gymnasium.error import ResetNeeded
 
 from rans.effectors.commands import action_space, check_commands, clipped
 from rans.episode import Episode, Guard, Mover, Setup, World, step
-from rans.errors import ConfigError, brief, checked
+from rans.errors import ConfigError, NamedArguments, brief, checked
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -31,7 +31,7 @@ from rans.tasks.observation_terms import Dimension
 from rans.tasks.rewards import paid
 
 
-class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
+class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
     """Gymnasium environment of one spacecraft and one task, with NumPy observations and actions and float64 states.
 
     Derived classes define the motion. An episode ends as ``terminated`` when the task fails or the mission

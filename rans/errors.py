@@ -3,6 +3,7 @@
 import difflib
 import importlib
 import importlib.util
+import inspect
 import math
 import os
 import re
@@ -13,7 +14,7 @@ from dataclasses import is_dataclass
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, Self, TypeVar, get_type_hints
 
 T = TypeVar("T")
 
@@ -127,6 +128,26 @@ def _as_object(name: str, kind: type, table: dict[Any, Any]) -> str:
         for key, value in moved.items()
     ]
     return f"{name}({', '.join(arguments)})"
+
+
+class NamedArguments:
+    """Base of classes that refuse an unknown keyword argument in a sentence (`ConfigError`).
+
+    An argument that belongs to an object within, such as the latency of conditions, is written where it goes.
+    """
+
+    def __new__(cls, *_: Any, **named: Any) -> Self:
+        """See the class; positional arguments are checked by ``__init__``."""
+        known = [name for name in inspect.signature(cls.__init__).parameters if name != "self"]
+        for name in (name for name in named if name not in known):
+            hints = get_type_hints(cls) if is_dataclass(cls) else {}
+            if any(name in get_type_hints(hint) for hint in hints.values() if is_dataclass(hint)):
+                written = _as_object(f"rans.{cls.__name__}", cls, named)
+                raise ConfigError(f"{cls.__name__} has no argument {name}: write {written}.")
+            raise ConfigError(
+                f"{cls.__name__} has no argument {name}{meant(name, known)}; it has {', '.join(known)}."
+            )
+        return super().__new__(cls)
 
 
 def one_of(what: str, value: object, known: Iterable[str]) -> None:

@@ -98,16 +98,6 @@ class Push:
             last=last if last is None else replace(last, torque=last.torque + ends),
         )
 
-    def with_force(self, force: Any) -> Push:
-        """The part with an additional constant force through the centre of mass in B, N."""
-        begins, ends = (force, force) if self.growth is None else self.growth.line(force)
-        last = self.last
-        return replace(
-            self,
-            first=replace(self.first, force=self.first.force + begins),
-            last=last if last is None else replace(last, force=last.force + ends),
-        )
-
 
 class Begun(NamedTuple):
     """Inputs of an effector at the start of a control period."""

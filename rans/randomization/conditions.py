@@ -13,7 +13,7 @@ from itertools import accumulate
 from typing import Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
-from rans.errors import ConfigError, checked, fits, is_finite, one_of
+from rans.errors import ConfigError, NamedArguments, checked, fits, is_finite, one_of
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.structure import Range, is_range
@@ -225,7 +225,7 @@ class SensorsConditions(Settings):
 
 
 @dataclass(frozen=True)
-class Conditions(Settings):
+class Conditions(NamedArguments, Settings):
     """Distributions of domain randomization, faults, disturbances and sensor errors of an episode.
 
     >>> rans.Conditions(rans.BodyConditions(mass=(0.7, 2.0)), rans.ThrusterConditions(latency=0.1)).delay

@@ -30,21 +30,23 @@ def dimensions(task: Task) -> tuple[Dimension, ...]:
 
 
 def check_dimension(task: Task, dimension: Dimension) -> None:
-    """Reject a task that can be evaluated in the other dimension only.
+    """Reject a task that is declared for, or can be evaluated in, the other dimension only.
 
     A task that fails in both may need more than NumPy numbers and is not rejected here.
 
     Raises:
-        ConfigError: a function of the task, or of its drift, fails in this dimension and not in the other.
+        ConfigError: the task is not declared for this dimension, or one of its functions, or of its drift, fails
+            in this dimension and not in the other.
     """
+    if dimension not in task.dimensions:
+        supported = PLACES[task.dimensions[0]]
+        raise ConfigError(
+            f"the task {type(task).__name__} works {supported} only: fly a spacecraft that moves {supported}."
+        )
     if (reason := _failure(task, dimension)) is None or dimension in (works := dimensions(task)):
         return
     own = PLACES[dimension]
     supported = PLACES[works[0]]
-    if dimension not in task.dimensions:
-        raise ConfigError(
-            f"the task {type(task).__name__} works {supported} only: fly a spacecraft that moves {supported}."
-        ) from reason
     raise ConfigError(
         f"the task {type(task).__name__} works {supported}, but not {own}: {type(reason).__name__}: "
         f"{first_line(reason)}. Fly a spacecraft that moves {supported}, or write the task with what states have "

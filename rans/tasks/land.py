@@ -103,10 +103,6 @@ class Land(SingleTask):
         start = upright(bearing, (distance, altitude), (away, across, -descent))
         return start, random.at_rest(random.origin(), random.no_rotation())
 
-    def nominal_start(self) -> SpatialState:
-        """The start of Acikmese and Ploen: (2000, 0, 1500) m, (80, 30, -75) m/s."""
-        return upright(0.0, (2000.0, 1500.0), (80.0, 30.0, -75.0))
-
     def guidance(self, state: Any, goal: Any) -> DescentLaw:
         """Guidance law from a state to the goal."""
         return DescentLaw.of(state.p - goal.p, state.v - goal.v, self.gravity, self.haste)

@@ -72,7 +72,8 @@ class TargetOrbit(Settings):
     Raises:
         ConfigError: the eccentricity is not from 0 to 0.9, the semi-major axis is negative or not finite, the
             perigee is within the Earth, angles are no range, the inclination is not from 0 to 180 degrees, a drag
-            is negative, a ratio is not above 0, or an ellipse has an oblate Earth or drag.
+            is negative or has a ballistic ratio of 1, a ratio is not above 0, or an ellipse has an oblate Earth
+            or drag.
     """
 
     eccentricity: float = 0.0
@@ -137,6 +138,11 @@ class TargetOrbit(Settings):
             )
         if not is_finite(ratio) or ratio <= 0.0:
             raise ConfigError(f"ballistic_ratio must be a finite number > 0, got {ratio!r}.")
+        if drag and ratio == 1.0:
+            raise ConfigError(
+                f"target_drag is {drag:g} m/s^2, but with a ballistic_ratio of 1 air slows craft and target down "
+                "alike, and nothing changes: set ballistic_ratio too, or leave target_drag out."
+            )
         if tilt and not self.oblate:
             raise ConfigError(
                 f"inclination_degrees is {tilt:g} degrees, but only an oblate Earth has an axis: set oblate = true."

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.filtered import corrected, gains
 from campaigns.robustness import rows
 from rans.episode import Setup, World, step
 from rans.errors import ConfigError
@@ -21,6 +20,7 @@ from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW
 from tests.support.engines import FLYER, PLATFORM, both_crafts
 from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body, made
+from tests.support.state_filter import corrected, gains
 
 FOLLOWED = [
     "go-to-pose",
@@ -107,7 +107,7 @@ def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
 
 
 def test_in_noise_it_is_the_filter_of_states() -> None:
-    """As `campaigns.filtered` has it, in W and with quaternions, of the same readings and commands."""
+    """As `tests.support.state_filter` has it, in W and with quaternions, of the same readings and commands."""
     task = GoToPose()
     drift = 1e-3
     body = layout(task, 3).body

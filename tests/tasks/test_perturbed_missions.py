@@ -46,8 +46,8 @@ def test_the_orbit_is_set_by_numbers_of_the_target() -> None:
     assert drift.inclination == pytest.approx(0.900589894)
     air = Dock(orbit=TargetOrbit(target_drag=4e-6, ballistic_ratio=2.0)).drift
     assert air == PerturbedOrbit(0.001027, 0.0, 0.0, -2e-6, 0.0)
-    # Equal ballistic coefficients on a sphere are no perturbation.
-    assert isinstance(Hold(orbit=TargetOrbit(target_drag=4e-6)).drift, ClohessyWiltshire)
+    # Another ballistic coefficient without drag is no perturbation.
+    assert isinstance(Hold(orbit=TargetOrbit(ballistic_ratio=0.5)).drift, ClohessyWiltshire)
 
 
 @pytest.mark.parametrize("kind", [Dock, Hold, Rendezvous])
@@ -152,6 +152,10 @@ def test_bounds_are_of_the_perturbed_motion() -> None:
         (lambda: TargetOrbit(inclination_degrees=51.6), "set oblate = true"),
         (lambda: TargetOrbit(target_drag=-1e-6), "target_drag must be .* >= 0"),
         (lambda: TargetOrbit(target_drag=3.7), "at most 0.01 m/s.2, got 3.7"),
+        (
+            lambda: TargetOrbit(target_drag=4e-6),
+            "set ballistic_ratio too, or leave target_drag out",
+        ),
         (lambda: TargetOrbit(ballistic_ratio=0.0), r"ballistic_ratio must be .* > 0, got 0\.0"),
         (lambda: TargetOrbit(0.1, 9000.0, oblate=True), "eccentricity is 0.1: leave out one"),
         (lambda: Hold(orbit=TargetOrbit(0.1, 9000.0)), "Hold flies near circular orbits"),

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from rans.effectors.commands import action_space
 from rans.environment import checked_render_mode, choose, dense, observation_space, own_spec
-from rans.errors import ConfigError, brief, checked, whole
+from rans.errors import ConfigError, NamedArguments, brief, checked, whole
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.stepping.step import Step
@@ -36,7 +36,7 @@ _SHOWN = 16
 """Largest number of environments in the window."""
 
 
-class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
+class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
     """Gymnasium vector environment of N spacecraft, with torch tensors for observations and actions.
 
     >>> envs = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4)

@@ -1,22 +1,14 @@
+"""The oracle of filters itself."""
+
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
 
-from campaigns.filtered import Behind, Filtered, corrected, gains
-from campaigns.robustness import rows
-from rans.errors import ConfigError
-from rans.evaluation.fly.contestants import contestant
-from rans.flight import fly
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
-from rans.scenario import scenarios
-
-AGENT = "pretrained:go-to-pose-3d"
+from tests.support.state_filter import corrected, gains
 
 
 def test_gains_become_those_of_the_algebraic_riccati_equation() -> None:
@@ -33,18 +25,6 @@ def test_without_wandering_a_reading_counts_as_all_before_it() -> None:
     """Of velocities alone the k-th estimate is the mean of k readings; positions tell more of them yet."""
     found = gains(1e-9, 0.0, 50)[:, 1, 1]
     np.testing.assert_allclose(found, 1.0 / np.arange(1, 51), rtol=1e-6)
-
-
-def test_in_a_perfect_world_it_changes_nothing() -> None:
-    run = contestant(AGENT)
-    craft, task, timing, _, _ = setup = run.judged
-    timing = replace(timing, episode_steps=30)
-    starts = scenarios(task, craft, 5, 8)
-    plain, behind = (
-        fly(craft, task, one, starts, timing).commands
-        for one in (run.controller, Filtered(run.controller, setup))
-    )
-    np.testing.assert_array_equal(plain, behind)
 
 
 def test_attitudes_are_corrected_along_the_shortest_turn() -> None:
@@ -69,15 +49,3 @@ def test_attitudes_are_corrected_along_the_shortest_turn() -> None:
         )
         # Half of the vector part is half of the angle but for a hundredth of it.
         np.testing.assert_allclose((first.inv() * reached).as_rotvec(), [0.0, 0.1, 0.0], atol=1e-3)
-
-
-@pytest.mark.slow
-def test_noise_is_taken_off_who_never_knew_any() -> None:
-    noise, behind = Behind((AGENT,), episodes=64).held(AGENT, rows()["noise"])
-    assert noise < 40.0
-    assert behind > 90.0
-
-
-def test_the_plane_is_refused() -> None:
-    with pytest.raises(ConfigError, match="flies in the plane"):
-        Behind(("pretrained:go-to-pose-2d",)).run()
