@@ -169,6 +169,7 @@ def dies(_: list[int], number: int) -> int:
     return number
 
 
+@pytest.mark.slow
 def test_workers_make_their_state_once_and_answer_every_job() -> None:
     workers = Workers(counted_from, (10,), 2)
     jobs = [(k,) for k in range(6)]

@@ -54,6 +54,7 @@ def batch(*words: str) -> int:
     return main(["init", "mine.toml", *words])
 
 
+@pytest.mark.slow
 def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str]) -> None:
     thrusters = [f"--thruster={one}" for one in SQUARE]
     assert batch(*BOX, *thrusters, "--wheel=0,0,2;0.1;0.7;0.001") == 0

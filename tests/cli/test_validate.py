@@ -18,6 +18,7 @@ from validation.study.checks import Check, Study
 from validation.study.study import LAYERS, Scope
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -> None:
     """And one layer alone repeats what the study found; of one flight, not of sixteen."""

@@ -284,6 +284,7 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
     assert f"Done after {steps + 256:,} steps" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_who_waits_forever_hears_a_signal() -> None:
     """As where the GPU waits for a process that is gone: Python's own handlers then never run."""
     code = (

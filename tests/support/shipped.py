@@ -12,7 +12,6 @@ ONE_OF_EACH_KIND = {
     "avoid-2d",  # constraints, and an observation of zones
     "dock-port-2d",  # an episode that ends in success
     "go-to-pose-2d",
-    "go-to-pose-2d-robust",  # filters
     "go-to-pose-2d-trade-off",  # an input that chooses between time and impulse
     "go-to-pose-3d-faults",  # a history, in space
     "land-3d",  # throttles

@@ -54,6 +54,7 @@ def test_an_orbit_has_its_ball_in_two_views() -> None:
     assert name == "keep-out zone"
 
 
+@pytest.mark.slow
 def test_other_orbits_have_the_views_of_a_circle() -> None:
     labels = [
         [axes.get_xlabel() for axes in paths_figure(flown("afrl-deputy", Dock(orbit=orbit))).axes]
