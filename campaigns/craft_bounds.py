@@ -35,9 +35,9 @@ from rans.tasks import GoToPose
 
 COMMAND = "python -m campaigns.craft_bounds"
 _FILE = "validation/craft-bounds.json"
-_ARM = 10.0
-"""Arm of the couples that stand for wheels, m."""
-_SHARES = 1.0, 0.6, 0.3
+_ARM = 1000.0
+"""Arm of the couples that stand for wheels, m, so long that their forces are as good as none."""
+_SHARES = 1.0, 0.6, 0.3, 0.15, 0.075, 0.07
 """Shares of the torque of wheels that optimal control may use, tried in turn until wheels can give it."""
 _INTERVALS = 50
 

@@ -1,9 +1,8 @@
 """What a mission's agents and opponents are worth: ``python -m campaigns.missions MISSION``.
 
 MISSION is one of dock, hold, rendezvous, land, avoid, dock-port. All contestants fly from the same held-out starts.
-Of missions on an orbit and of landings, proven bounds of the first of these starts stand beside them, ratio by
-ratio. With ``--docs docs`` the command writes docs/validation/mission-MISSION.json and the table of
-docs/missions/MISSION.md.
+Proven bounds of the first of these starts stand beside them, ratio by ratio. With ``--docs docs`` the command
+writes docs/validation/mission-MISSION.json and the table of docs/missions/MISSION.md.
 """
 
 from __future__ import annotations
@@ -31,6 +30,9 @@ from rans.model.body import Body
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.certificate import attitude_tube, hull
+from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.landing_guidance import LandingGuidance
@@ -40,7 +42,7 @@ from rans.optimal.convex.landing import Descent, Lander, best_landing
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
-from rans.tasks import TASKS, Task
+from rans.tasks import TASKS, Avoid, DockPort, Task
 from rans.tasks.land import Land
 from rans.tasks.orbital import OrbitalMission
 from rans.terminal import Terminal
@@ -69,6 +71,10 @@ _VARIED: dict[str, dict[str, dict[str, Any]]] = {
 }
 """Settings of the task by what the table calls them."""
 
+_WITHOUT_TRAINING = "avoid", "dock-port"
+"""Missions that controllers without training fly too."""
+_PREDICTED = 8
+"""Number of starts of MPC, which solves an optimal control problem in every period."""
 _LANDED: dict[str, dict[str, Any]] = {
     "": {},
     "moon": {
@@ -250,6 +256,8 @@ class Missions:
             controller, craft, timing = run.controller, run.craft, run.timing
             task = run.task.for_evaluation()
             lower = np.full(self.episodes, np.nan)
+            if isinstance(task, (Avoid, DockPort)):
+                lower[: self.bounded] = self._least_impulse(craft, task, timing)
             if task.optimal_problem == "landing":
                 known = self._least_propellant(craft, cast(Land, task)) if known is None else known
                 lower[: self.bounded] = known
@@ -262,10 +270,60 @@ class Missions:
                     few = scenarios(varied, craft, self.seed, self.drake)
                     flight = fly_in_drake(craft, varied, controller, few, timing)
                     yield row_of(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
+        if self.mission in _WITHOUT_TRAINING:
+            yield from self._without_training()
         if self.mission == "land":
             for condition, settings in _LANDED.items():
                 yield from self._guided(condition, Land(**settings), None if settings else known)
             yield from self._with_a_dead_engine(Land())
+
+    def _without_training(self) -> Iterator[Row]:
+        """Controllers that keep the limits of a mission without training, in the plane."""
+        condition = next(iter(_VARIED[self.mission]))
+        for who, spec, filtered, count in (
+            ("MPC", "mpc", False, min(_PREDICTED, self.bounded)),
+            ("LQR, filtered", "lqr", True, self.bounded),
+        ):
+            run = contestant(f"{spec}:{self.mission}-2d").guarded(filtered)
+            craft, task, timing = run.craft, run.task.for_evaluation(), run.timing
+            assert isinstance(task, (Avoid, DockPort))
+            starts = scenarios(task, craft, self.seed, count)
+            with warnings.catch_warnings():
+                # The filter knows the limits that LQR does not.
+                warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
+                flight = fly(craft, task, run.controller, starts, timing, guard=run.guard)
+            lower = self._least_impulse(craft, task, timing)
+            yield row_of(condition, who, flight, _spent(flight), lower)
+
+    def _least_impulse(
+        self, craft: Spacecraft, task: Avoid | DockPort, timing: Timing
+    ) -> np.ndarray:
+        """Impulse below which the mission is not won from each of the first starts, N s; limits are left out.
+
+        Avoid asks for a flight that is within its tolerances over the last fifth: soon after it has begun, the
+        craft is slow enough to stay. Whoever docks at a port is within the standoff of the target's centre.
+        """
+        period = timing.control_period
+        found = []
+        for one in each(scenarios(task, craft, self.seed, self.bounded)):
+            start: Any = one.start
+            goal: Any = one.goal
+            if isinstance(task, DockPort):
+                near = GoalSet(task.standoff + task.tolerances()["position"], 0.0, 0.0, 0.0)
+                centre = replace(goal, p=goal.p.scale(0.0), v=goal.v.scale(0.0))
+                horizon = period * timing.episode_steps
+                found.append(hull.least_fuel(craft, ("position",), start, centre, horizon, near))
+                continue
+            tolerances = task.tolerances()
+            near = hull.settling_set(craft, tolerances["position"], tolerances["attitude"], period)
+            horizon = period * (timing.episode_steps - timing.episode_steps // 5 + 2)
+            asked = "position", "velocity", "attitude"
+            least = hull.least_fuel(craft, asked, start, goal, horizon, near)
+            if craft.dimension == 2:
+                tube = attitude_tube.least_impulse(craft, start, goal, horizon, near)
+                least = max(least, tube)
+            found.append(least)
+        return np.array(found)
 
     def _guided(self, condition: str, task: Land, known: np.ndarray | None) -> Iterator[Row]:
         """Landing guidance from the first starts, whose bounds may be known."""

@@ -212,8 +212,8 @@ SOURCES: dict[str, Source] = {
         evidence=("craft-bounds.json",),
         quick_seconds=10.0,
     ),
-    "avoid": _mission("avoid", "", " --episodes 64", 14.0),
-    "dock port": _mission("dock-port", "", " --episodes 64", 60.0),
+    "avoid": _mission("avoid", "", " --episodes 64", 65.0),
+    "dock port": _mission("dock-port", "", " --episodes 64", 130.0),
     "dock": _mission(
         "dock",
         " --episodes 10000",

@@ -69,7 +69,13 @@ MISSIONS = {
         (("mission guidance", "rendezvous, mission"), (_SAFE, "rendezvous, passive-entry")),
     ),
     "land": Mission(
-        "", ((_CHEAPEST, "landing guidance"), (_AGENT, "pretrained:land-3d")), unit="kg"
+        "",
+        (
+            (_CHEAPEST, "landing guidance"),
+            (_GUIDANCE, "landing guidance"),
+            (_AGENT, "pretrained:land-3d"),
+        ),
+        unit="kg",
     ),
     "inspect": Mission(
         "",
@@ -84,11 +90,23 @@ MISSIONS = {
         ),
     ),
     "avoid": Mission(
-        "default zones", ((_AGENT, "pretrained:avoid-2d"), (_AGENT, "pretrained:avoid-3d"))
+        "default zones",
+        (
+            (_CHEAPEST, "pretrained:avoid-2d"),
+            (_GUIDANCE, "MPC"),
+            (_GUIDANCE, "LQR, filtered"),
+            (_AGENT, "pretrained:avoid-2d"),
+            (_AGENT, "pretrained:avoid-3d"),
+        ),
     ),
     "dock-port": Mission(
         "default rates",
-        tuple((_AGENT, f"pretrained:dock-port-{name}") for name in ("2d", "2d-atmos", "3d")),
+        (
+            (_CHEAPEST, "pretrained:dock-port-2d"),
+            (_GUIDANCE, "MPC"),
+            (_GUIDANCE, "LQR, filtered"),
+            *((_AGENT, f"pretrained:dock-port-{name}") for name in ("2d", "2d-atmos", "3d")),
+        ),
     ),
 }
 
