@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from rans.episode import Command, World
-from rans.guard.ahead import SLACK, Ahead
+from rans.guard.ahead import Ahead
 from rans.guard.coasting import Coasting, periods_of
-from rans.guard.expected import PERIODS, Reserve
 from rans.guard.manoeuvres import Manoeuvre, Thrusters, manoeuvres
+from rans.guard.replacing import Predicting
 from rans.guard.rows import (
-    batched,
     copied,
     count,
-    like,
     repeated,
     row_indices,
     stacked,
@@ -35,7 +33,7 @@ _BLENDS = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
-class FlownBackup:
+class FlownBackup(Predicting):
     """Safety filter by simulated backup manoeuvres, a `rans.episode.Guard`.
 
     A state is safe if the craft may coast from it (`rans.guard.coasting.Coasting`), or if one of
@@ -50,41 +48,12 @@ class FlownBackup:
     thruster (for pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and the first
     command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is flown that
     passes with the largest part of the reserve; without any the first manoeuvre.
-
-    The filter uses the measured state and the craft as designed. `rans.guard.safety_filter` sets reserve and delay
-    for known noise and delays; faults and disturbances are not accounted for.
     """
 
-    periods: int = PERIODS
-    """Largest number of control periods of a manoeuvre."""
-    slack: float = SLACK
-    """Least margin that passes, in the unit of each margin."""
-    reserve: Reserve = ()
-    """Margins that are held in reserve beyond the slack for errors, by constraint."""
-    delay: float = 0.0
-    """Time from a reading until the command acts that is decided by it, s."""
     horizon: float | None = None
     """Time for which coasting is checked if it cannot be checked for all times, s; None: the length of an
     episode."""
     name: str = "flown backup"
-    by_values: ClassVar[bool] = True
-
-    def admitted(
-        self,
-        world: World,
-        state: Any,
-        goal: Any,
-        command: Command,
-        before: tuple[Command, ...] = (),
-    ) -> tuple[Command, Field]:
-        """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
-        (state, goal, command), single = batched((state, goal, tuple(command)))
-        ahead = Ahead.of(world, self.reserve)
-        state, goal = ahead.delayed(state, goal, before, self.delay)
-        admitted, changed = self._filtered(world, state, goal, command)
-        if single:
-            return tuple(float(x[0]) for x in admitted), bool(changed[0])
-        return admitted, changed
 
     def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
         """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""
@@ -96,24 +65,8 @@ class FlownBackup:
         search = _Search.of(self, world)
         return search.safe(state, goal, search.ways)
 
-    def _filtered(
-        self, world: World, state: Any, goal: Any, command: Command
-    ) -> tuple[Command, Field]:
-        search = _Search.of(self, world)
-        size = count((state, command))
-        command = tuple(x if getattr(x, "ndim", 0) else like(state, size, x) for x in command)
-        refused = where_true(~search.passes(state, goal, command, search.ways))
-        changed = truths(state, size)
-        if not len(refused):
-            return command, changed
-        admitted = tuple(copied(x) for x in command)
-        instead = search.instead(
-            taken(state, refused), taken(goal, refused), taken(command, refused)
-        )
-        for x, new in zip(admitted, instead, strict=True):
-            changed[refused] |= x[refused] != new
-            x[refused] = new
-        return admitted, changed
+    def _instead(self, world: World, state: Any, goal: Any, command: Command) -> Command:
+        return _Search.of(self, world).instead(state, goal, command)
 
 
 class _Arrival(NamedTuple):

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from rans.episode import Command, World
 from rans.errors import ConfigError
-from rans.guard.ahead import SLACK, Ahead
-from rans.guard.expected import PERIODS, Reserve
+from rans.guard.ahead import Ahead
 from rans.guard.manoeuvres import slope_of_least
 from rans.guard.quadratic import nearest
+from rans.guard.replacing import Predicting
 from rans.guard.rows import (
-    batched,
     copied,
     count,
-    is_array,
     like,
     stacked,
     stacked_columns,
@@ -43,7 +41,7 @@ _BLENDS = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
-class BarrierProgram:
+class BarrierProgram(Predicting):
     """Safety filter by quadratic programs, a `rans.episode.Guard`.
 
     A state is safe if braking keeps the margin of every constraint above ``slack`` at every check, and between them
@@ -58,49 +56,9 @@ class BarrierProgram:
     opposite thrusters have in common. Margins are linearised about the command by difference quotients of
     predictions, up to three times. The solution is checked by a prediction; if it does not pass, it is mixed with
     braking, or is braking alone.
-
-    The filter uses the measured state and the craft as designed. `rans.guard.safety_filter` sets reserve and delay
-    for known noise and delays; faults and disturbances are not accounted for.
     """
 
-    periods: int = PERIODS
-    """Control periods in which the craft must be able to brake."""
-    slack: float = SLACK
-    """Least margin of a safe state, in the unit of each margin."""
-    reserve: Reserve = ()
-    """Margins that are held in reserve beyond the slack for errors, by constraint."""
-    delay: float = 0.0
-    """Time from a reading until the command acts that is decided by it, s."""
     name: str = "barrier program"
-    by_values: ClassVar[bool] = True
-
-    def admitted(
-        self,
-        world: World,
-        state: Any,
-        goal: Any,
-        command: Command,
-        before: tuple[Command, ...] = (),
-    ) -> tuple[Command, Field]:
-        """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
-        (state, goal, command), single = batched((state, goal, tuple(command)))
-        size = count((state, command))
-        command = tuple(x if is_array(x) else like(state, size, x) for x in command)
-        search = _Search.of(self, world)
-        state, goal = search.ahead.delayed(state, goal, before, self.delay)
-        margin = search.kept(state, goal, command)
-        refused = where_true(~margin)
-        changed = truths(state, size)
-        admitted = tuple(copied(x) for x in command)
-        if len(refused):
-            refused_inputs = taken((state, goal, command), refused)
-            instead = search.instead(*refused_inputs)
-            for x, new in zip(admitted, instead, strict=True):
-                changed[refused] |= x[refused] != new
-                x[refused] = new
-        if single:
-            return tuple(float(x[0]) for x in admitted), bool(changed[0])
-        return admitted, changed
 
     def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
         """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""
@@ -111,6 +69,9 @@ class BarrierProgram:
         search = _Search.of(self, world)
         margins = search.ahead.margins(state, goal).values()
         return search.above((*search.braking(state, goal), *margins), count(state), state)
+
+    def _instead(self, world: World, state: Any, goal: Any, command: Command) -> Command:
+        return _Search.of(self, world).instead(state, goal, command)
 
 
 @dataclass(frozen=True)

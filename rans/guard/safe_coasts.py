@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from rans.episode import Command, World
 from rans.guard.ahead import Ahead
 from rans.guard.backup import FlownBackup
 from rans.guard.barrier import BarrierProgram
-from rans.guard.rows import batched, copied, count, is_array, like, taken
+from rans.guard.expected import Reserve
+from rans.guard.replacing import Replacing
+from rans.guard.rows import like, taken
 from rans.model.fields import Field
 from rans.model.passive_safety import (
     CoastZone,
@@ -39,7 +41,7 @@ _AT_ONCE = 128
 
 
 @dataclass(frozen=True)
-class SafeCoasts:
+class SafeCoasts(Replacing):
     """Safety filter that keeps a craft passively safe, a `rans.episode.Guard` around another one.
 
     The other filter keeps the constraints of the task. After that a command passes if the craft, when all thrusters
@@ -66,40 +68,36 @@ class SafeCoasts:
     seconds: float
     """Time for which coasts last, s."""
     name: str = "safe coasts"
-    by_values: ClassVar[bool] = True
 
     @property
     def delay(self) -> float:
         """Time from a reading until the command acts that is decided by it, s."""
         return self.inner.delay
 
-    def admitted(
-        self,
-        world: World,
-        state: Any,
-        goal: Any,
-        command: Command,
-        before: tuple[Command, ...] = (),
-    ) -> tuple[Command, Field]:
-        """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
-        (state, goal, command), single = batched((state, goal, tuple(command)))
-        size = count((state, command))
-        command = tuple(x if is_array(x) else like(state, size, x) for x in command)
-        admitted, changed = self.inner.admitted(world, state, goal, command, before)
-        admitted = tuple(copied(x) for x in admitted)
+    def _expected(self) -> tuple[Reserve, float]:
+        return self.inner.reserve, self.delay
+
+    def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
+        """Whether the other filter passes commands (N,) that act in these states, and coasts are safe, (N,)."""
+        result = self.inner.passes(world, state, goal, command)
+        result[np.flatnonzero(~self._coast_safely(world, state, goal, command))] = False
+        return result
+
+    def _coast_safely(self, world: World, state: Any, goal: Any, command: Command) -> np.ndarray:
         ahead = Ahead.of(world, self.inner.reserve)
-        state, goal = ahead.delayed(state, goal, before, self.inner.delay)
         starts = _rows(state)
-        far = np.linalg.norm(starts[:, :3], axis=1) >= self.zone.approach
-        coasts = self._coasts(ahead, state, goal, admitted)
-        for row in np.flatnonzero(far & ~self._keeps(coasts, size)):
+        near = np.linalg.norm(starts[:, :3], axis=1) < self.zone.approach
+        return near | self._keeps(self._coasts(ahead, state, goal, command), len(starts))
+
+    def _instead(self, world: World, state: Any, goal: Any, command: Command) -> Command:
+        # The other filter first; the search begins at what it admits.
+        admitted, _ = self.inner.admitted(world, state, goal, command)
+        ahead = Ahead.of(world, self.inner.reserve)
+        for row in np.flatnonzero(~self._coast_safely(world, state, goal, admitted)):
             one = taken((state, goal, admitted), slice(row, row + 1))
-            for x, new in zip(admitted, self._instead(world, ahead, *one), strict=True):
-                changed[row] |= bool(x[row] != new)
+            for x, new in zip(admitted, self._nearest(world, ahead, *one), strict=True):
                 x[row] = new
-        if single:
-            return tuple(float(x[0]) for x in admitted), bool(changed[0])
-        return admitted, changed
+        return admitted
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """Whether the other filter keeps all margins from these states (N,), and their coasts are safe, (N,)."""
@@ -131,7 +129,7 @@ class SafeCoasts:
             ]
         )
 
-    def _instead(
+    def _nearest(
         self, world: World, ahead: Ahead, state: Any, goal: Any, command: Command
     ) -> np.ndarray:
         """Nearest command (thrusters,) that passes, of one craft."""
