@@ -139,7 +139,7 @@ class SafeCoasts(Replacing):
         for begin in range(0, len(tried), _AT_ONCE):
             some = tried[begin : begin + _AT_ONCE]
             states, goals = taken((state, goal), np.zeros(len(some), int))
-            columns = tuple(like(state, 1) * 0.0 + _as(x, state) for x in some.T)
+            columns = tuple(_as(x, state) for x in some.T)
             coasts = self._coasts(ahead, states, goals, columns)
             for row in np.flatnonzero(self._keeps(coasts, len(some))):
                 if self._allows(world, states, goals, columns, row):
