@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench
@@ -286,10 +286,12 @@ class SphericalPair(NamedTuple):
         attitude, spin = motion.attitude, motion.spin
         rod, moving = motion.rod, motion.moving
         # Force and torque about B's origin, in B.
-        force, torque = load.force, load.torque
+        force: Any = load.force
+        torque = load.torque
         if disturbance is not None:
             into_body = attitude.inverse()
-            force = force + into_body.rotate(disturbance.force)
+            push: Any = disturbance.force
+            force = force + into_body.rotate(push)
             torque = torque + into_body.rotate(disturbance.torque)
 
         # Friction, and acceleration of the hinge by the spin alone.

@@ -65,7 +65,7 @@ def centre_of_mass(craft: Spacecraft, body: Body, index: int) -> np.ndarray:
 def slosh_mass(craft: Spacecraft, body: Body, index: int) -> float:
     """Mass that swings in one of many spacecraft, kg."""
     assert craft.slosh is not None
-    factor = 1.0 if body.slosh_mass is None else body.slosh_mass
+    factor: Any = 1.0 if body.slosh_mass is None else body.slosh_mass
     whole, times = (float(x if np.ndim(x) == 0 else x[index]) for x in (body.mass, factor))
     return times * craft.slosh.mass * whole / craft.mass
 

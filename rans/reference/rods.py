@@ -67,9 +67,10 @@ class Rods(ABC):
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the joints among the plant's positions and velocities, (N, coordinates) each."""
         count = self._joints[0].num_positions()
-        positions = [joint.position_start() for joint in self._joints]
-        velocities = [joint.velocity_start() for joint in self._joints]
-        return tuple(np.array(x)[:, None] + np.arange(count) for x in (positions, velocities))
+        own = np.arange(count)
+        positions = np.array([joint.position_start() + own for joint in self._joints])
+        velocities = np.array([joint.velocity_start() + own for joint in self._joints])
+        return positions, velocities
 
 
 class PlanarRods(Rods):

@@ -30,7 +30,7 @@ from tests.support.host_kernels import (
     on_host,  # noqa: F401  (a fixture)
 )
 from tests.support.pairs import FallingInSpace
-from tests.support.slosh import IN_SPACE, sums_in_space
+from tests.support.slosh import IN_SPACE, IN_SPACE_SLOSH, sums_in_space
 
 WHEELED = replace(
     IN_SPACE,
@@ -93,7 +93,7 @@ def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_ener
 
 
 def test_without_friction_energy_stays() -> None:
-    craft = replace(IN_SPACE, slosh=replace(IN_SPACE.slosh, damping=0.0))
+    craft = replace(IN_SPACE, slosh=replace(IN_SPACE_SLOSH, damping=0.0))
     path = coasted(craft)
     first, last = (sums_in_space(craft, state).energy for state in (path[0], path[-1]))
     np.testing.assert_allclose(last, first, rtol=1e-5)
@@ -125,7 +125,7 @@ def test_small_swings_in_both_directions_have_the_frequency_of_a_pendulum() -> N
 
 def test_a_rod_that_friction_holds_moves_as_the_rigid_craft() -> None:
     """At rest the mass is a part of the craft's mass, inertia and centre of mass."""
-    held_rod = replace(IN_SPACE, slosh=replace(IN_SPACE.slosh, damping=0.5))
+    held_rod = replace(IN_SPACE, slosh=replace(IN_SPACE_SLOSH, damping=0.5))
     rigid = replace(IN_SPACE, slosh=None)
     still = replace(states(rigid, 3), stores=())
     rest = tuple(np.full(3, store.initial) for store in held_rod.stores)
@@ -200,7 +200,7 @@ def test_its_file_says_what_it_is() -> None:
 
 
 def test_a_mass_that_leaves_no_rigid_craft_is_refused() -> None:
-    far = replace(IN_SPACE.slosh, hinge=(0.3, 0.0, 0.0))
+    far = replace(IN_SPACE_SLOSH, hinge=(0.3, 0.0, 0.0))
     with pytest.raises(ConfigError, match=r"slosh mass must be .* adds"):
         replace(IN_SPACE, slosh=far)
     light = Conditions(body=BodyConditions(inertia=0.1))
