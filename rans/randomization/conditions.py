@@ -73,6 +73,9 @@ class BodyConditions(Settings):
     """Factor on the fraction of the mass that sloshes, of a craft with `Spacecraft.slosh`."""
     slosh_damping: Range = 1.0
     """Factor on the damping of its liquid."""
+    stretch: Range = 1.0
+    """Factor on the distances of all masses from the centre of mass along an axis of B, in space, drawn for each
+    axis: it changes the ratios of the moments of inertia, which remain those of a rigid body."""
 
     @property
     def varies_slosh(self) -> bool:
@@ -296,6 +299,13 @@ class Conditions(NamedArguments, Settings):
                 random layouts, or no inertia is left beside its sloshing liquid.
         """
         self._check_slosh(craft)
+        stretches = [part.body.stretch for part in (self, *self.others) if part.body.stretch != 1.0]
+        if stretches and (craft.dimension == 2 or craft.slosh is not None):
+            raise ConfigError(
+                f"body.stretch = {stretches[0]} is for craft in space without a sloshing liquid, and "
+                f"{craft.name!r} {'moves in the plane' if craft.dimension == 2 else 'has one'}; body.inertia is a "
+                "factor on all moments of inertia."
+            )
         count = craft.thruster_count
         least = self.layouts.least(craft.dimension) if self.layouts.count else 0
         if count < least:
@@ -495,7 +505,7 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
 
 def _check_body(body: BodyConditions) -> None:
     """Reject a body without mass or inertia."""
-    for name in ("mass", "inertia", "slosh_mass"):
+    for name in ("mass", "inertia", "slosh_mass", "stretch"):
         values = getattr(body, name)
         _require(bounds(values)[0] > 0, f"body.{name}", values, "> 0")
 

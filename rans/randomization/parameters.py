@@ -313,6 +313,7 @@ _STREAMS = {
     "noise": 18,
     "mountings": 19,
     "limits": 20,
+    "stretch": 21,
     "slosh": 20,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
@@ -350,6 +351,10 @@ def draw(
 
     if conditions.others:
         conditions = conditions.met(random("mixture").unit())
+    if conditions.body.stretch != 1.0:
+        stretch = random("stretch")
+        factors = [stretch.within(conditions.body.stretch) for _ in range(3)]
+        base = replace(base, inertia=_stretched(base.inertia, factors))
     body = _body(conditions, base, random("body"), random("thrusters"))
     thrusters = conditions.thrusters
     mountings = _mountings(thrusters.misalignment, thrusters.position, craft, random("mountings"))
@@ -458,6 +463,26 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
         base.leak,
         base.droop if given.droop is None else droop,
     )
+
+
+def _stretched(inertia: Sequence[Field], factors: Sequence[Field]) -> tuple[Field, ...]:
+    """Six moments of inertia of a body whose masses move by a factor along each axis.
+
+    With the integrals S of x_i x_j over the mass, the moments are trace(S) 1 - S, and S_ij gets the factors of both
+    axes.
+    """
+    xx, xy, xz, yy, yz, zz = inertia
+    a, b, c = factors
+    half = 0.5 * (xx + yy + zz)
+    x = a * a * (half - xx)
+    y = b * b * (half - yy)
+    z = c * c * (half - zz)
+    products = (
+        moment if isinstance(moment, float) and moment == 0.0 else moment * u * v
+        for moment, u, v in ((xy, a, b), (xz, a, c), (yz, b, c))
+    )
+    xy, xz, yz = products
+    return y + z, xy, xz, x + z, yz, x + y
 
 
 def _lag(conditions: Conditions, random: Random) -> Lag | None:

@@ -25,7 +25,7 @@ from validation.study.checks import Check, Curve
 from validation.study.sampling import Restless, gaps, growth, reach
 
 _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "body": ("body", ("mass", "inertia", "centre")),
+    "body": ("body", ("mass", "inertia", "stretch", "centre")),
     "thrust and supply": ("thrusters", ("thrust", "pressure", "droop")),
     "late and gradual valves": ("thrusters", ("latency", "command_delay", "rise", "fall")),
     "least on- and off-times": ("thrusters", ("least_on", "least_off")),
