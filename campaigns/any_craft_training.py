@@ -24,7 +24,7 @@ from torch import Tensor
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.twists import balanced, directions, thrust
-from rans.policy.allocation import PRICE, in_order, subsets
+from rans.policy.allocation import PRICE, in_order, subsets, thrust_price
 from rans.policy.any_craft import RANGES, authority, coast, columns_of, effects, last_layer
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.authority import (
@@ -221,7 +221,7 @@ class _Drawing:
         offset = np.full(_TABLE, -1e9)
         used = np.zeros(_TABLE)
         if not has_wheels:
-            every = subsets(tuple(map(tuple, layout.tolist())), False)
+            every = subsets(tuple(map(tuple, layout.tolist())), False, thrust_price(layout))
             best = np.argmax(self._demands @ every.slope.T + every.offset, axis=1)
             counts = np.bincount(best, minlength=len(every.offset))
             chosen = np.argsort(-counts, kind="stable")[:_TABLE]
@@ -516,8 +516,13 @@ def draw_batch(
 def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple[Tensor, Tensor]:
     """Changes of the twist (N, d) that craft give, and thrust (N,), both in units of the authority."""
     layout, matrix, step, pushes, twist, offset, used = rows
+    has_gradient = torch.is_grad_enabled()
     with torch.no_grad():
         wanted = demand.detach()
+        opened = None if continuous else _opened(wanted, twist, offset, used)
+        # Only gradients need what continuous thrusters would do.
+        if opened is not None and not has_gradient:
+            return opened
         part = _continuous(wanted, layout, matrix, step, pushes)
         given = (part[:, None] @ layout)[:, 0]
         # Thrusters within their range follow the demand, others less.
@@ -531,18 +536,18 @@ def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple
         follows, costs = torch.linalg.solve_ex(products + ridge, sides).result.split(
             (layout.shape[2], 1), dim=2
         )
-        if continuous:
-            hard = given
-            spent = (part * pushes).sum(dim=1)
-        else:
-            scores = offset + 2.0 * (twist @ wanted[:, :, None])[:, :, 0]
-            best = scores.argmax(dim=1)
-            rows_of = best[:, None, None].expand(-1, 1, twist.shape[2])
-            hard = twist.gather(1, rows_of)[:, 0]
-            spent = used.gather(1, best[:, None])[:, 0]
+        hard, spent = opened or (given, (part * pushes).sum(dim=1))
     soft = (follows @ demand[:, :, None])[:, :, 0]
     price = (costs[:, :, 0] * demand).sum(dim=1)
     return soft + (hard - soft).detach(), price + (spent - price).detach()
+
+
+def _opened(demand: Tensor, twist: Tensor, offset: Tensor, used: Tensor) -> tuple[Tensor, Tensor]:
+    """Changes of the twist (N, d) and thrust (N,) of the best subsets of on/off thrusters."""
+    scores = offset + 2.0 * (twist @ demand[:, :, None])[:, :, 0]
+    best = scores.argmax(dim=1)
+    rows = best[:, None, None].expand(-1, 1, twist.shape[2])
+    return twist.gather(1, rows)[:, 0], used.gather(1, best[:, None])[:, 0]
 
 
 def _continuous(

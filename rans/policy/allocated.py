@@ -15,7 +15,7 @@ from torch import Tensor
 from rans.model.fields import Field
 from rans.model.twists import balanced, directions
 from rans.policy.adaptation import Adaptation
-from rans.policy.allocation import Subsets, in_order, shares, subsets
+from rans.policy.allocation import PRICE, Subsets, in_order, shares, subsets, thrust_price
 from rans.policy.authority import Authority
 from rans.policy.backbones import Backbone, product
 from rans.policy.parts import ArchitectureView, NetworkView
@@ -131,24 +131,26 @@ def choice(tokens: Tokens, adapts: bool = False) -> Subsets | None:
     if not len(columns):
         return None
     lost = spare(tokens) if adapts else ()
-    chosen = _subsets_without(columns, tokens[0][-1] == SHARED, lost)
     if spans(columns) or not wheels(tokens):
-        return chosen
+        is_shared = tokens[0][-1] == SHARED
+        return _subsets_without(columns, is_shared, lost, thrust_price(columns))
     forces = columns * (np.arange(columns.shape[1]) < directions(columns.shape[1]))
-    chosen = _subsets_without(forces, tokens[0][-1] == SHARED, lost)
+    chosen = _subsets_without(forces, tokens[0][-1] == SHARED, lost, PRICE)
     parts = chosen.opened
     if tokens[0][-1] == SHARED:
         parts = parts / np.maximum(parts.sum(axis=1, keepdims=True), 1.0)
     return chosen._replace(twist=parts @ columns)
 
 
-def _subsets_without(columns: np.ndarray, is_shared: bool, lost: tuple[int, ...]) -> Subsets:
+def _subsets_without(
+    columns: np.ndarray, is_shared: bool, lost: tuple[int, ...], price: float
+) -> Subsets:
     """Useful subsets of on/off thrusters with columns (n, d), and those without each of some thrusters."""
     everything = np.arange(len(columns))
-    parts = [subsets(_rows(columns), is_shared)]
+    parts = [subsets(_rows(columns), is_shared, price)]
     for number in lost:
         left = everything != number
-        part = subsets(_rows(columns[left]), is_shared)
+        part = subsets(_rows(columns[left]), is_shared, price)
         opened = np.zeros((len(part.opened), len(columns)))
         opened[:, left] = part.opened
         parts.append(part._replace(opened=opened))

@@ -5,6 +5,10 @@ thruster changes it by a column in a period, in the units of the craft's least a
 along an axis can always be met. On/off thrusters are chosen as the subset with the least squared error plus a price
 of its thrust: the search over all subsets is the search for the largest of linear functions of the demand.
 Continuous thrusters are found by coordinate descent on the same cost.
+
+The smaller the authority margin of on/off thrusters, the more thrust a unit of a demand takes, since thrusters push
+against each other. In the plane their price falls with it (`thrust_price`), or demands near the goal would not be
+worth it.
 """
 
 from __future__ import annotations
@@ -19,9 +23,13 @@ import numpy as np
 
 from rans.model.fields import Field, within
 from rans.model.twists import directions
+from rans.randomization.layouts import authority_margin
 
 PRICE = 0.1
 """Price of the velocity change that thrusters give, summed over them, in units of squared errors."""
+FALL = {2: 2.0, 3: 0.0}
+"""Power of an authority margin below 1 by which the price of on/off thrusters falls, by dimension. In space
+it has not been judged (docs/decisions/any_craft.md)."""
 PASSES = 6
 """Times that coordinate descent visits every thruster. Errors that are left are demanded in the next period."""
 MOST_SUBSETS = 4096
@@ -46,6 +54,13 @@ class Subsets(NamedTuple):
 def in_order(columns: np.ndarray) -> np.ndarray:
     """Order (n,) of columns by their numbers, in which a layout is the same however its thrusters are numbered."""
     return np.lexsort(columns.T[::-1])
+
+
+def thrust_price(columns: np.ndarray) -> float:
+    """Price of the thrust of on/off thrusters with columns (n, d)."""
+    # Summed in one order, so that its bits do not depend on the numbers of the thrusters.
+    margin = authority_margin(columns[in_order(columns)])
+    return PRICE * min(1.0, margin) ** FALL[directions(columns.shape[1])]
 
 
 @lru_cache(maxsize=64)

@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from rans.model.twists import balanced
+from rans.policy.allocated import ON_OFF, choice
 from rans.policy.allocation import PRICE, shares, subsets
-from rans.randomization.layouts import LayoutRanges, sample_layout
+from rans.randomization.layouts import LayoutRanges, authority_margin, sample_layout
 
 
 def drawn(seed: int, most: int = 8) -> np.ndarray:
@@ -47,6 +48,24 @@ def test_subsets_follow_the_order_of_the_thrusters(seed: int) -> None:
     assert np.array_equal(here.slope, there.slope)
     assert np.array_equal(here.offset, there.offset)
     assert np.array_equal(here.opened[:, order], there.opened)
+
+
+def test_thrust_costs_less_where_thrusters_push_against_each_other() -> None:
+    """The price is that of the layout times the square of its margin, where this is below 1."""
+    ratios = []
+    for seed in range(20):
+        columns = drawn(seed)
+        chosen = choice(tuple((*map(float, column), ON_OFF) for column in columns))
+        assert chosen is not None
+        # A linear function's offset is less the squared twist, and less the price of the subset's thrust.
+        thrust = chosen.opened @ np.hypot(columns[:, 0], columns[:, 1])
+        paid = -chosen.offset - np.square(chosen.twist).sum(axis=1)
+        (price,) = {round(float(x), 9) for x in paid[thrust > 0.0] / thrust[thrust > 0.0]}
+        ratios.append((authority_margin(columns), price / PRICE))
+    assert min(ratios)[0] < 0.5
+    assert max(ratios)[0] > 1.5
+    for margin, ratio in ratios:
+        assert ratio == pytest.approx(min(1.0, margin**2), abs=1e-6)
 
 
 @pytest.mark.slow

@@ -48,6 +48,8 @@ const inOrder = columns => columns.map((_, k) => k).sort((k, n) => {
 // Useful ways to open on/off thrusters: which are open, what they change, and the linear function of a demand.
 function subsets(columns, shared) {
   const order = inOrder(columns), count = columns.length;
+  // The price of thrust falls with an authority margin below 1.
+  const price = DATA.allocation.price * Math.min(1, margin(order.map(k => columns[k]))) ** DATA.allocation.fall;
   let most = count;
   const fewer = limit => { let sum = 0, ways = 1; for (let k = 0; k <= limit; ++k) { sum += ways; ways = ways * (count - k) / (k + 1); } return sum; };
   while (fewer(most) > DATA.allocation.subsets) --most;
@@ -73,7 +75,7 @@ function subsets(columns, shared) {
   return [...first.values()].sort((k, n) => k - n).map(n => {
     const {opened, twist, thrust} = rows[n], placed = new Array(count).fill(0);
     order.forEach((k, place) => { placed[k] = opened[place]; });
-    return {opened: placed, twist, offset: -product(twist, twist) - DATA.allocation.price * thrust};
+    return {opened: placed, twist, offset: -product(twist, twist) - price * thrust};
   });
 }
 

@@ -36,7 +36,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.policy.allocation import MOST_SUBSETS, PASSES, PRICE
+from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, is_for_any_craft
 from rans.policy.architecture import Architecture
 from rans.policy.authority import Authority, of_observation
@@ -462,6 +462,7 @@ def _allocation_data(architecture: Architecture) -> dict[str, Any]:
         "tokens": architecture.tokens,
         "authority": [period, *authority, min(authority[:4]), min(authority[4:])],
         "price": PRICE,
+        "fall": FALL[2],
         "passes": PASSES,
         "subsets": MOST_SUBSETS,
     }
