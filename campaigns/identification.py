@@ -73,51 +73,21 @@ def hidden_flights(
         named = load_conditions("real-space" if craft.dimension == 3 and craft.wheels else "lab")
         body = replace(named.body, mass=1.0, inertia=_SHEET)
         conditions = replace(named, body=body, thrusters=replace(named.thrusters, thrust=_SHEET))
-    if not craft.wheels:
-        return _flights(craft, count, seconds, period, seed, conditions)
-    # Conditions have no ranges of wheels: each hidden craft is another spacecraft, flown by itself.
-    jobs = [
-        (hidden, 1, seconds, period, seed + 1000 * (k + 1), conditions)
-        for k, hidden in enumerate(_with_other_wheels(craft, count, seed))
-    ]
-    workers = Workers(nothing, count=1 if count == 1 else None, work="flew hidden craft")
-    flights = [*workers.ordered(_flown, jobs)]
-    return [log for logs, _ in flights for log in logs], np.concatenate([one for _, one in flights])
-
-
-def _flown(_: None, *flight: Any) -> tuple[list[FlightLog], np.ndarray]:
-    return _flights(*flight)
-
-
-def _with_other_wheels(craft: Spacecraft, count: int, seed: int) -> Iterator[Spacecraft]:
-    """So many craft whose wheels differ from the data sheet."""
+    # Conditions have no ranges of wheels. A weaker motor is the strongest one with weaker commands, and the inertia
+    # of a wheel only says how fast it turns with a momentum.
     random = np.random.default_rng(seed)
-    for _ in range(count):
-        wheels = (
-            replace(
-                wheel,
-                max_torque=wheel.max_torque * random.uniform(*_SHEET),
-                inertia=wheel.inertia * random.uniform(*_SHEET),
-            )
-            for wheel in craft.wheels
-        )
-        yield replace(craft, wheels=tuple(wheels))
-
-
-def _flights(
-    craft: Spacecraft,
-    count: int,
-    seconds: float,
-    period: float,
-    seed: int,
-    conditions: Conditions,
-) -> tuple[list[FlightLog], np.ndarray]:
-    """Logs of a craft with errors drawn from conditions, and the true parameters (count, P)."""
+    torque, rotor = random.uniform(*_SHEET, (2, count, craft.wheel_count))
+    strongest = tuple(
+        replace(wheel, max_torque=_SHEET[1] * wheel.max_torque) for wheel in craft.wheels
+    )
+    flown = replace(craft, wheels=strongest)
+    weaker = np.ones((count, craft.command_count))
+    weaker[:, craft.thruster_count :] = torque / _SHEET[1]
+    rotors = rotor * np.array([wheel.inertia for wheel in craft.wheels])
     steps = round(seconds / period)
     timing = Timing(control_period=period, episode_steps=steps)
     task = GoToPose().for_evaluation()
-    world = World(Setup(craft, task, timing, conditions))
-    random = np.random.default_rng(seed)
+    world = World(Setup(flown, task, timing, conditions))
     drawn = draws(seed, count, 0)
     start, goal = task.sample(drawn.random(craft.dimension, drawn.first))
     episode = world.begin(start, goal, np.zeros(count, np.int32), drawn)
@@ -132,14 +102,16 @@ def _flights(
         readings.append(np.stack([np.broadcast_to(x, count) for x in columns], axis=-1))
         speeds.append(
             [
-                momentum / wheel.inertia - _about(wheel, episode.state.spin())
-                for momentum, wheel in zip(episode.state.stores, craft.wheels, strict=True)
+                momentum / inertia - _about(wheel, episode.state.spin())
+                for momentum, inertia, wheel in zip(
+                    episode.state.stores, rotors.T, craft.wheels, strict=True
+                )
             ]
         )
         if k % _HELD == 0:
             command = _calming(craft, episode.state, random, _HELD * period)
         commands.append(command)
-        episode = step(world, episode, tuple(command.T), drawn).episode
+        episode = step(world, episode, tuple((command * weaker).T), drawn).episode
     # A log of each craft.
     times = np.arange(steps) * period
     d = craft.dimension
@@ -167,8 +139,8 @@ def _flights(
     none = (0.0,) * craft.degrees_of_freedom
     push = none if parameters.push is None else leaves(parameters.push)
     fields = [*forces, *body.inertia, *body.centre, *push, *late]
-    for wheel in craft.wheels:
-        fields += [wheel.max_torque, wheel.inertia]
+    for k, wheel in enumerate(craft.wheels):
+        fields += [wheel.max_torque * torque[:, k], rotors[:, k]]
     return logs, np.stack([np.broadcast_to(x, count) for x in fields], axis=-1)
 
 
@@ -179,7 +151,7 @@ def _about(wheel: Wheel, spin: Sequence[Any]) -> Any:
 
 def _measured(speeds: list[Any], number: int, random: np.random.Generator) -> np.ndarray:
     """Speeds of the wheels of one craft over time, with the noise of their encoders."""
-    exact = [[np.broadcast_to(x, (number + 1,))[number] for x in row] for row in speeds]
+    exact = [[x[number] for x in row] for row in speeds]
     return np.array(exact) + random.normal(0.0, _ENCODER, (len(exact), len(exact[0])))
 
 

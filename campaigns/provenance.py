@@ -509,8 +509,13 @@ fails.
 The whole reproduction was not timed. Flights in Drake, bounds and searches run on processors, and with
 `--executor` on those of a cluster ([on many machines](cluster.md)). A GPU shortens only the flights in torch. On a
 machine with one H100 and 16 processors two rows were timed with every flight: robustness in the plane 57 s on one
-processor, and identification in space 108 s on all, 1,430 s of processor time. Whether all rows together take less
-than an hour there is not known: Drake and CasADi were not installed.
+processor, and identification in the plane 74 s on all, 795 s of processor time. The 17 rows without * whose number
+of flights is stated would take 18,100 s, if their quick times grow as the flights do: 19 minutes on 16 processors.
+The other 11 rows search or bound, and no proportion holds for them. Whether all rows together take less than an
+hour is not known: Drake and CasADi were not installed there.
+
+The tables of [InnoCube's telemetry](innocube.md) come from `python -m campaigns.innocube FOLDER`, with the data
+in FOLDER. They have no licence yet, so there is no evidence here, and `rans reproduce` leaves these tables out.
 
 ## Other figures
 

@@ -66,6 +66,8 @@ _FEW = 5
 """Steps after which the best of several beginnings goes on alone."""
 _FIRST_LATENCIES = (0.02, 0.1, 0.25)
 """s: where the fit begins; the cost has one minimum within a pulse of the right latency."""
+_COARSE = 0.05
+"""s: longest step for derivatives, whose errors only direct the steps of the fit."""
 _DIFFERENCE = 1e-4
 """Step of finite differences, in standard deviations of the prior."""
 
@@ -254,6 +256,7 @@ class _Problem:
             starts.reshape(sets * len(begin), -1),
             np.tile(begin, sets),
             np.tile(times, (sets, 1)),
+            _COARSE,
         ).reshape(sets, windows, len(firsts), length, -1)
         changes = self.difference(ends[1:], ends[:1]) / _DIFFERENCE
         of_values, of_starts = np.split(np.moveaxis(changes, 0, -1), [count], axis=-1)
@@ -521,7 +524,8 @@ class _Solver:
                     self.paths = paths
                     damping = max(damping * 0.1, 1e-9)
                     changed = self._estimate_noise(normal)
-                    settled = cost - after < 1e-2 and changed < 3e-3
+                    # A last step of 0.3 deviations at most: what is left is of second order.
+                    settled = cost - after < 0.1 and changed < 1e-2
                     break
                 damping *= 10.0
             else:  # no step is an improvement

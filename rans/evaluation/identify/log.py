@@ -24,6 +24,9 @@ POSE_COLUMNS = {2: ("x", "y", "heading"), 3: ("x", "y", "z", "qw", "qx", "qy", "
 RATE_COLUMNS = {2: ("vx", "vy", "spin"), 3: ("vx", "vy", "vz", "wx", "wy", "wz")}
 """Columns of a CSV file with the velocity in the world, m/s, and the angular velocity in the body, rad/s."""
 
+_UNITS = ("", "s", "m", "rad", "m/s", "rad/s")
+"""Units in parentheses that headings may have."""
+
 
 @dataclass(frozen=True)
 class FlightLog:
@@ -120,12 +123,26 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     return FlightLog(log.source, log.command_times, log.commands, **parts)
 
 
+def _column(cell: str, what: str) -> str:
+    """Name of a column from a cell of the first line, which may have a unit in parentheses."""
+    name, _, unit = cell.strip().lower().partition("(")
+    unit = unit.rstrip(") ")
+    if unit not in _UNITS:
+        raise ConfigError(
+            f"{what} has the column {brief(cell.strip())}; units are {', '.join(_UNITS[1:])}, in which its numbers "
+            "must be."
+        )
+    name = name.strip().replace("_", "")
+    return {"t": "time", "w": "spin"}.get(name, name)
+
+
 def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     """Log of a CSV file whose first line names its columns.
 
     ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on;
     the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on (rad/s), may be missing. An empty
-    cell is a value that was not measured, or the last command.
+    cell is a value that was not measured, or the last command. The file that `rans.Flight.to_csv` writes is such a
+    file: units in parentheses and underscores are left out, and ``t`` and ``w`` are ``time`` and ``spin``.
 
     Raises:
         ConfigError: the file cannot be read, a column is missing, or a cell is no number.
@@ -134,7 +151,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     if not rows:
         raise ConfigError(f"the log {file} is empty.")
     # The header names the columns, in any order.
-    header = [name.strip().lower() for name in rows[0]]
+    header = [_column(cell, f"the log {file}") for cell in rows[0]]
     needed = ["time", *POSE_COLUMNS[craft.dimension]]
     inputs = sorted(
         (name for name in header if re.fullmatch(r"u\d+", name)), key=lambda name: int(name[1:])

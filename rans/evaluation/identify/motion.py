@@ -185,6 +185,7 @@ def predicted(
     start: np.ndarray,
     begin: np.ndarray,
     times: np.ndarray,
+    longest: float = STEP,
 ) -> np.ndarray:
     """States at the readings of K windows of M readings each: columns (K, M, 6 + W or 13 + W).
 
@@ -197,10 +198,11 @@ def predicted(
         start: (K, 6 + W or 13 + W), states at the beginnings of the windows.
         begin: (K,), s, the beginnings.
         times: (K, M), s, times of the readings, ascending.
+        longest: s, longest step of the grid.
     """
     # Readings lie on the grid: between its instants velocities have kinks where thrusters open.
     gaps = np.diff(np.concatenate([begin[:, None], times], axis=1), axis=1)
-    counts = np.maximum(1, np.ceil(np.max(gaps, axis=0) / STEP - 1e-9).astype(int))
+    counts = np.maximum(1, np.ceil(np.max(gaps, axis=0) / longest - 1e-9).astype(int))
     step = np.repeat(np.maximum(gaps, 1e-12) / counts, counts, axis=1)
     grid = begin[:, None] + np.concatenate(
         [np.zeros((len(begin), 1)), np.cumsum(step, axis=1)], axis=1

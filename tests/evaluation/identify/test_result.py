@@ -13,7 +13,12 @@ from campaigns.identification import hidden_flights
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.evaluation.identify.log import FlightLog, read_csv
+from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 
@@ -89,10 +94,26 @@ def test_speeds_of_wheels_are_columns_of_a_csv_file(tmp_path: Path) -> None:
     assert speeds[:, 0] == pytest.approx(1.5 * np.arange(30))
 
 
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
+def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
+    craft = load_spacecraft(name)
+    task = GoToPose()
+    starts = scenarios(task, craft, 3, 1)
+    flight = fly(craft, task, LQR(craft, task), starts, Timing(episode_steps=4))
+    log = read_csv(flight.to_csv(tmp_path / "flight.csv"), craft)
+    states = flight.states
+    assert log.times == pytest.approx(flight.times)
+    assert log.commands[:-1] == pytest.approx(flight.commands[:, 0])
+    assert log.velocity[:, 1] == pytest.approx(states.v.y[:, 0], rel=1e-6, abs=1e-8)
+    spin = log.spin if craft.dimension == 2 else log.spin[:, 2]
+    assert spin == pytest.approx(states.spin()[-1][:, 0], rel=1e-6, abs=1e-8)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("", "is empty"),
+        ("t (s),x (m),y (m),heading (deg)\n0,0,0,0\n", "units are s, m, rad"),
         ("time,x,y\n0,0,0\n", "must have the columns"),
         (
             f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n" + "0,0,zero,0" + ",0" * 8,
