@@ -29,9 +29,9 @@ def test_moments_are_those_of_point_masses_that_move() -> None:
     masses = random.random(9)
 
     def moments(at: np.ndarray) -> list[float]:
-        tensor = sum(
-            m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, at, strict=True)
-        )
+        tensor = np.zeros((3, 3))
+        for mass, point in zip(masses, at, strict=True):
+            tensor += mass * (point @ point * np.eye(3) - np.outer(point, point))
         return [float(tensor[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
 
     factors = [0.5, 1.25, 2.0]
