@@ -60,7 +60,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Weights
-from rans.policy.any_craft import AGENTS, COAST
+from rans.policy.any_craft import AGENTS, COAST, without
 from rans.policy.authority import Authority, coasting, columns, rotation_vector
 from rans.pretrained import FOLDER
 from rans.processes import Workers
@@ -103,8 +103,14 @@ RECIPES = {
     ),
 }
 """Trainings of the agents, by dimension: on one processor core, and on one H100."""
-CONTESTANTS = "specialist", "any-craft", "LQR"
+CONTESTANTS = "specialist", "any-craft", "LQR", "switching", "MPC"
 """Who flies a craft; the specialist only the craft that it was trained on."""
+_STATED = CONTESTANTS[1:]
+"""Who flies craft that its file describes."""
+_MOST = {"switching": 64, "MPC": 64}
+"""Largest number of flights of those who take seconds for each."""
+_MOST_OF_EACH = {"switching": 8, "MPC": 4}
+"""The same of each thruster in turn."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
 """Masses and moments of inertia over those of the file that the agent is given."""
 
@@ -152,7 +158,7 @@ class Contest(NamedTuple):
     name: str
     """Agent of a single craft, whose task, starts, conditions and control period are the setup."""
     by: str
-    """"specialist", "any-craft", "adaptive" or "LQR"."""
+    """A name of `CONTESTANTS`, or "adaptive"."""
     mass: float = 1.0
     """Mass and moments of inertia that the craft flies with, over those of its file."""
     dead: int | None = None
@@ -179,7 +185,7 @@ class _Judge(NamedTuple):
             inertia = tuple(tuple(contest.mass * x for x in row) for row in craft.inertia)
             craft = replace(craft, mass=contest.mass * craft.mass, inertia=inertia)
         if contest.dead is not None:
-            craft = _without(craft, contest.dead)
+            craft = without(craft, contest.dead)
         stated = craft if contest.is_stated else own.craft
         if contest.fault is not None:
             faults = FaultConditions(
@@ -193,13 +199,15 @@ class _Judge(NamedTuple):
                 name = self.agent or f"pretrained:{AGENTS[craft.dimension]}"
                 agent = contestant(f"{_ANY[contest.by]}{name}")
                 run = for_spacecraft(agent, stated, own.timing)
-            elif contest.by == "LQR":
+            elif contest.by != "specialist":
                 setup = Setup(stated, own.task, own.timing, own.conditions)
-                run = own._replace(controller=controller("lqr", setup))
+                run = own._replace(controller=controller(contest.by.lower(), setup))
         except ConfigError as error:
             return str(error)
         run = run._replace(craft=craft, task=own.task, conditions=own.conditions)
-        flight = fly_episodes(run.controller, run.judged, self.start_seed, self.episodes).flight
+        most = (_MOST if contest.dead is None else _MOST_OF_EACH).get(contest.by, self.episodes)
+        episodes = min(most, self.episodes)
+        flight = fly_episodes(run.controller, run.judged, self.start_seed, episodes).flight
         return {row.name: row for row in measure(flight).rows}
 
 
@@ -219,11 +227,12 @@ def shipped(
     names: Sequence[str],
     start_seed: int = EVALUATION_SEED,
     agent: str | None = None,
+    by: Sequence[str] = CONTESTANTS,
 ) -> Iterator[str]:
     """Rows of the table of shipped craft, as Markdown, from the starts of a seed."""
     yield "| craft | flown by | settled | lower end | settling time, s | impulse, N s |"
     yield "|---|---|---|---|---|---|"
-    contests = [Contest(name, by) for name in names for by in CONTESTANTS]
+    contests = [Contest(name, who) for name in names for who in by]
     judged = _judged(contests, episodes, start_seed, agent)
     for contest, rows in zip(contests, judged, strict=True):
         craft = contestant(f"pretrained:{contest.name}").craft
@@ -242,7 +251,7 @@ def heavier(episodes: int, names: Sequence[str]) -> Iterator[str]:
     """Rows of the table of craft with other masses, which the controller's file has or has not."""
     yield f"| craft | flown by | {' | '.join(f'{mass:g} times' for mass in _MASSES)} |"
     yield f"|---|---|{'---|' * len(_MASSES)}"
-    kinds = [(by, is_stated) for by in CONTESTANTS[1:] for is_stated in (True, False)]
+    kinds = [(by, is_stated) for by in ("any-craft", "LQR") for is_stated in (True, False)]
     judged = _judged(
         [
             Contest(name, by, mass, is_stated=is_stated)
@@ -259,42 +268,33 @@ def heavier(episodes: int, names: Sequence[str]) -> Iterator[str]:
             yield f"| {craft.name} | {by}{'' if is_stated else ', not in its file'} | {' | '.join(cells)} |"
 
 
-def dead(episodes: int, names: Sequence[str]) -> Iterator[str]:
+def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> Iterator[str]:
     """Rows of the table of craft that have lost a thruster.
 
-    The file of the agent and of LQR lacks each thruster in turn; then 1,024 flights with a thruster that is drawn,
-    of which the file says nothing.
+    The file lacks each thruster in turn; then 1,024 flights with a thruster that is drawn, of which the file says
+    nothing. Some fly fewer (`_MOST`).
     """
-    yield (
-        "| craft | thrusters that it can spare | in its file: agent, the worst | in its file: LQR, the worst | "
-        "not in its file: agent | not in its file: LQR |"
-    )
-    yield f"|---|{'---|' * 5}"
+    who = ", ".join(by)
+    yield f"| craft | thrusters that it can spare | in its file: {who} | not in its file: {who} |"
+    yield "|---|---|---|---|"
     spare = {name: _spare(contestant(f"pretrained:{name}").craft) for name in names}
     each = _judged(
-        [
-            Contest(name, by, dead=number)
-            for name in names
-            for by in CONTESTANTS[1:]
-            for number in spare[name]
-        ],
-        episodes,
+        [Contest(name, one, dead=k) for name in names for one in by for k in spare[name]], episodes
     )
     some = [name for name in names if spare[name]]
-    unknown = _judged(
-        [Contest(name, by, fault="dead") for name in some for by in CONTESTANTS[1:]], 1024
-    )
+    unknown = _judged([Contest(name, one, fault="dead") for name in some for one in by], 1024)
     for name in names:
         craft = contestant(f"pretrained:{name}").craft
         numbers = spare[name]
-        cells = []
-        for _ in CONTESTANTS[1:]:
+        worst = []
+        for _ in by:
             found = [next(each) for _ in numbers]
-            worst = [x if isinstance(x, str) else x["solved"].value for x in found]
-            refused = any(isinstance(x, str) for x in worst)
-            cells.append("refuses" if refused else f"{min(worst):.1f} %" if worst else "-")
-        cells += [_settled(next(unknown)) if numbers else "-" for _ in CONTESTANTS[1:]]
-        yield f"| {craft.name} | {len(numbers)} of {craft.thruster_count} | {' | '.join(cells)} |"
+            settled = [x["solved"].value for x in found if not isinstance(x, str)]
+            refused = len(settled) < len(found)
+            worst.append("refuses" if refused else f"{min(settled):.1f} %" if settled else "-")
+        drawn = [_settled(next(unknown)) if numbers else "-" for _ in by]
+        cells = f"{', '.join(worst)} | {', '.join(drawn)}"
+        yield f"| {craft.name} | {len(numbers)} of {craft.thruster_count} | {cells} |"
 
 
 def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
@@ -605,12 +605,6 @@ def save(
     write_json(folder / "card.json", card)
 
 
-def _without(craft: Spacecraft, number: int) -> Spacecraft:
-    """The craft without one thruster; its commands are those of the others."""
-    left = tuple(one for k, one in enumerate(craft.thrusters) if k != number)
-    return replace(craft, name=f"{craft.name}-{number}-dead", thrusters=left)
-
-
 def main() -> None:
     """Run a part of the campaign."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -632,6 +626,7 @@ def main() -> None:
         "--engine", choices=("fast", "drake"), default="fast", help="of joined and layouts"
     )
     parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
+    parser.add_argument("--by", nargs="*", choices=CONTESTANTS, help="who flies craft and dead")
     given = parser.parse_args()
     names = given.only or SPECIALISTS[given.dimension]
     if given.part == "train":
@@ -642,8 +637,10 @@ def main() -> None:
         picture(Path("docs/pictures/layouts.svg"))
         return
     rows = {
-        "craft": lambda: shipped(given.episodes, names, given.start_seed, given.agent),
-        "dead": lambda: dead(given.episodes, names),
+        "craft": lambda: shipped(
+            given.episodes, names, given.start_seed, given.agent, given.by or CONTESTANTS
+        ),
+        "dead": lambda: dead(given.episodes, names, given.by or _STATED),
         "mass": lambda: heavier(given.episodes, names),
         "unstated": lambda: unstated(given.episodes, names),
         "joined": lambda: docked(given.episodes, given.dimension, given.engine),

@@ -24,6 +24,8 @@ from rans.policy.frame_rotation import vector_in_rotated_frame
 
 _WEAK = 0.2
 """Part of its force that a lost thruster gives by hypothesis: a weak one is nearer to it than to a sound one."""
+_HALF = 0.5
+"""Part of its force that a weak thruster gives by a hypothesis of its own, by which it stays in use."""
 _NOISE = 0.0045
 """Standard deviation of the difference of two readings, m/s and rad/s."""
 _MODEL = 0.15
@@ -108,6 +110,8 @@ class Adaptation(NamedTuple):
     """Whether each open thruster gives 1 over their number of its force."""
     spare: tuple[int, ...]
     """Numbers of the thrusters without which the others push and turn the craft every way."""
+    weak: tuple[int, ...] = ()
+    """Numbers of those that stay in use with half of their force: without one the craft is slow."""
 
     @property
     def twist(self) -> int:
@@ -116,7 +120,15 @@ class Adaptation(NamedTuple):
 
     @property
     def _hypotheses(self) -> int:
-        return 1 + len(self.spare)
+        return 1 + len(self.spare) + len(self.weak)
+
+    def _works(self) -> np.ndarray:
+        """Part of its effect that each effector gives by every hypothesis, (commands, hypotheses)."""
+        works = np.ones((len(self.effects), self._hypotheses))
+        lost = np.arange(1, 1 + len(self.spare))
+        works[list(self.spare), lost] = _WEAK
+        works[list(self.weak), np.arange(1 + len(self.spare), self._hypotheses)] = _HALF
+        return works
 
     @property
     def width(self) -> int:
@@ -167,17 +179,16 @@ class Adaptation(NamedTuple):
         of_none = rows.product(likelihood, none)
         (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance])
 
-        # The most probable hypothesis; that every thruster works is preferred up to the limit of the odds.
-        favour = rows.constant([_EVIDENCE] + [0.0] * len(self.spare))
+        # The most probable hypothesis; those with every thruster in use are preferred up to a limit of the odds.
+        shuts = self._works()[: self.thrusters] == _WEAK
+        favour = rows.constant(np.where(shuts.any(axis=0), 0.0, _EVIDENCE))
         (favoured,) = rows.computed(lambda a, b: [a + b], [odds, favour])
         accepted = rows.largest(favoured, self._hypotheses)
         gains = [
             rows.product(row, np.ones((self._hypotheses, 1)))
             for row in rows.computed(lambda a, *b: [a * x for x in b], [accepted, *beliefs[:2]])
         ]
-        lost = np.zeros((self._hypotheses, self.thrusters))
-        lost[np.arange(1, self._hypotheses), list(self.spare)] = 1.0
-        shut = rows.product(accepted, lost)
+        shut = rows.product(accepted, 1.0 * shuts.T)
         known = rows.joined([latest, twist, last, *beliefs, odds])
         return Estimate(self._gains(gains), shut, known)
 
@@ -203,8 +214,7 @@ class Adaptation(NamedTuple):
     def _effects(self, rows: Rows[Row], command: Row) -> list[Row]:
         """Change of the twist by a command along each axis, by every hypothesis, (N, hypotheses) each."""
         columns = np.array(self.effects)
-        works = np.ones((len(columns), self._hypotheses))
-        works[list(self.spare), np.arange(1, self._hypotheses)] = _WEAK
+        works = self._works()
         table = [column[:, None] * works for column in columns.T]
         effects = rows.split(
             rows.product(command, np.hstack(table)), [self._hypotheses] * self.twist

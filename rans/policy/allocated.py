@@ -5,6 +5,7 @@ Its weights are the same whatever effectors a craft has, and in whatever order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -31,6 +32,11 @@ Tokens = tuple[tuple[float, ...], ...]
 SHUT = "shut"
 """Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
 numbers stand behind the features."""
+_GENTLE_PRICE = 0.5
+"""Price of thrust where wheels take up momentum with the craft's speed: thrusters that work against each other fill
+the wheels. Of 0.1, 0.3, 0.4, 0.6 and 1 those from 0.4 to 0.6 settle most flights of CubeSats without a thruster."""
+_GENTLE_WEIGHT = 2.0
+"""Weight of squared errors of the spin there, of 1, 2 and 4: the attitude is lost with full wheels."""
 _LOST = 1e4
 """Price of opening such a thruster, in units of squared errors: above what any demand is worth."""
 
@@ -60,7 +66,10 @@ class Allocated(Backbone):
         chosen = choice(architecture.tokens, architecture.adapts)
         if chosen is None:
             limits = (1.0 - shut).unbind(-1) if architecture.adapts else None
-            commands = continuous(list(demand.unbind(-1)), architecture.tokens, limits)
+            lost = shut.sum(-1) if architecture.adapts else 0.0
+            commands = continuous(
+                list(demand.unbind(-1)), architecture.tokens, limits, _gentle(architecture, lost)
+            )
             return torch.stack([torch.as_tensor(x).expand_as(demand[..., 0]) for x in commands], -1)
         slopes = _slopes(chosen, architecture.adapts)
         offset, slope, table = (
@@ -84,13 +93,14 @@ class Allocated(Backbone):
         chosen = choice(architecture.tokens, architecture.adapts)
         if chosen is None:
             names = dict(zip(symbols, program.single(demand, width), strict=True))
-            limits = None
+            limits, some = None, 0.0
             if architecture.adapts:
                 lost = inputs("lost", _thrusters(architecture.tokens))
                 names |= dict(zip(lost, program.single(SHUT, len(lost)), strict=True))
                 parts: list[Field] = [*lost]
-                limits = [1.0 - x for x in parts]
-            commands = continuous(symbols, architecture.tokens, limits)
+                limits, some = [1.0 - x for x in parts], sum(parts)
+            gentle = _gentle(architecture, some)
+            commands = continuous(symbols, architecture.tokens, limits, gentle)
             return program.joined(*program.lowered(commands, names))
         # The best subset is the largest of linear functions.
         known = program.joined(demand, SHUT) if architecture.adapts else demand
@@ -169,12 +179,14 @@ def _slopes(chosen: Subsets, adapts: bool) -> np.ndarray:
 def spare(tokens: Tokens) -> tuple[int, ...]:
     """Numbers of the thrusters without which the others push and turn the craft every way.
 
-    Wheels help where all thrusters alone do not.
+    Wheels help throttled and pulsed thrusters, and others where all thrusters alone do not.
     """
     thrusters = _thrusters(tokens)
     columns = np.array(tokens)[:, :-1]
     turning = columns[thrusters:]
-    helping = columns[:0] if spans(columns[:thrusters]) else np.vstack([turning, -turning])
+    is_continuous = tokens[0][-1] == CONTINUOUS
+    is_alone = spans(columns[:thrusters]) and not (is_continuous and len(turning))
+    helping = columns[:0] if is_alone else np.vstack([turning, -turning])
     is_shared = tokens[0][-1] == SHARED
     numbers = np.arange(thrusters)
     return tuple(
@@ -187,12 +199,13 @@ def spare(tokens: Tokens) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=64)
-def estimator(tokens: Tokens, authority: tuple[float, ...]) -> Adaptation:
+def estimator(tokens: Tokens, authority: tuple[float, ...], keeps_weak: bool = False) -> Adaptation:
     """Estimator of a spacecraft, for a policy that adapts.
 
     Args:
         tokens: of each command, see `rans.policy.any_craft.effects`.
         authority: see `rans.policy.architecture.Architecture.authority`.
+        keeps_weak: whether a thruster with half of its force stays in use.
     """
     own = Authority.of_numbers(authority)
     columns = np.array(tokens)[:, :-1]
@@ -205,6 +218,7 @@ def estimator(tokens: Tokens, authority: tuple[float, ...]) -> Adaptation:
         _thrusters(tokens),
         tokens[0][-1] == SHARED,
         spare(tokens),
+        spare(tokens) if keeps_weak else (),
     )
 
 
@@ -232,8 +246,18 @@ def wheels(tokens: Tokens) -> Tokens:
     return tuple(token for token in tokens if token[-1] == WHEEL)
 
 
+def _gentle(architecture: ArchitectureView, lost: Field) -> Field | None:
+    """Whether wheels take up momentum with the speed, 1 or 0; None: they never do. ``lost``: of a thruster."""
+    if architecture.farthest:
+        return 1.0
+    return lost if architecture.farthest_lost and architecture.adapts else None
+
+
 def continuous(
-    demand: list[Field], tokens: Tokens, limits: Sequence[Field] | None = None
+    demand: list[Field],
+    tokens: Tokens,
+    limits: Sequence[Field] | None = None,
+    gentle: Field | None = None,
 ) -> list[Field]:
     """Commands, 0 to 1, of continuous thrusters and then of wheels, whose 0.5 is no torque.
 
@@ -241,7 +265,14 @@ def continuous(
         demand: d fields.
         tokens: of these thrusters and wheels.
         limits: largest command of each thruster; None: 1.
+        gentle: 1 where wheels take up momentum with the craft's speed, else 0; None: they never do. Thrust then has
+            a higher price, and thrusters and wheels are always allocated together.
     """
+    if gentle is not None:
+        price = PRICE + gentle * (_GENTLE_PRICE - PRICE)
+        # A weight is a constant of the columns.
+        weight = _GENTLE_WEIGHT if isinstance(gentle, float) else 1.0
+        return _allocated(demand, tokens, limits, price, weight)
     turning = wheels(tokens)
     throttled = tuple(token for token in tokens if token[-1] == CONTINUOUS)
     if turning and throttled and spans(np.array(throttled)[:, :-1]):
@@ -255,17 +286,28 @@ def continuous(
 
 
 def _allocated(
-    demand: list[Field], tokens: Tokens, limits: Sequence[Field] | None = None
+    demand: list[Field],
+    tokens: Tokens,
+    limits: Sequence[Field] | None = None,
+    price: Field = PRICE,
+    weight: float = 1.0,
 ) -> list[Field]:
-    """Commands of effectors that are allocated together; a wheel is two columns, one for each way."""
+    """Commands of effectors that are allocated together; a wheel is two columns, one for each way.
+
+    Squared errors of the spin have a weight, those of the velocity 1.
+    """
+    scale = np.ones(len(demand))
+    scale[directions(len(demand)) :] = math.sqrt(weight)
+    if weight != 1.0:
+        demand = [float(x) * e for x, e in zip(scale, demand, strict=True)]
     columns = [
-        tuple(sign * x for x in token[:-1])
+        tuple(sign * x for x in np.array(token[:-1]) * scale)
         for token in tokens
         for sign in ((1.0, -1.0) if token[-1] == WHEEL else (1.0,))
     ]
     if limits is not None:
         limits = [*limits, *[1.0] * (len(columns) - len(limits))]
-    parts = iter(shares(demand, np.array(columns), limits))
+    parts = iter(shares(demand, np.array(columns), limits, price))
     return [
         (next(parts) - next(parts)) * 0.5 + 0.5 if token[-1] == WHEEL else next(parts)
         for token in tokens

@@ -110,7 +110,7 @@ def shares(
     demand: Sequence[Field],
     columns: np.ndarray,
     limits: Sequence[Field] | None = None,
-    price: float = PRICE,
+    price: Field = PRICE,
     passes: int = PASSES,
 ) -> list[Field]:
     """Shares of full force, 0 to 1, of continuous thrusters for a demand of d fields, by coordinate descent.

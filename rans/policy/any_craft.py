@@ -18,9 +18,9 @@ import torch
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.twists import balanced
-from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans
+from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
 from rans.policy.architecture import Architecture
-from rans.policy.authority import Authority
+from rans.policy.authority import Authority, braking_distance
 from rans.policy.network import Network
 from rans.randomization.layouts import LayoutRanges, authority_margin
 
@@ -61,6 +61,10 @@ AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
 COAST = {2: 3.0, 3: 5.0}
 """Control periods for which a craft coasts near the goal, by dimension. Of 0, 2, 3, 5 and 8 these save impulse on
 random layouts of on/off thrusters and cost no time; throttled ones lose by it (docs/decisions/any_craft.md)."""
+_FULL_WHEELS = 0.55
+"""Part of the speed at which a wheel is full that a craft flies at; turns need the rest of the wheels."""
+_NEVER_FULL = 1e-9
+"""Part of a wheel's range per m/s below which thrusters balance their torques themselves."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
@@ -120,6 +124,74 @@ def coast(craft: Spacecraft) -> float:
     return 0.0 if craft.actuators.kind == "throttle" else COAST[craft.dimension]
 
 
+def farthest(craft: Spacecraft, own: Authority) -> float:
+    """Distance, m, of `rans.policy.authority.nearer` for a craft with an authority; 0: no bound.
+
+    From there the braking curve leads to a part of the speed at which a wheel is full that balances the torques of
+    the thrusters. Without a bound the thrusters can push along every axis without torques that only wheels balance.
+    """
+    if not craft.wheels or not craft.is_continuous:
+        return 0.0
+    speed = _FULL_WHEELS * _speed_of_full_wheels(craft)
+    if not math.isfinite(speed):
+        return 0.0
+    return braking_distance(speed, float(own.least_linear), float(own.period))
+
+
+def _farthest_lost(
+    craft: Spacecraft, own: Authority, tokens: tuple[tuple[float, ...], ...]
+) -> float:
+    """The least distance of `farthest` without one of the thrusters that the craft can spare; 0: no bound."""
+    bounds = [farthest(without(craft, k), own) for k in spare(tokens)] if craft.wheels else []
+    return min((bound for bound in bounds if bound > 0.0), default=0.0)
+
+
+def _speed_of_full_wheels(craft: Spacecraft) -> float:
+    """Speed, m/s, at which a wheel is full after a push along the worst axis, with the best choice of thrusters."""
+    from scipy.optimize import linprog
+
+    thrusters, wheels = craft.thruster_count, craft.wheel_count
+    dimension = craft.dimension
+    forces, torques = np.split(np.array(craft.wrenches), [dimension], axis=1)
+    turning = np.array(craft.wheel_map).reshape(wheels, -1)
+    # Largest command of a wheel times a second, until it is full.
+    full = np.array([one.max_momentum / one.max_torque for one in craft.wheels])
+    # Impulses of the thrusters per mass, commands of the wheels times seconds, and the largest part of their range.
+    balance = np.block(
+        [
+            [forces.T, np.zeros((dimension, wheels + 1))],
+            [torques.T, turning.T, np.zeros((turning.shape[1], 1))],
+        ]
+    )
+    ranges = np.hstack(
+        [np.zeros((2 * wheels, thrusters)), np.vstack([np.eye(wheels), -np.eye(wheels)])]
+    )
+    ranges = np.hstack([ranges, -np.tile(full, 2)[:, None]])
+    cost = np.zeros(thrusters + wheels + 1)
+    cost[-1] = 1.0
+    filled = 0.0
+    for axis in range(dimension):
+        for way in (1.0, -1.0):
+            moved = np.zeros(len(balance))
+            moved[axis] = way * craft.mass
+            best = linprog(
+                cost,
+                A_ub=ranges,
+                b_ub=np.zeros(2 * wheels),
+                A_eq=balance,
+                b_eq=moved,
+                bounds=[(0.0, None)] * thrusters + [(None, None)] * wheels + [(0.0, None)],
+            )
+            filled = max(filled, best.fun) if best.success else filled
+    return 1.0 / filled if filled > _NEVER_FULL else math.inf
+
+
+def without(craft: Spacecraft, number: int) -> Spacecraft:
+    """The craft without one thruster; its commands are those of the others."""
+    left = tuple(one for k, one in enumerate(craft.thrusters) if k != number)
+    return replace(craft, name=f"{craft.name}-{number}-dead", thrusters=left)
+
+
 def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     """Policy for one craft and control period (s) by a network for any; warns outside of `RANGES`.
 
@@ -150,13 +222,16 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
                 stacklevel=2,
             )
     weight, bias = old.last.folded(*network.layer("action_net"))
+    tokens = effects(craft, period)
     new = replace(
         old,
         thrusters=len(craft.commands),
         head="gaussian" if craft.is_continuous else "on-off",
-        tokens=effects(craft, period),
+        tokens=tokens,
         authority=numbers,
         coast=coast(craft),
+        farthest=farthest(craft, own),
+        farthest_lost=_farthest_lost(craft, own, tokens) if old.adapts else 0.0,
     )
     tensors = {
         name: x

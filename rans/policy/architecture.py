@@ -29,6 +29,10 @@ EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
 
 
+_UNBOUNDED = 100.0
+"""Distance, m, that is as good as no bound: tasks fail before."""
+
+
 @dataclass(frozen=True, eq=False)
 class Architecture:
     """Description of a network that gives its weights their meaning."""
@@ -65,6 +69,11 @@ class Architecture:
     coast: float = 0.0
     """Control periods for which such a network coasts near the goal (`rans.policy.authority.coasting`); 0: it never
     does, as networks of earlier versions."""
+    farthest: float = 0.0
+    """Distance (m) at which such a network is given a goal that is farther, as wheels would be full at the speeds
+    of longer ways (`rans.policy.authority.nearer`); 0: no bound."""
+    farthest_lost: float = 0.0
+    """The same for a network that adapts, after a thruster is lost."""
     adapts: bool = False
     """Whether such a network estimates in flight how its craft differs from its file (`rans.policy.adaptation`)."""
     history: int = 0
@@ -129,7 +138,7 @@ class Architecture:
     @property
     def adaptation(self) -> Adaptation:
         """Estimator of a network that adapts."""
-        return estimator(self.tokens, self.authority)
+        return estimator(self.tokens, self.authority, self.farthest_lost > 0.0)
 
     @property
     def columns(self) -> Layout:
@@ -140,15 +149,17 @@ class Architecture:
         """Columns of a reading (`read_count`), of those of an observation."""
         if self.authority and not self.adapts:
             own = of_authority.Authority.of_numbers(self.authority)
-            return of_authority.of_observation(self.layout, observation, own, self.coast)
+            farthest = (self.farthest, 1.0) if self.farthest else None
+            return of_authority.of_observation(self.layout, observation, own, self.coast, farthest)
         return self.layout.in_body(observation)
 
-    def adapted(self, read: Columns, gains: Columns) -> list[Field]:
+    def adapted(self, read: Columns, gains: Columns, lost: Field = 0.0) -> list[Field]:
         """Columns of a network that adapts.
 
         Args:
             read: columns of a reading.
             gains: of velocities and of angular velocities, over those of the file (`rans.policy.adaptation`).
+            lost: 1 if a thruster is taken for lost, else 0.
         """
         own = of_authority.Authority.of_numbers(self.authority)
         linear, angular = gains
@@ -159,7 +170,12 @@ class Architecture:
             linear * own.least_linear,
             angular * own.least_angular,
         )
-        return of_authority.of_body(self.layout, read, estimated, self.coast)
+        farthest: tuple[Field, Field] | None = (self.farthest, 1.0) if self.farthest else None
+        if self.farthest_lost:
+            whole = self.farthest or _UNBOUNDED
+            distance = whole + lost * (self.farthest_lost - whole)
+            farthest = distance, 1.0 if self.farthest else lost
+        return of_authority.of_body(self.layout, read, estimated, self.coast, farthest)
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The way to go, of them, that chooses a side of the spacecraft; None where all sides are one."""

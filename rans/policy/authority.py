@@ -40,6 +40,9 @@ _COAST_ANGLE = 0.9 * math.radians(5.0)
 go-to-pose, so that the delay of a command does not carry it out."""
 
 
+_LARGEST_TURN = 0.5
+"""Angle, rad, to which `nearer` brings the goal's attitude."""
+
 _POSE = {
     dimension: [
         (OwnRotation, rotation),
@@ -202,6 +205,45 @@ def coasting(
     )
 
 
+def nearer(
+    error: Sequence[Field],
+    turn: tuple[Field, Sequence[Field]],
+    farthest: Field,
+    is_gentle: Field,
+) -> tuple[list[Field], tuple[Field, list[Field]]]:
+    """The error and the turn to the goal, or their directions at a largest distance and angle.
+
+    The goal is so near that a craft which brakes in time flies and turns slowly: wheels that balance the torques of
+    its thrusters take up momentum with its speed.
+
+    Args:
+        error: see `columns`.
+        turn: see `columns`.
+        farthest: largest distance, m.
+        is_gentle: 1 if the angle has a bound, else 0.
+    """
+    cosine, sines = turn
+    distance = sqrt(at_least(_square(error), 1e-12))
+    scale = where(distance > farthest, farthest / distance, 1.0 + 0.0 * distance)
+    # No cosine is below -2.
+    is_far = cosine < is_gentle * (math.cos(_LARGEST_TURN) + 2.0) - 2.0
+    ways = _direction(sines)
+    size = math.sin(_LARGEST_TURN)
+    return (
+        [scale * x for x in error],
+        (
+            where(is_far, math.cos(_LARGEST_TURN) + 0.0 * cosine, cosine),
+            [where(is_far, size * way, x) for way, x in zip(ways, sines, strict=True)],
+        ),
+    )
+
+
+def braking_distance(speed: float, acceleration: float, period: float) -> float:
+    """Distance from which the braking curve (`braking`) leads to a speed."""
+    usable = _BRAKING * acceleration
+    return speed * (speed + 2.0 * _PERIODS * usable * period) / (2.0 * usable)
+
+
 def _place_of_rest(
     error: Sequence[Field], speed: Sequence[Field], ways: Sequence[Field], time: Field
 ) -> list[Field]:
@@ -233,14 +275,30 @@ def _dimension(observed: Layout) -> int:
 
 
 def of_observation(
-    observed: Layout, row: Sequence[Field], authority: Authority, coast: float = 0.0
+    observed: Layout,
+    row: Sequence[Field],
+    authority: Authority,
+    coast: float = 0.0,
+    farthest: tuple[Field, Field] | None = None,
 ) -> list[Field]:
-    """Columns of an observation; ``coast`` are the control periods of `coasting`, 0: without it."""
-    return of_body(observed, observed.in_body(row), authority, coast)
+    """Columns of an observation.
+
+    Args:
+        observed: layout of the observation.
+        row: the observation.
+        authority: of the craft.
+        coast: control periods of `coasting`; 0: without it.
+        farthest: distance and flag of `nearer`; None: without it.
+    """
+    return of_body(observed, observed.in_body(row), authority, coast, farthest)
 
 
 def of_body(
-    observed: Layout, body: Sequence[Field], authority: Authority, coast: float = 0.0
+    observed: Layout,
+    body: Sequence[Field],
+    authority: Authority,
+    coast: float = 0.0,
+    farthest: tuple[Field, Field] | None = None,
 ) -> list[Field]:
     """Columns of an observation whose vectors are in B; see `of_observation`."""
     dimension = _dimension(observed)
@@ -252,6 +310,8 @@ def of_body(
     turn = (rotation[0], [rotation[1]]) if dimension == 2 else _cosine_and_sines(rotation)
     if coast:
         error, turn, velocity, spin = coasting(error, turn, velocity, spin, authority, coast)
+    if farthest is not None:
+        error, turn = nearer(error, turn, *farthest)
     return columns(error, turn, velocity, spin, authority)
 
 

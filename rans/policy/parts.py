@@ -47,6 +47,16 @@ class ArchitectureView(Protocol):
         ...
 
     @property
+    def farthest(self) -> float:
+        """See `rans.policy.architecture.Architecture`."""
+        ...
+
+    @property
+    def farthest_lost(self) -> float:
+        """See `rans.policy.architecture.Architecture`."""
+        ...
+
+    @property
     def adapts(self) -> bool:
         """Whether features are followed by which thrusters are taken for lost, see `rans.policy.adaptation`."""
         ...
@@ -70,8 +80,8 @@ class PreprocessingView(Protocol):
         """Columns of a reading in the body frame."""
         ...
 
-    def adapted(self, read: Columns, gains: Columns) -> list[Field]:
-        """Columns of a reading in the body frame, by the estimated gains."""
+    def adapted(self, read: Columns, gains: Columns, lost: Field = 0.0) -> list[Field]:
+        """Columns of a reading in the body frame, by the estimated gains; ``lost`` is 1 without a thruster."""
         ...
 
     def preprocessed(self, observation: Columns) -> list[Field]:

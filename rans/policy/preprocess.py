@@ -78,7 +78,8 @@ class TorchPreprocessor(ColumnExecutor):
             read, memory = rows.tensor_split([architecture.read_count], dim=1)
             estimate = self._estimate(read, memory)
             gains = [gain[:, 0] for gain in estimate.gains]
-            columns = architecture.adapted(read.unbind(dim=1), gains)
+            lost = estimate.shut.sum(dim=1)
+            columns = architecture.adapted(read.unbind(dim=1), gains, lost)
             return (
                 torch.cat((torch.stack(columns, dim=1), estimate.shut), dim=1),
                 torch.zeros_like(rows[:, 0], dtype=torch.int64),

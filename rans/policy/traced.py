@@ -111,10 +111,12 @@ def _adapting(
     adaptation = architecture.adaptation
     read = program.single(body, architecture.read_count)
     estimate = adaptation.estimated(rows, program.joined(*read[: adaptation.twist]), memory)
+    lost = rows.product(estimate.shut, np.ones((adaptation.thrusters, 1)))
     symbols = inputs("read", len(read)), inputs("gain", 2)
+    (symbol,) = inputs("lost", 1)
     columns = program.lowered(
-        architecture.adapted(*symbols),
-        dict(zip((*symbols[0], *symbols[1]), (*read, *estimate.gains), strict=True)),
+        architecture.adapted(*symbols, symbol),
+        dict(zip((*symbols[0], *symbols[1], symbol), (*read, *estimate.gains, lost), strict=True)),
     )
     row = program.joined(*columns)
     shut = program.apply("Identity", estimate.shut, name=SHUT)

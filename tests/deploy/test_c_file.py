@@ -32,8 +32,9 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.any_craft import for_craft
+from rans.policy.any_craft import for_craft, without
 from rans.pretrained import pretrained_folder
 from tests.support.exports import FAST, exported, remembering, written
 from validation.speed.exported import c_compilers
@@ -432,10 +433,18 @@ def test_the_agent_for_any_craft_fits_a_small_microcontroller(name: str, tmp_pat
 
 
 @pytest.mark.slow
-def test_an_agent_that_adapts_fits_a_small_microcontroller(tmp_path: Path) -> None:
-    """4 KiB of stack with the hypotheses of 16 thrusters, and commands and memories of the network."""
+@pytest.mark.filterwarnings("ignore:.*agent for any craft was trained")
+@pytest.mark.parametrize(
+    ("craft", "period"),
+    [(load_spacecraft("free-flyer"), 0.2), (without(load_spacecraft("cubesat-3u"), 0), 0.5)],
+    ids=["on-off", "wheels"],
+)
+def test_an_agent_that_adapts_fits_a_small_microcontroller(
+    craft: Spacecraft, period: float, tmp_path: Path
+) -> None:
+    """4 KiB of stack with 17 hypotheses, and the commands and memories of the network."""
     run = contestant("adaptive:pretrained:any-craft-3d")
-    made = for_craft(run.controller.network, load_spacecraft("free-flyer"), 0.2)  # type: ignore[attr-defined]
+    made = for_craft(run.controller.network, craft, period)  # type: ignore[attr-defined]
     write_c(tmp_path, agent_program(made), Ports.of(made.architecture), "it")
     assert 0 < (stack_of(tmp_path) or 0) <= 4096
     answer = library(tmp_path).rans_agent_answer
@@ -443,7 +452,7 @@ def test_an_agent_that_adapts_fits_a_small_microcontroller(tmp_path: Path) -> No
     answer.argtypes = [array] * 4
     memory = made.initial_state(1)
     own = np.zeros(memory.shape, np.float32)  # type: ignore[union-attr]
-    found = np.zeros(16, np.float32)
+    found = np.zeros(craft.command_count, np.float32)
     random = np.random.default_rng(3)
     turn = np.eye(3)[:2].ravel()
     for _ in range(20):

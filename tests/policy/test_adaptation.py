@@ -82,6 +82,14 @@ def test_a_lost_thruster_is_shut(name: str, gain: float, lost: int | None) -> No
     assert shut == [float(k == lost) for k in range(8)]
 
 
+@pytest.mark.parametrize(("part", "shut"), [(0.5, 0.0), (0.0, 1.0)])
+def test_a_weak_thruster_that_the_craft_needs_stays_in_use(part: float, shut: float) -> None:
+    flown = Flown("floating-platform", 1.0, 3, noise=0.003)
+    flown.works[3] = part
+    flown.adaptation = flown.adaptation._replace(weak=flown.adaptation.spare)
+    assert flown.after(60)[1] == [0.0, 0.0, 0.0, shut, 0.0, 0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
 def test_gains_of_another_mass(gain: float) -> None:
     gains, shut = Flown("floating-platform", gain, None).after(40)

@@ -23,8 +23,8 @@ from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import authority, for_craft
-from rans.policy.authority import Authority
+from rans.policy.any_craft import authority, farthest, for_craft, without
+from rans.policy.authority import Authority, braking_distance, nearer
 from rans.policy.network import Network
 from rans.policy.program import Step
 from rans.policy.scalars import fields
@@ -172,6 +172,36 @@ def test_a_craft_coasts_where_it_stays_at_the_goal(seen: torch.Tensor, coasts: b
     assert torch.equal(torch.stack(at_rest), torch.stack(without))
     if coasts:
         assert not made.deterministic_action(seen, None)[0].any()
+
+
+def test_a_far_goal_is_near_in_its_direction() -> None:
+    """5 m and 1 rad become half a metre and half a radian, about the same axis; what is nearer stays."""
+    for far, slow in ((1.0, 1.0), (1.0, 0.0), (0.01, 1.0)):
+        error = [3.0 * far, 0.0, -4.0 * far]
+        turn = np.cos(far), [0.0, 0.6 * np.sin(far), 0.8 * np.sin(far)]
+        angle = min(far, 0.5) if slow else far
+        found, (cosine, sines) = nearer(error, turn, 0.5, slow)
+        assert found == pytest.approx([x * min(1.0, 0.1 / far) for x in error])
+        assert [cosine, *sines] == pytest.approx(
+            [np.cos(angle), 0.0, 0.6 * np.sin(angle), 0.8 * np.sin(angle)]
+        )
+
+
+def test_the_speed_at_which_wheels_are_full_by_hand() -> None:
+    """Without its first thruster cubesat-3u is pushed along -x with torques about x and y, 0.11 N m for each N.
+
+    The momenta of both wheels share them: 0.015 N m s each at 2 x 0.015 / 0.11 N s of the 5 kg.
+    """
+    craft = load_spacecraft("cubesat-3u")
+    assert farthest(craft, Authority.of_numbers(authority(craft, 0.5))) == 0.0
+    craft = without(craft, 0)
+    own = Authority.of_numbers(authority(craft, 0.5))
+    speed = 0.55 * 2.0 * 0.015 / 0.11 / 5.0
+    expected = braking_distance(speed, 2.0 * 0.025 / 3.0**0.5 / 5.0, 0.5)
+    assert farthest(craft, own) == pytest.approx(expected, rel=1e-5)
+    # The braking curve: speed^2 = 2 x 0.7 a (way - 3 periods at that speed), with a linear end.
+    usable = 0.7 * 2.0 * 0.025 / 3.0**0.5 / 5.0
+    assert expected == pytest.approx(speed**2 / (2.0 * usable) + 1.5 * speed)
 
 
 def test_a_turned_frame_gets_turned_commands() -> None:

@@ -366,6 +366,7 @@ def _check_numbers(architecture: Architecture) -> None:
         "tokens": architecture.tokens,
         "authority": architecture.authority,
         "coast": architecture.coast,
+        "farthest": (architecture.farthest, architecture.farthest_lost),
         "levers": architecture.levers,
         "clip": architecture.clip,
     }
