@@ -36,10 +36,10 @@ class StationKeeping:
 
     def run(self) -> int:
         """Fly and print."""
-        usual = Hold().for_evaluation()
+        usual = Hold()
         seconds = self.orbits * 2.0 * math.pi / usual.mean_motion
         period = usual.timing.control_period
-        task = replace(usual, hold_seconds=seconds)
+        task = replace(usual, hold_seconds=seconds).for_evaluation()
         # From the last arrival on, the time to hold, and a period.
         steps = usual.timing.episode_steps + math.ceil((seconds - usual.hold_seconds) / period) + 1
         timing = replace(usual.timing, episode_steps=steps)

@@ -141,7 +141,7 @@ class SafeCoasts(Replacing):
             states, goals = taken((state, goal), np.zeros(len(some), int))
             columns = tuple(_as(x, state) for x in some.T)
             coasts = self._coasts(ahead, states, goals, columns)
-            for row in np.flatnonzero(self._keeps(coasts, len(some))):
+            for row in np.flatnonzero(self._keeps(coasts, len(some))).tolist():
                 if self._allows(world, states, goals, columns, row):
                     return some[row]
             distances = least_distances(self.mean_motion, coasts, len(some))
