@@ -508,13 +508,13 @@ class _Printer:
         if name not in self._known:
             constant = self._constants[name]
             kind = "int" if constant.dtype.kind == "i" else "float"
+            key = constant.dtype.str, constant.shape, constant.tobytes(), name in self._packable
             if constant.size == 1:
                 item = constant.item()
                 text = str(int(item)) if kind == "int" else _number(float(item))
                 text = f"({text})" if text.startswith("-") else text
             else:
                 # Of equal tables the first one is there.
-                key = constant.dtype.str, constant.shape, constant.tobytes(), name in self._packable
                 if key in self._tables:
                     self._known[name] = self._tables[key]
                     return self._known[name]
