@@ -314,7 +314,7 @@ _STREAMS = {
     "mountings": 19,
     "limits": 20,
     "stretch": 21,
-    "slosh": 20,
+    "slosh": 22,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
 eight streams. These numbers must not change: every seed would then have other episodes."""

@@ -23,7 +23,7 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.randomization.parameters import EpisodeParameters
+from rans.randomization.parameters import _STREAMS, EpisodeParameters
 from rans.scenario import scenarios
 from tests.support.draws import (
     BOTH,
@@ -404,3 +404,14 @@ def test_a_swing_has_its_value_in_the_middle_of_each_period(period: float) -> No
     np.testing.assert_allclose(
         np.linalg.norm(pushed[:, :2], axis=1).max(axis=0), 0.3, rtol=0.005
     )  # at best
+
+
+def test_every_effect_has_random_numbers_of_its_own() -> None:
+    """256 blocks each, eight times as many for kicks, and the first ones for start and goal."""
+    wide = {"kicks": 8}
+    blocks = [
+        number
+        for name, first in _STREAMS.items()
+        for number in range(first, first + wide.get(name, 1))
+    ]
+    assert len({0, *blocks}) == 1 + len(blocks)
