@@ -138,7 +138,11 @@ class NamedArguments:
 
     def __new__(cls, *_: Any, **named: Any) -> Self:
         """See the class; positional arguments are checked by ``__init__``."""
-        known = [name for name in inspect.signature(cls.__init__).parameters if name != "self"]
+        parameters = inspect.signature(cls.__init__).parameters
+        # A derived class may hand arguments on by **; the class that reads them is not known here.
+        if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters.values()):
+            return super().__new__(cls)
+        known = [name for name in parameters if name != "self"]
         for name in (name for name in named if name not in known):
             hints = get_type_hints(cls) if is_dataclass(cls) else {}
             if any(name in get_type_hints(hint) for hint in hints.values() if is_dataclass(hint)):

@@ -339,6 +339,16 @@ def test_mistakes_are_sentences(ask: Any, said: str) -> None:
         ask()
 
 
+def test_a_derived_class_hands_its_arguments_on() -> None:
+    class Playground(rans.SpacecraftVectorEnv):
+        def __init__(self, colour: str, **others: Any) -> None:
+            super().__init__(2, "go-to-pose", 2, **others)
+            self.colour = colour
+
+    envs = Playground(colour="red", spacecraft="atmos")
+    assert (envs.colour, envs.num_envs) == ("red", 2)
+
+
 def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(
     tmp_path: Path,
 ) -> None:
