@@ -13,6 +13,7 @@ import pytest
 import rans.reference.nozzles
 import rans.reference.parts
 import rans.reference.plant
+import rans.reference.rods
 from rans.errors import ConfigError
 from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -54,7 +55,12 @@ def lopsided(dimension: int) -> Spacecraft:
 def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
     source = "".join(
         Path(str(module.__file__)).read_text("utf-8").replace("from __future__", "from future")
-        for module in (rans.reference.plant, rans.reference.parts, rans.reference.nozzles)
+        for module in (
+            rans.reference.plant,
+            rans.reference.parts,
+            rans.reference.nozzles,
+            rans.reference.rods,
+        )
     )
     ours = set()
     for node in ast.walk(ast.parse(source)):
