@@ -380,7 +380,7 @@ class Conditions(NamedArguments, Settings):
             if swings > craft.mass * (1.0 - 1e-3):
                 raise ConfigError(
                     f"Conditions of body.slosh_mass up to {largest(part.body.slosh_mass):g} let {swings:g} kg "
-                    f"swing of the {craft.mass:g} kg of {craft.name!r}."
+                    f"swing of the {craft.mass:g} kg of {craft.name!r}: draw smaller factors."
                 )
             adds = mass * swings * away**2 / (1.0 - swings / craft.mass)
             moment = least * craft.least_spread
