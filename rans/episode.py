@@ -172,8 +172,8 @@ class World:
     def __post_init__(self) -> None:
         """Choose the substeps; under conditions for the largest accelerations in 1,024 episodes."""
         setup = self.setup
-        factors = (1.0, 1.0) if setup.conditions is None else setup.conditions.slosh_factors
-        check_slosh(setup.craft, setup.task.drift, setup.timing.control_period, *factors)
+        extremes = [] if setup.conditions is None else setup.conditions.slosh_bodies(setup.craft)
+        check_slosh(setup.craft, setup.task.drift, setup.timing.control_period, extremes)
         bodies = None
         torque = 0.0
         if setup.conditions is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ and 3e-7 rad of Drake, and the rod within 1e-6 rad."""
 _DECAY = 1.0
 """Longest step times the rate at which friction stops the rod; the method is stable up to 2.78."""
 _STABLE = 2.5
-"""Longest step times this rate under factors on mass and damping."""
+"""Longest step times this rate under conditions, whose steps are those of the designed craft."""
 _MOST_STEPS = 64
 """Largest number of steps in a piece of a control period, which bounds the length of generated programs."""
 
@@ -129,9 +129,15 @@ class Swinging(Action):
         return pair.state(p - away, v - speed, motion)
 
 
-def paces(slosh: Slosh, craft: Spacecraft) -> tuple[float, float]:
-    """Fastest usual rate of craft and rod, and rate at which friction stops the rod, rad/s and 1/s."""
-    arm, of_craft, reduced = _heaviest(slosh, craft)
+def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[float, float]:
+    """Fastest usual rate of craft and rod, and rate at which friction stops the rod, rad/s and 1/s.
+
+    Args:
+        slosh: of the craft as designed.
+        craft: as designed.
+        body: true body, of floats; None: as designed.
+    """
+    arm, of_craft, reduced, damping = _heaviest(slosh, craft, body or Body.of(craft))
     # Half of the thrusters push together at most; the centrifugal field of the arm acts as gravity too.
     pull = 0.5 * sum(thruster.force for thruster in craft.thrusters) / craft.mass
     pull += _USUAL_SPIN**2 * arm
@@ -139,20 +145,20 @@ def paces(slosh: Slosh, craft: Spacecraft) -> tuple[float, float]:
     of_rod = reduced * slosh.length**2
     along = reduced * slosh.length * arm
     mobility = (of_craft + of_rod + 2.0 * along) / (of_craft * of_rod - along**2)
-    return pace, slosh.damping * mobility
+    return pace, damping * mobility
 
 
-def _heaviest(slosh: Slosh, craft: Spacecraft) -> tuple[float, float, float]:
-    """Length of the arm, least inertia of the craft with the rod's end in the hinge, and reduced mass; SI."""
-    body = Body.of(craft)
+def _heaviest(slosh: Slosh, craft: Spacecraft, body: Body) -> tuple[float, float, float, float]:
+    """Length of the arm, least inertia with the rod's end in the hinge, reduced mass, and friction; SI."""
     if craft.dimension == 2:
-        pair = PlanarPair.of(slosh, craft, body)
-        return math.hypot(*pair.arm), pair.of_craft, pair.coupling / pair.length
+        plane = PlanarPair.of(slosh, craft, body)
+        return math.hypot(*plane.arm), plane.of_craft, plane.coupling / plane.length, plane.damping
     pair = SphericalPair.of(slosh, craft, body)
     xx, xy, xz, yy, yz, zz = pair.inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     arm = math.hypot(*pair.arm.columns())
-    return arm, float(np.linalg.eigvalsh(tensor)[0]) + pair.reduced * arm**2, pair.reduced
+    least = float(np.linalg.eigvalsh(tensor)[0])
+    return arm, least + pair.reduced * arm**2, pair.reduced, pair.damping
 
 
 def _steps(longest: float, pace: float, decay: float) -> int:
@@ -162,7 +168,7 @@ def _steps(longest: float, pace: float, decay: float) -> int:
 
 
 def check_slosh(
-    craft: Spacecraft, drift: Drift, period: float, mass: float = 1.0, damping: float = 1.0
+    craft: Spacecraft, drift: Drift, period: float, bodies: Sequence[Body] = ()
 ) -> None:
     """Refuse drifts, control periods and conditions for which the motion of a pendulum is not computed.
 
@@ -170,8 +176,7 @@ def check_slosh(
         craft: any; one without `Spacecraft.slosh` passes.
         drift: motion of a free point.
         period: control period, s.
-        mass: least factor on the mass that swings.
-        damping: largest factor on the damping.
+        bodies: extreme bodies of conditions, of floats.
 
     Raises:
         ConfigError: an orbit pulls, or friction stops the rod too fast for the control period.
@@ -191,14 +196,13 @@ def check_slosh(
             f"{period:g} s, got {craft.slosh.damping:g}: the rod would stop within {1 / decay:.2g} s. The usual "
             "cause is a damping ratio in its place."
         )
-    # Steps are those of the designed craft.
-    extreme = replace(
-        craft.slosh, mass=mass * craft.slosh.mass, damping=damping * craft.slosh.damping
-    )
-    step = period / max(_steps(period, pace, decay), 1)
-    if step * paces(extreme, craft)[1] > _STABLE:
+    # The longest steps that pieces of a period may have: those of the designed craft.
+    step = min(period, _STEP / pace, _DECAY / decay if decay > 0.0 else math.inf)
+    step = max(step, period / _MOST_STEPS)
+    fastest = max((paces(craft.slosh, craft, body)[1] for body in bodies), default=0.0)
+    if step * fastest > _STABLE:
         raise ConfigError(
-            f"Conditions of body.slosh_mass from {mass:g} and body.slosh_damping up to {damping:g} stop the rod of "
-            f"{craft.name!r} within {1 / paces(extreme, craft)[1]:.2g} s, too fast for steps of {step:.2g} s: "
-            "raise the damping in the spacecraft's file, and draw factors below 1."
+            f"Conditions of body.mass, body.inertia, body.centre, body.slosh_mass and body.slosh_damping stop the "
+            f"rod of {craft.name!r} within {1 / fastest:.2g} s, too fast for steps of {step:.2g} s: narrow the "
+            "ranges, or raise the damping in the spacecraft's file and draw factors below 1."
         )

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, product
 from typing import Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, NamedArguments, checked, fits, is_finite, one_of
+from rans.model.body import Body
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.structure import Range, is_range
@@ -413,13 +414,37 @@ class Conditions(NamedArguments, Settings):
             return False
         return replace(self, description="", faults=FaultConditions()) == Conditions()
 
-    @property
-    def slosh_factors(self) -> tuple[float, float]:
-        """Least factor on the mass that sloshes, and largest on its damping."""
-        every = [part.body for part in (self, *self.others)]
-        return min(bounds(body.slosh_mass)[0] for body in every), max(
-            largest(body.slosh_damping) for body in every
-        )
+    def slosh_bodies(self, craft: Spacecraft) -> list[Body]:
+        """Bodies of a craft with a sloshing liquid for which friction may stop its rod fastest; else nothing.
+
+        Those have the least inertia, the largest damping, and the extremes of the masses. The centre of mass is as
+        designed, or as far as can be from the mass at rest.
+        """
+        slosh = craft.slosh
+        if slosh is None:
+            return []
+        size = craft.dimension
+        away = [c - x for c, x in zip(craft.centre_of_mass, slosh.point(), strict=True)][:size]
+        distance = math.hypot(*away) or 1.0
+        designed = Body.of(craft)
+        bodies = []
+        for part in (self, *self.others):
+            body = part.body
+            for mass, liquid, shift in product(
+                bounds(body.mass), bounds(body.slosh_mass), (0.0, largest(body.centre))
+            ):
+                least = bounds(body.inertia)[0]
+                bodies.append(
+                    replace(
+                        designed,
+                        mass=mass * craft.mass,
+                        inertia=tuple(least * x for x in designed.inertia),
+                        centre=tuple(shift / distance * x for x in away),
+                        slosh_mass=liquid,
+                        slosh_damping=largest(body.slosh_damping),
+                    )
+                )
+        return bodies
 
     @property
     def steady_torque(self) -> float:

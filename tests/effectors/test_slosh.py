@@ -243,7 +243,7 @@ def test_conditions_leave_inertia_to_the_craft_without_it(body: BodyConditions) 
         (
             SLOSHING,
             BodyConditions(slosh_damping=(1.0, 200.0)),
-            "slosh_damping up to 200 stop the rod",
+            "slosh_damping stop the rod of 'sloshing'",
         ),
     ],
 )

@@ -195,6 +195,19 @@ def test_a_kernel_steps_as_numpy(on_host: Any) -> None:  # noqa: F811
         np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("body", [{"inertia": (0.05, 1.0)}, {"slosh_damping": (1.0, 20.0)}])
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_bodies_for_which_friction_is_too_fast_are_refused(body: Any, is_alone: bool) -> None:
+    """Steps are those of the designed craft; this flight would end in NaN."""
+    slosh = replace(IN_SPACE_SLOSH, length=0.5, hinge=(0.0, -0.5, 0.0), direction=(0.0, 1.0, 0.0))
+    craft = replace(IN_SPACE, slosh=replace(slosh, damping=2.0))
+    rans.Engine(craft, "go-to-pose", 2)
+    conditions = Conditions(body=BodyConditions(**body))
+    conditions = conditions if is_alone else Conditions(others=(conditions,))
+    with pytest.raises(ConfigError, match=r"stop the rod of .*narrow the ranges"):
+        rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
+
+
 def test_its_file_says_what_it_is() -> None:
     assert parse_spacecraft(to_toml(IN_SPACE), "a file").slosh == IN_SPACE.slosh
 
