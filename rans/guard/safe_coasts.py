@@ -50,11 +50,11 @@ class SafeCoasts(Replacing):
     distance is a certified bound for all instants (`rans.model.passive_safety`). Within the zone's approach
     everything passes.
 
-    In place of another command it returns the nearest that passes (least sum of squared differences) among parts of
-    the desired one, sets of one to three thrusters at eight levels, and sums of both. Coasts last five control
-    periods longer than asked: the filter has that time to change one that would enter in the end. Without any that
-    passes it returns the command whose coasts keep the largest distance. A coast that enters at the start of the
-    period already does not count in it.
+    A command that does not pass is replaced by the nearest one that does (least sum of squared differences)
+    among parts of the desired one, sets of one to three thrusters at eight levels, and sums of both. Coasts
+    last five control periods longer than asked: the filter has that time to change one that would enter in the
+    end. If no command passes, it returns the one whose coasts keep the largest distance. That distance leaves
+    out coasts that already enter at the start of the period.
 
     The filter uses the measured state, and the craft as designed.
     """

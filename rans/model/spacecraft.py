@@ -302,7 +302,7 @@ class Spacecraft(NotebookRepr):
     def slosh_stores(self) -> tuple[Store, ...]:
         """Where the sloshing liquid's pendulum points relative to the craft, and its rate; empty without one.
 
-        Plane: its angle and the rate of this. Space: its unit vector in B and the derivative of this.
+        Plane: its angle and angular rate. Space: its unit vector in B and the derivative of that vector.
         """
         if self.slosh is None:
             return ()
