@@ -12,6 +12,7 @@ from rans.guard.barrier import BarrierProgram, check_throttles
 from rans.guard.expected import Expected
 from rans.guard.safe_coasts import SafeCoasts
 from rans.model.drift import ClohessyWiltshire
+from rans.randomization.conditions import Conditions, largest
 from rans.scenario import scenario
 
 __all__ = ["BarrierProgram", "FlownBackup", "SafeCoasts", "safety_filter"]
@@ -37,8 +38,9 @@ def safety_filter(
     'flown backup'
 
     Raises:
-        ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, or the slack
-            is no number above 0; or coasts are to be safe, and the task has no zone for them.
+        ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, the conditions
+            draw layouts or kinds of thrusters, or the slack is no number above 0; or coasts are to be safe, and the
+            task has no zone for them.
     """
     task = setup.task
     name = type(task).__name__
@@ -53,6 +55,7 @@ def safety_filter(
             f"the slack of a safety filter must be a finite number > 0 in the unit of each constraint (m or m/s), "
             f"got {slack:g}."
         )
+    _check_thrusters(setup.conditions)
     expected = Expected.of(setup)
     reserve = expected.reserve if slack is None else ()
     least = SLACK if slack is None else slack
@@ -73,3 +76,19 @@ def safety_filter(
     if not 0.0 < seconds < math.inf:
         raise ConfigError(f"the time of a coast must be a finite number of s > 0, got {seconds:g}.")
     return SafeCoasts(result, zone, drift.mean_motion, seconds)
+
+
+def _check_thrusters(conditions: Conditions | None) -> None:
+    """Reject conditions whose episodes have other thrusters than those that predictions are computed with."""
+    if conditions is None:
+        return
+    parts = (conditions, *conditions.others)
+    for name, is_drawn in (
+        ("layouts.count", any(part.layouts.count for part in parts)),
+        ("thrusters.on_off", any(largest(part.thrusters.on_off) > 0.0 for part in parts)),
+    ):
+        if is_drawn:
+            raise ConfigError(
+                f"a safety filter predicts the craft as designed, and conditions with {name} give every episode "
+                "other thrusters: leave it out, or fly without the filter."
+            )
