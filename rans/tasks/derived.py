@@ -25,8 +25,12 @@ PLACES: dict[Dimension, str] = {2: "in the plane", 3: "in space"}
 
 
 def dimensions(task: Task) -> tuple[Dimension, ...]:
-    """Dimensions in which the functions of a task can be evaluated; both if they fail in both."""
-    return tuple(leaf for leaf in PLACES if _failure(task, leaf) is None) or tuple(PLACES)
+    """Dimensions for which a task is declared and in which its functions can be evaluated.
+
+    If they fail in all for which it is declared, these.
+    """
+    declared = task.dimensions
+    return tuple(leaf for leaf in declared if _failure(task, leaf) is None) or declared
 
 
 def check_dimension(task: Task, dimension: Dimension) -> None:

@@ -17,7 +17,7 @@ from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.random import Random
-from rans.tasks import Task
+from rans.tasks import TASKS, Task
 from rans.tasks.derived import check_dimension, dimensions
 from rans.tasks.observation_terms import Scalar
 
@@ -144,3 +144,17 @@ def test_listed_is_where_it_works(
     assert shown in said
     assert not_shown not in said
     assert "more than arithmetic" not in said
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in TASKS.built_in if TASKS[name].dimensions != (2, 3)]
+)
+def test_a_task_of_one_dimension_is_listed_in_it_alone(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    task = TASKS[name]
+    assert dimensions(task()) == task.dimensions
+    assert main(["list", name]) == 0
+    printed = capsys.readouterr().out
+    assert ("Observation in the plane" in printed) == (2 in task.dimensions)
+    assert ("Observation in space" in printed) == (3 in task.dimensions)
