@@ -159,13 +159,16 @@ class Evaluate:
         same = ["--guard"] if self.guard else []
         if self.guard_slack is not None:
             same += [f"{self.guard_slack:g}"]
+        if self.conditions is not None:
+            same += ["--conditions", self.conditions]
         same += as_options(self.start, self.goal, self.zones)
         coasts = ["--guard-coasts"] if self.guard_coasts else []
         command = shlex.join(["rans", "evaluate", self.contestant, *same, *coasts, *more])
+        # Comparisons and pages cannot keep coasts safe: they would fly another filter.
+        others = () if self.guard_coasts else ("compare", "view")
         Terminal().suggest(
             f"{command}   # all metrics" if more else f"{command} --engine drake",
-            shlex.join(["rans", "compare", self.contestant, *same]),
-            shlex.join(["rans", "view", self.contestant, *same]),
+            *(shlex.join(["rans", other, self.contestant, *same]) for other in others),
         )
 
     def _many(self, run: LoadedRun) -> bool:
@@ -307,6 +310,8 @@ class Evaluate:
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
         guard = "guard" if self.guard else ""
+        if self.guard_coasts:
+            guard = "guard-coasts"
         endpoints = ""
         if self.start or self.goal or self.zones:
             own = as_options(self.start, self.goal, self.zones)

@@ -76,7 +76,9 @@ def test_flights_too_many_to_keep_are_judged_as_they_fly(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_conditions_of_one_name_have_files_apart(run_folder: Path, tmp_path: Path) -> None:
+def test_conditions_of_one_name_have_files_apart(
+    run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Those that come with RANS, users' files of the same name in two folders, and one called own."""
     for name in ("a/lab", "b/lab", "own"):
         file = tmp_path / f"{name}.toml"
@@ -85,6 +87,9 @@ def test_conditions_of_one_name_have_files_apart(run_folder: Path, tmp_path: Pat
     own = [str(tmp_path / f"{name}.toml") for name in ("a/lab", "b/lab", "own")]
     for given in ("lab", *own):
         assert main(["evaluate", str(run_folder), "--episodes", "2", "--conditions", given]) == 0
+        following = capsys.readouterr().out.split("Next:")[1].split("  rans ")[1:]
+        # What is proposed next flies under the same conditions.
+        assert [f"--conditions {given}" in command for command in following] == [True] * 3
     assert main(["evaluate", str(run_folder), "--episodes", "2"]) == 0
     written = sorted(file.name for file in run_folder.glob("evaluation*.json"))
     assert len(written) == 5

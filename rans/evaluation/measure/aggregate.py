@@ -185,8 +185,15 @@ def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
     value = f"{' / '.join(figure(row.value) for row in rows)} {unit}".strip()
     limits = interval(first.low, first.high)
     if len(rows) > 1:
-        widest = max(max(row.high - row.value, row.value - row.low) for row in rows)
-        limits = f"up to ± {figure(widest)}"
+        # Times that never come have an interval without width: inf - inf is no number.
+        if all(row.low == math.inf for row in rows):
+            limits = figure(math.inf)
+        elif any(row.low < row.high == math.inf for row in rows):
+            limits = f"up to {figure(math.inf)}"
+        else:
+            finite = [row for row in rows if row.low != math.inf]
+            widest = max(max(row.high - row.value, row.value - row.low) for row in finite)
+            limits = f"up to ± {figure(widest)}"
     return name, value, limits, first.meaning
 
 

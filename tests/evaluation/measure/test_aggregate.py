@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -108,6 +109,23 @@ def test_the_widest_of_several_intervals_is_shown() -> None:
     rows = tuple(Metric("g", f"P{k}", "m", "%", 50.0, 50.0 - k, 50.0 + k / 2) for k in (1, 7, 3))
     ((_, texts),) = Metrics("c", "fast", "s", 1, 1, 0.2, rows).lines()
     assert texts == ("P1 / 7 / 3", "50 / 50 / 50 %", "up to ± 7", "m")
+
+
+@pytest.mark.parametrize(
+    ("estimates", "limits"),
+    [
+        ([(math.inf, math.inf, math.inf)] * 2, "never"),
+        ([(6.0, 5.0, 8.0), (math.inf, math.inf, math.inf)], "up to ± 2"),
+        ([(6.0, 5.0, 8.0), (math.inf, 7.0, math.inf)], "up to never"),
+        ([(6.0, 5.0, 8.0), (7.0, 6.0, math.inf)], "up to never"),
+    ],
+)
+def test_intervals_of_times_that_never_come(
+    estimates: list[tuple[float, float, float]], limits: str
+) -> None:
+    rows = tuple(Metric("g", "arrival", "m", "s", *estimate) for estimate in estimates)
+    ((_, texts),) = Metrics("c", "fast", "s", 1, 1, 0.2, rows).lines()
+    assert texts[2] == limits
 
 
 def test_equal_flights_have_equal_intervals() -> None:
