@@ -451,7 +451,8 @@ def test_an_agent_that_adapts_fits_a_small_microcontroller(
     array = np.ctypeslib.ndpointer(np.float32, flags="C")
     answer.argtypes = [array] * 4
     memory = made.initial_state(1)
-    own = np.zeros(memory.shape, np.float32)  # type: ignore[union-attr]
+    assert memory is not None
+    own = np.zeros(memory.shape, np.float32)
     found = np.zeros(craft.command_count, np.float32)
     random = np.random.default_rng(3)
     turn = np.eye(3)[:2].ravel()
@@ -464,7 +465,8 @@ def test_an_agent_that_adapts_fits_a_small_microcontroller(
         own = after
         assert np.allclose(found, expected.numpy(), atol=1e-3)
         # Logarithms of odds, up to 20, are sums of many numbers.
-        assert np.allclose(own, memory, atol=2e-3, rtol=1e-3)
+        assert memory is not None
+        assert np.allclose(own, memory.numpy(), atol=2e-3, rtol=1e-3)
 
 
 def test_tables_of_few_numbers_are_stored_without_loss() -> None:
