@@ -110,7 +110,7 @@ _STATED = CONTESTANTS[1:]
 _MOST = {"switching": 64, "MPC": 64}
 """Largest number of flights of those who take seconds for each."""
 _MOST_OF_EACH = {"switching": 8, "MPC": 4}
-"""The same of each thruster in turn."""
+"""Largest number of flights of each thruster that is dead in turn, by who takes seconds for a flight."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
 """Masses and moments of inertia over those of the file that the agent is given."""
 

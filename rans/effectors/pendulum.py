@@ -21,8 +21,8 @@ from rans.model.spacecraft import Spacecraft
 
 def _swinging(slosh: Slosh, craft: Spacecraft, body: Body) -> Field:
     """Fraction of a body's mass that swings."""
-    share = slosh.mass / craft.mass
-    return share if body.slosh_mass is None else body.slosh_mass * share
+    fraction = slosh.mass / craft.mass
+    return fraction if body.slosh_mass is None else body.slosh_mass * fraction
 
 
 def _friction(slosh: Slosh, body: Body) -> Field:
@@ -60,7 +60,7 @@ class SphericalMotion:
 class PlanarPair(NamedTuple):
     """Craft without the mass that swings, and this mass: constants of their motion in the plane."""
 
-    share: Field
+    fraction: Field
     """Mass that swings over the mass of both."""
     mass: Field
     """Mass of both, kg."""
@@ -82,8 +82,8 @@ class PlanarPair(NamedTuple):
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> PlanarPair:
         """Constants of a body, whose factors apply to the fraction that swings of the designed craft."""
-        share = _swinging(slosh, craft, body)
-        ratio = share / (1.0 - share)
+        fraction = _swinging(slosh, craft, body)
+        ratio = fraction / (1.0 - fraction)
         x, y = (
             h - c - offset
             for h, c, offset in zip(
@@ -96,9 +96,9 @@ class PlanarPair(NamedTuple):
         at_x, at_y = x + length * u, y + length * v
         rigid = body.inertia[0] - body.mass * (ratio * (at_x * at_x + at_y * at_y))
         arm = (x + ratio * at_x, y + ratio * at_y)
-        reduced = body.mass * (share * (1.0 - share))
+        reduced = body.mass * (fraction * (1.0 - fraction))
         return cls(
-            share,
+            fraction,
             body.mass,
             arm,
             (u, v),
@@ -131,7 +131,7 @@ class PlanarPair(NamedTuple):
 
     def centre(self, motion: PlanarMotion) -> tuple[Vec2, Vec2]:
         """From B's origin to the centre of mass of craft and rod in W, m, and its derivative, m/s."""
-        reach = self.share * self.length
+        reach = self.fraction * self.length
         c, s = cos(motion.heading), sin(motion.heading)
         u, v = self.rest
         rest_x, rest_y = c * u - s * v, s * u + c * v
@@ -164,7 +164,7 @@ class PlanarPair(NamedTuple):
             fy = fy + disturbance.force.y
             torque = torque + disturbance.torque
         # Generalised forces.
-        reach = self.share * self.length
+        reach = self.fraction * self.length
         u, v = self.rest
         rest_x, rest_y = c * u - s * v, s * u + c * v
         friction = (turning - spin) * self.damping
@@ -187,7 +187,7 @@ class PlanarPair(NamedTuple):
 class SphericalPair(NamedTuple):
     """Craft without the mass that swings, and this mass: constants of their motion in space."""
 
-    share: Field
+    fraction: Field
     """Mass that swings over the mass of both."""
     mass: Field
     """Mass of both, kg."""
@@ -211,8 +211,8 @@ class SphericalPair(NamedTuple):
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> SphericalPair:
         """Constants of a body, whose factors apply to the fraction that swings of the designed craft."""
-        share = _swinging(slosh, craft, body)
-        ratio = share / (1.0 - share)
+        fraction = _swinging(slosh, craft, body)
+        ratio = fraction / (1.0 - fraction)
         shift = body.centre or (0.0, 0.0, 0.0)
         hinge = Vec3(
             *(h - c - s for h, c, s in zip(slosh.hinge, craft.centre_of_mass, shift, strict=True))
@@ -226,7 +226,7 @@ class SphericalPair(NamedTuple):
         scale = body.mass * ratio
         inertia = tuple(i - scale * a for i, a in zip(body.inertia, adds, strict=True))
         return cls(
-            share,
+            fraction,
             body.mass,
             to_origin,
             hinge + to_origin,
@@ -234,7 +234,7 @@ class SphericalPair(NamedTuple):
             slosh.length,
             inertia,
             symmetric_inverse(inertia),
-            body.mass * (share * (1.0 - share)),
+            body.mass * (fraction * (1.0 - fraction)),
             _friction(slosh, body),
         )
 
@@ -258,7 +258,7 @@ class SphericalPair(NamedTuple):
 
     def centre(self, motion: SphericalMotion) -> tuple[Vec3, Vec3]:
         """From B's origin to the centre of mass of craft and rod in W, m, and its derivative, m/s."""
-        reach = self.share * self.length
+        reach = self.fraction * self.length
         away = (motion.rod - self.rest).scale(reach)
         speed = (motion.moving - motion.spin.cross(self.rest)).scale(reach)
         return motion.attitude.rotate(away), motion.attitude.rotate(speed)
@@ -305,7 +305,7 @@ class SphericalPair(NamedTuple):
             held = held + wheels
         lever = self.arm.cross(rod)
         tension = (rod.dot(inwards) - moving.dot(moving) * self.length) * self.reduced
-        tension = tension + rod.dot(force) * self.share
+        tension = tension + rod.dot(force) * self.fraction
         turning = torque + self.to_origin.cross(force) - spin.cross(held)
         turning = turning + rod.cross(slip).scale(self.damping) - self.arm.cross(drag)
         turning = turning - lever.scale(tension)
@@ -315,7 +315,7 @@ class SphericalPair(NamedTuple):
         spin_up = freely - of_lever.scale(along)
 
         # Acceleration of the rod's direction: across it from the forces, and along it because its length is 1.
-        pulled = (drag - force.scale(self.share)).scale(1.0 / self.reduced)
+        pulled = (drag - force.scale(self.fraction)).scale(1.0 / self.reduced)
         pulled = pulled - inwards - spin_up.cross(self.arm)
         across = (pulled - rod.scale(rod.dot(pulled))).scale(1.0 / self.length)
         bending = across - rod.scale(moving.dot(moving))

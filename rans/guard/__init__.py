@@ -39,8 +39,8 @@ def safety_filter(
 
     Raises:
         ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, the conditions
-            draw layouts or kinds of thrusters, or the slack is no number above 0; or coasts are to be safe, and the
-            task has no zone for them.
+            draw layouts, kinds or least pulses of thrusters, or the slack is no number above 0; or coasts are to be
+            safe, and the task has no zone for them.
     """
     task = setup.task
     name = type(task).__name__
@@ -86,6 +86,7 @@ def _check_thrusters(conditions: Conditions | None) -> None:
     for name, is_drawn in (
         ("layouts.count", any(part.layouts.count for part in parts)),
         ("thrusters.on_off", any(largest(part.thrusters.on_off) > 0.0 for part in parts)),
+        ("thrusters.least_pulse", any(largest(part.thrusters.least_pulse) > 0.0 for part in parts)),
     ):
         if is_drawn:
             raise ConfigError(

@@ -112,7 +112,7 @@ class _Search:
 
     @property
     def with_less_reserve(self) -> Iterator[_Search]:
-        """The same with parts of the reserve, the largest first; nothing without a reserve."""
+        """Searches that keep only a part of the reserve, the largest part first; none where there is no reserve."""
         for part in _PARTS if self.ahead.reserve else ():
             reserve = tuple((name, part * margin) for name, margin in self.ahead.reserve)
             ahead = Ahead.of(self.world, reserve)

@@ -155,7 +155,7 @@ class Symbol:
         return cls._of("entry", "real", (index,), Table(table))
 
     def on(self, *args: Symbol) -> Symbol:
-        """The same operation on other symbols."""
+        """This operation applied to other symbols; an entry of a table is read from the same table."""
         if self.operation == "entry":
             return Symbol.entry(self.value.numbers, *args)
         return Symbol.apply(self.operation, *args)

@@ -73,7 +73,7 @@ class Architecture:
     """Distance (m) at which such a network is given a goal that is farther, as wheels would be full at the speeds
     of longer ways (`rans.policy.authority.nearer`); 0: no bound."""
     farthest_lost: float = 0.0
-    """The same for a network that adapts, after a thruster is lost."""
+    """Largest distance of the goal, m, once a network that adapts takes a thruster for lost; 0: no bound."""
     adapts: bool = False
     """Whether such a network estimates in flight how its craft differs from its file (`rans.policy.adaptation`)."""
     history: int = 0

@@ -57,9 +57,8 @@ def check_results(task: Task) -> None:
     for name, arguments, must, holds in checks:
         try:
             result = getattr(task, name)(*arguments)
-        except (
-            Exception
-        ):  # what a function raises is told by the engine that calls it, with its traceback
+        except Exception:
+            # The engine that calls the function reports what it raises, with its traceback.
             continue
         _require(task, name, result, must, holds)
 

@@ -263,6 +263,7 @@ class _OnlyTarget:
     [
         rans.Conditions(layouts=rans.LayoutConditions(count=8)),
         rans.Conditions(thrusters=rans.ThrusterConditions(on_off=0.5)),
+        rans.Conditions(thrusters=rans.ThrusterConditions(least_pulse=(0.01, 0.05))),
     ],
 )
 def test_thrusters_that_the_filter_does_not_know_are_refused(other: rans.Conditions) -> None:

@@ -37,7 +37,7 @@ def flown(guard: Any) -> Flight:
 
 
 def least_coast_distance(flight: Flight, flying: int) -> float:
-    """Of coasts of an orbit after a part of each burn of one flight, m."""
+    """Least distance from the target, m, of coasts of an orbit after a part of each burn of one flight."""
     system = orbit(TASK.mean_motion)
     directions = np.array([x.direction for x in CRAFT.thrusters]) * 10.0 / CRAFT.mass
     states = np.stack([*flight.states.p.columns(), *flight.states.v.columns()], axis=-1)[:, flying]
