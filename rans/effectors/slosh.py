@@ -137,7 +137,7 @@ def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[fl
         craft: as designed.
         body: true body, of floats; None: as designed.
     """
-    arm, of_craft, reduced, damping = _heaviest(slosh, craft, body or Body.of(craft))
+    arm, of_craft, reduced, damping = _extremes(slosh, craft, body or Body.of(craft))
     # Half of the thrusters push together at most; the centrifugal field of the arm acts as gravity too.
     pull = 0.5 * sum(thruster.force for thruster in craft.thrusters) / craft.mass
     pull += _USUAL_SPIN**2 * arm
@@ -148,7 +148,7 @@ def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[fl
     return pace, damping * mobility
 
 
-def _heaviest(slosh: Slosh, craft: Spacecraft, body: Body) -> tuple[float, float, float, float]:
+def _extremes(slosh: Slosh, craft: Spacecraft, body: Body) -> tuple[float, float, float, float]:
     """Length of the arm, least inertia with the rod's end in the hinge, reduced mass, and friction; SI."""
     if craft.dimension == 2:
         plane = PlanarPair.of(slosh, craft, body)
