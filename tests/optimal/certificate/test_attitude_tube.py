@@ -207,7 +207,7 @@ def test_pushing_and_turning_in_space_add_up() -> None:
 
 @pytest.mark.filterwarnings("ignore:.* cannot push and turn")
 def test_a_turn_on_the_way_has_its_price() -> None:
-    """A craft with one engine ahead that ends in the attitude of its start has to turn half round, brake and turn back."""
+    """A craft with one engine ahead that ends in its first attitude has to turn half round, brake and turn back."""
     # Couples for 5 s to 0.25 rad/s: half a turn and both of their burns last pi / 0.25 + 5 s.
     turn = math.pi / 0.25 + 5.0
     goal: Any = replace(_AT_REST, p=Vec3(0.4 * (4.0 + turn), 0.0, 0.0))

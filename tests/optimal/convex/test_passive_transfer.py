@@ -43,7 +43,7 @@ def flown(commands: np.ndarray) -> np.ndarray:
 
 
 def least_coast_distance(states: np.ndarray) -> float:
-    """Least distance from the target, m, of coasts of an orbit from states before the approach (1,200 instants each)."""
+    """Least distance, m, of coasts of an orbit from states before the approach, at 1,200 instants each."""
     step = transition(N, 2.0 * math.pi / N / 1200.0)[:6, :6]
     coasting = states[: ENTRY * PARTS + 1].T
     least = math.inf
