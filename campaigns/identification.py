@@ -301,7 +301,7 @@ def in_document(docs: Path, space: bool = False) -> Table:
     """The table of the page, of the evidence in docs/validation: of craft in the plane or in space."""
     name = _EVIDENCE[space]
     evidence = read_json(docs / "validation" / name)
-    other = "--spacecraft cubesat-6u --period 0.5 --count 24 " if space else ""
+    other = "--spacecraft cubesat-6u --period 0.5 " if space else ""
     return Table(
         "identify.md",
         f"python -m campaigns.identification {other}--docs docs",

@@ -328,12 +328,12 @@ SOURCES: dict[str, Source] = {
         tables=("identification in space",),
         page="identify.md",
         commands=(
-            "python -m campaigns.identification --spacecraft cubesat-6u --period 0.5 --count 24 --docs docs",
+            "python -m campaigns.identification --spacecraft cubesat-6u --period 0.5 --docs docs",
         ),
         quick=(
             "python -m campaigns.identification --spacecraft cubesat-6u --period 0.5 --count 4 --docs docs",
         ),
-        flights=(24, 4),
+        flights=(256, 4),
         tolerance=(0.02, 1.0),
         uncompared=("95 % of errors below",),
         evidence=("identification-space.json",),
