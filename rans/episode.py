@@ -174,6 +174,8 @@ class World:
         setup = self.setup
         extremes = [] if setup.conditions is None else setup.conditions.slosh_bodies(setup.craft)
         check_slosh(setup.craft, setup.task.drift, setup.timing.control_period, extremes)
+        if setup.conditions is not None:
+            setup.conditions.check_pulses(setup.timing.control_period)
         bodies = None
         torque = 0.0
         if setup.conditions is not None:

@@ -357,6 +357,19 @@ class Conditions(NamedArguments, Settings):
                     f"{fitting}; those of {craft.name!r} take commands of {actuators.allowed}."
                 )
 
+    def check_pulses(self, control_period: float) -> None:
+        """Reject least pulses above a control period (s), at which thrusters only fire for whole periods.
+
+        Raises:
+            ConfigError: ``thrusters.least_pulse`` reaches above the control period.
+        """
+        longest = self._largest("thrusters", "least_pulse")
+        if longest > control_period:
+            raise ConfigError(
+                f"Conditions have thrusters.least_pulse up to {longest:g} s, above the control period of "
+                f"{control_period:g} s, which is the longest pulse; the usual cause is a time in ms."
+            )
+
     def _largest(self, section: str, name: str) -> float:
         """Upper bound of a range in all conditions of the mixture."""
         return max(largest(getattr(getattr(part, section), name)) for part in (self, *self.others))

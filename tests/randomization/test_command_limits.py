@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import torch
 
 import rans
+from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.flight import Flight, fly
 from rans.model.fields import leaves, map_leaves
@@ -121,3 +123,13 @@ def test_limits_that_a_craft_cannot_have_are_refused(ranges: Any, actuators: Any
         limited(**ranges).check_craft(craft)
     with pytest.raises(ConfigError, match="on_off"):
         limited(on_off=1.5)
+
+
+def test_a_least_pulse_above_the_control_period_is_refused() -> None:
+    """At the period itself thrusters are on/off, and above it nothing is left to be longer."""
+    craft = replace(rans.load_spacecraft("floating-platform"), actuators=rans.Pulsed(5))
+    period = TIMING.control_period
+    for pulse in (period, 1.01 * period):
+        setup = Setup(craft, TASK, TIMING, limited(least_pulse=(0.0, pulse)))
+        with pytest.raises(ConfigError, match="least_pulse") if pulse > period else nullcontext():
+            World(setup)
