@@ -164,15 +164,35 @@ class Compare:
                 )
                 comparison.notes.insert(0, self._interrupted(comparison))
                 raise
-        run = self.contestants[0]
-        own = as_options(self.start, self.goal, self.zones)
-        more = [shlex.join(["rans", "view", run, *self._controllers(contest.task), *own])]
-        if not self.full:
-            more.insert(0, shlex.join(["rans", "compare", *self.contestants, *own, "--full"]))
-        Terminal().suggest(
-            *more, shlex.join(["rans", "stress", run, *self._controllers(contest.task)])
-        )
+        self._suggest(contest.task)
         return 1 if comparison.failures else 0
+
+    def _suggest(self, task: Task) -> None:
+        """Print commands that a user may want to run next, with the options of this one."""
+        run = self.contestants[0]
+        controllers = self._controllers(task)
+        slack = [] if self.guard_slack is None else [f"{self.guard_slack:g}"]
+        guard = ["--guard", *slack] if self.guard else []
+        same = [*guard, *as_options(self.start, self.goal, self.zones)]
+        same += self._changed("conditions", "seed", "engine")
+        view = shlex.join(["rans", "view", run, *controllers, *same])
+        stress = shlex.join(["rans", "stress", run, *controllers, *guard])
+        # Only a comparison has opponents, certified bounds and a front.
+        again = self._changed("episodes", "certified")
+        again += [] if self.beside is None else ["--with", *self.beside]
+        again += ["--front", f"{self.budget:g}"] if self.front else []
+        full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
+        Terminal().suggest(*([] if self.full else [full]), view, stress)
+
+    def _changed(self, *names: str) -> list[str]:
+        """Words of a command that repeat those of these options that are not left at their defaults."""
+        values = {name: getattr(self, name) for name in names}
+        return [
+            word
+            for name, value in values.items()
+            if value != getattr(Compare, name)
+            for word in (f"--{name}", str(value))
+        ]
 
     def _quick(self, contest: Contest) -> tuple[list[str], list[str]]:
         """Opponents that answer in seconds, which fly first, and the slow ones after them."""

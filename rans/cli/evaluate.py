@@ -162,13 +162,21 @@ class Evaluate:
         if self.conditions is not None:
             same += ["--conditions", self.conditions]
         same += as_options(self.start, self.goal, self.zones)
-        coasts = ["--guard-coasts"] if self.guard_coasts else []
-        command = shlex.join(["rans", "evaluate", self.contestant, *same, *coasts, *more])
+        same += ["--seed", str(self.seed)] if self.seed != EVALUATION_SEED else []
+        # Only this command has its protocols, and its number of episodes suits only itself.
+        own = ["--guard-coasts"] if self.guard_coasts else []
+        own += ["--protocol", self.protocol] if self.protocol != "own" else []
+        own += ["--episodes", str(self.episodes)] if self.episodes != Evaluate.episodes else []
+        drake = ["--engine", "drake"]
+        engine = ["--engine", self.engine] if self.engine != "fast" else []
+        again = shlex.join(["rans", "evaluate", self.contestant, *same, *own, *engine, *more])
+        judged = shlex.join(["rans", "evaluate", self.contestant, *same, *own, *drake])
+        first = [f"{again}   # all metrics"] if more else [] if engine else [judged]
         # Comparisons and pages cannot keep coasts safe: they would fly another filter.
         others = () if self.guard_coasts else ("compare", "view")
+        same += drake if self.engine == "drake" else []
         Terminal().suggest(
-            f"{command}   # all metrics" if more else f"{command} --engine drake",
-            *(shlex.join(["rans", other, self.contestant, *same]) for other in others),
+            *first, *(shlex.join(["rans", other, self.contestant, *same]) for other in others)
         )
 
     def _many(self, run: LoadedRun) -> bool:

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 from rans.cli import main
+from rans.cli.compare import Compare
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.run import Comparison
 from rans.model.timing import Timing
-from rans.tasks import GoToPosePriced
+from rans.tasks import GoToPose, GoToPosePriced
 from tests.support.training import CONFIG, tiny_trainer
 
 IDLE = "python:tests.support.policies:idle"
@@ -289,3 +290,22 @@ def test_an_interrupt_of_the_page_leaves_the_data(
     assert "settled, %" in capsys.readouterr().out
     assert (tmp_path / "compare.json").is_file()
     assert not (tmp_path / "compare.html").exists()
+
+
+def test_next_commands_have_the_options_of_the_comparison(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    options: dict[str, Any] = {
+        "conditions": "lab",
+        "seed": 3,
+        "engine": "drake",
+        "episodes": 7,
+        "certified": 0,
+    }
+    Compare(("runs/a", "lqr"), beside=("mpc",), **options)._suggest(GoToPose())
+    same = "--conditions lab --seed 3 --engine drake"
+    assert capsys.readouterr().out.splitlines()[1:] == [
+        f"  rans compare runs/a lqr {same} --episodes 7 --certified 0 --with mpc --full",
+        f"  rans view runs/a mpc {same}",
+        "  rans stress runs/a mpc",
+    ]
