@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, brief, text_of_name
+from rans.errors import ConfigError, brief, meant, text_of_name
 from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.pace import misfits
@@ -382,7 +382,7 @@ def _check_keys(
     for key in table:
         if key not in allowed:
             raise ConfigError(
-                f"unknown key {brief(key)} in {where}; known are {', '.join(allowed)}."
+                f"unknown key {brief(key)} in {where}{meant(key, allowed)}; known are {', '.join(allowed)}."
             )
     for key in needed:
         if key not in table:

@@ -214,6 +214,8 @@ def test_a_file_of_conditions_is_known_from_a_spacecraft(
     assert "'latncy' (did you mean latency?)" in refused(capsys, str(file))
     file.write_text("wings = 2\n")
     assert "unknown key 'wings'" in refused(capsys, str(file))
+    file.write_text("mas = 3.0\n")
+    assert "did you mean mass?" in refused(capsys, str(file))
 
 
 def test_json_has_numbers_as_numbers(capsys: pytest.CaptureFixture[str]) -> None:
