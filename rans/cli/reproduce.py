@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -49,4 +50,13 @@ class Reproduce:
         workers = ["--executor", self.executor] if self.executor else []
         command = [sys.executable, "-m", "campaigns", *workers, "reproduce", *options]
         Terminal(stderr=True).say("Starting the campaign reproduce, whose output follows.")
-        return subprocess.run(command, cwd=_CHECKOUT, check=False).returncode
+        begun = time.time()
+        try:
+            return subprocess.run(command, cwd=_CHECKOUT, check=False).returncode
+        except KeyboardInterrupt:
+            # The campaign's process writes the page after every row.
+            page = self.output / "differences.md"
+            has_rows = page.exists() and page.stat().st_mtime >= begun
+            kept = f"{page} has the rows until then" if has_rows else "no row was complete"
+            Terminal(stderr=True).say(f"rans: interrupted; {kept}. The same command begins anew.")
+            return 130

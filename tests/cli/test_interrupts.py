@@ -10,11 +10,13 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 
 import pytest
 
 import rans_command
+from rans.cli import main
 
 INTERRUPTED = """
 import os, signal, sys
@@ -127,3 +129,21 @@ def _interrupted(runs: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> No
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
     assert time.monotonic() - begun < 15
+
+
+def test_an_interrupted_reproduction_says_which_rows_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "differences.md"
+
+    def interrupted(*_: object, **__: object) -> None:
+        if page.exists():
+            # A row is complete: the page is newer than the command.
+            os.utime(page, (2**31, 2**31))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rans.cli.reproduce.subprocess.run", interrupted)
+    for said in ("no row was complete", "differences.md has the rows until then"):
+        assert main(["reproduce", "--output", str(tmp_path)]) == 130
+        assert said in capsys.readouterr().err.replace("\n", " ")
+        page.touch()
