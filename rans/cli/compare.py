@@ -178,7 +178,7 @@ class Compare:
         view = shlex.join(["rans", "view", run, *controllers, *same])
         stress = shlex.join(["rans", "stress", run, *controllers, *guard])
         # Only a comparison has opponents, certified bounds and a front.
-        again = self._changed("episodes", "certified")
+        again = self._changed("episodes", "certified", "output")
         again += [] if self.beside is None else ["--with", *self.beside]
         again += ["--front", f"{self.budget:g}"] if self.front else []
         full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])

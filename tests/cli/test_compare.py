@@ -302,10 +302,10 @@ def test_next_commands_have_the_options_of_the_comparison(
         "episodes": 7,
         "certified": 0,
     }
-    Compare(("runs/a", "lqr"), beside=("mpc",), **options)._suggest(GoToPose())
+    Compare(("runs/a", "lqr"), beside=("mpc",), output=Path("o"), **options)._suggest(GoToPose())
     same = "--conditions lab --seed 3 --engine drake"
     assert capsys.readouterr().out.splitlines()[1:] == [
-        f"  rans compare runs/a lqr {same} --episodes 7 --certified 0 --with mpc --full",
+        f"  rans compare runs/a lqr {same} --episodes 7 --certified 0 --output o --with mpc --full",
         f"  rans view runs/a mpc {same}",
         "  rans stress runs/a mpc",
     ]
