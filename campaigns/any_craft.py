@@ -1,7 +1,7 @@
 """The agents for any craft: their training, and their figures on craft that they have never flown.
 
-``python -m campaigns.any_craft train`` trains that of the plane and writes it into the package, ``train
---dimension 3 --seed 1 --device cuda`` that of space;
+``python -m campaigns.any_craft train --seed 12 --device cuda`` trains that of the plane and writes it into the
+package, ``train --dimension 3 --seed 1 --device cuda`` that of space;
 ``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts (with ``--engine
 drake`` that of some as spacecraft, in the engine and in Drake), ``dead`` that of a dead thruster, ``mass`` that
 of another mass, ``unstated`` that of faults and masses that no file states, all of docs/any_craft.md; ``joined``
@@ -97,12 +97,18 @@ SPECIALISTS = {
 _OWN = {2: ("floating-platform", Timing(0.2, 1, 125)), 3: ("free-flyer", Timing(0.2, 1, 125))}
 """Craft and timing of an agent without a craft's name."""
 RECIPES = {
-    2: DemandSettings(stages=(Stage(1500.0),)),
+    2: DemandSettings(
+        stages=(Stage(295.0, 2.4, 0.9, 1.1), Stage(75.0, 2.6, 0.9, 0.6)),
+        last=0.3,
+        crafts=2048,
+        coarse=0.4,
+        shared=0.4,
+    ),
     3: DemandSettings(
         3, (Stage(198.0, 1.0, 1.0), Stage(174.0, 2.5, 2.5)), layouts=1920, crafts=4096, channels=3
     ),
 }
-"""Trainings of the agents, by dimension: on one processor core, and on one H100."""
+"""Trainings of the agents on one H100, by dimension."""
 CONTESTANTS = "specialist", "any-craft", "LQR", "switching", "MPC"
 """Who flies a craft; the specialist only the craft that it was trained on."""
 _STATED = CONTESTANTS[1:]

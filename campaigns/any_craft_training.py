@@ -23,7 +23,7 @@ from torch import Tensor
 
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
-from rans.model.twists import balanced, directions, thrust
+from rans.model.twists import balanced, cone_pushes, directions, thrust
 from rans.policy.allocation import PRICE, in_order, subsets, thrust_price
 from rans.policy.any_craft import RANGES, authority, coast, columns_of, effects, last_layer
 from rans.policy.architecture import EXTRACTOR, Architecture
@@ -70,6 +70,8 @@ _SOFT = 0.2
 """Part of a column by which the demand along it may miss its range until the gradient falls to 1/e."""
 _RIDGE = 0.02
 """Added to the squares of the columns that follow the demand."""
+_COARSE = 0.3
+"""Least acceleration of craft with large pulses, over the largest one in training."""
 RANGES_OF_LAYOUTS = {2: LayoutRanges(most=10), 3: IN_SPACE}
 """Ranges of layouts in training, by dimension: of more thrusters in the plane there are thousands of subsets."""
 _AXES = {2: (0, 1, 5), 3: (0, 1, 2, 3, 4, 5)}
@@ -85,6 +87,8 @@ class Stage(NamedTuple):
     """Price of a second of the craft's least authority, over that of a second outside the tolerances."""
     rest_price: float = 0.0
     """Further price of a second of thrust within the tolerances, in the unit of `thrust_price`."""
+    continuous: float = 1.0
+    """Factor of both prices for continuous thrusters, which need not push against each other to turn a craft."""
 
 
 _FREE = Stage(0.0, 0.0, 0.0)
@@ -99,6 +103,9 @@ class DemandSettings:
     """2: the plane; 3: space."""
     stages: tuple[Stage, ...] = (Stage(),)
     """Prices of thrust and times, one stage after the other."""
+    last: float = 1.0
+    """Part of the last stage's weights in the result; the rest are those before it. With weights between those of
+    two prices the time and the impulse of flights are between theirs."""
     seed: int = 0
     layouts: int = 1000
     """Number of layouts drawn; each is used at many scales."""
@@ -113,6 +120,10 @@ class DemandSettings:
     """Part of a state's gradient that goes back by one period: without it a few flights outweigh all others."""
     on_off: float = 0.5
     """Part of the batches whose thrusters are on or off."""
+    coarse: float = 0.0
+    """Part of the craft of such a batch whose pulses are large for the tolerances."""
+    shared: float = 0.0
+    """Part of the layouts whose thrusters share a supply, in the plane; they are on or off."""
     device: str = "cpu"
     """Device of torch on which the training runs, such as "cpu" or "cuda"."""
 
@@ -138,8 +149,10 @@ class Pool(NamedTuple):
     """(L, 2 d) along both ways of every axis, over the least one."""
     margin: Tensor
     """(L,) `rans.randomization.layouts.authority_margin`."""
-    has_wheels: Tensor
-    """(L,) bool."""
+    is_continuous: Tensor
+    """(L,) bool: the thrusters have no shared supply, which is for thrusters that are on or off."""
+    is_on_off: Tensor
+    """(L,) bool: there are no wheels, which are continuous."""
 
 
 def shipped_shapes(dimension: int) -> frozenset[Shape]:
@@ -153,7 +166,9 @@ def shipped_shapes(dimension: int) -> frozenset[Shape]:
     )
 
 
-def draw_pool(count: int, seed: int, dimension: int = 2, workers: int | None = 1) -> Pool:
+def draw_pool(
+    count: int, seed: int, dimension: int = 2, workers: int | None = 1, shared: float = 0.0
+) -> Pool:
     """Draw layouts and what a training needs to know of them.
 
     Args:
@@ -161,21 +176,22 @@ def draw_pool(count: int, seed: int, dimension: int = 2, workers: int | None = 1
         seed: of the layouts, and of the demands that choose among subsets of thrusters.
         dimension: 2: the plane; 3: space.
         workers: see `rans.processes.Workers`.
+        shared: part of the layouts whose thrusters share a supply, in the plane.
     """
     # Enough jobs that all processors end together.
     edges = np.linspace(0, count, min(count, 64) + 1).astype(int).tolist()
     jobs = [(first, end) for first, end in itertools.pairwise(edges)]
-    pool = Workers(_Drawing, (seed, dimension), workers, "drew layouts")
+    pool = Workers(_Drawing, (seed, dimension, shared), workers, "drew layouts")
     rows = [row for part in pool.ordered(_Drawing.rows, jobs) for row in part]
-    *numbers, flags = (np.array(column) for column in zip(*rows, strict=True))
+    *numbers, continuous, on_off = (np.array(column) for column in zip(*rows, strict=True))
     tensors = [torch.tensor(array, dtype=torch.float32) for array in numbers]
-    return Pool._make([*tensors, torch.tensor(flags)])
+    return Pool._make([*tensors, torch.tensor(continuous), torch.tensor(on_off)])
 
 
 class _Drawing:
     """Draws layouts of a seed."""
 
-    def __init__(self, seed: int, dimension: int) -> None:
+    def __init__(self, seed: int, dimension: int, shared: float) -> None:
         random = np.random.default_rng(seed)
         size = 3 if dimension == 2 else 6
         demands = random.normal(size=(2048, size))
@@ -183,19 +199,20 @@ class _Drawing:
         self._demands = demands
         self._seed = seed
         self._dimension = dimension
+        self._shared = shared
         self._shipped = shipped_shapes(dimension)
 
     def rows(self, first: int, end: int) -> list[tuple[Any, ...]]:
         """Entries of the pool for the layouts with these numbers."""
         ranges = RANGES_OF_LAYOUTS[self._dimension]
-        drawn = (
-            sample_layout(np.random.default_rng((self._seed, number)), ranges)
-            for number in range(first, end)
-        )
-        rows = (self._row(layout) for layout in drawn)
+        rows = []
+        for number in range(first, end):
+            random = np.random.default_rng((self._seed, number))
+            drawn = sample_layout(random, ranges)
+            rows.append(self._row(drawn, bool(random.random() < self._shared)))
         return [row for row in rows if row is not None]
 
-    def _row(self, drawn: np.ndarray) -> tuple[Any, ...] | None:
+    def _row(self, drawn: np.ndarray, is_shared: bool) -> tuple[Any, ...] | None:
         """Entry of the pool for a layout (n, d); None: it is left out."""
         dimension = self._dimension
         ranges = RANGES_OF_LAYOUTS[dimension]
@@ -204,12 +221,15 @@ class _Drawing:
         # The craft that come with RANS are for evaluation.
         if canonical(drawn, digits=_HELD_OUT) & self._shipped:
             return None
-        ways = balanced(drawn)
+        ways = balanced(drawn, is_shared)
+        if dimension == 2:
+            ways[:4] = cone_pushes(drawn, is_shared)
         least = np.repeat(
             [ways[: 2 * dimension].min(), ways[2 * dimension :].min()],
             [dimension, size - dimension],
         )
-        if least.min() <= 0.05:
+        # A shared supply divides the authority.
+        if least.min() <= (0.05 / len(drawn) if is_shared else 0.05):
             return None
         layout = (drawn / least)[in_order(drawn)]
         pushes = thrust(layout)
@@ -221,13 +241,17 @@ class _Drawing:
         offset = np.full(_TABLE, -1e9)
         used = np.zeros(_TABLE)
         if not has_wheels:
-            every = subsets(tuple(map(tuple, layout.tolist())), False, thrust_price(layout))
+            columns = tuple(map(tuple, layout.tolist()))
+            every = subsets(columns, is_shared, thrust_price(layout))
             best = np.argmax(self._demands @ every.slope.T + every.offset, axis=1)
             counts = np.bincount(best, minlength=len(every.offset))
             chosen = np.argsort(-counts, kind="stable")[:_TABLE]
             twist[: len(chosen)] = every.twist[chosen]
             offset[: len(chosen)] = every.offset[chosen]
-            used[: len(chosen)] = every.opened[chosen] @ pushes
+            opened = every.opened[chosen]
+            if is_shared:
+                opened = opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
+            used[: len(chosen)] = opened @ pushes
         return (
             padded,
             *_descent(padded),
@@ -237,7 +261,8 @@ class _Drawing:
             used,
             ways / least.repeat(2),
             authority_margin(drawn),
-            has_wheels,
+            not is_shared,
+            not has_wheels,
         )
 
 
@@ -460,15 +485,20 @@ def draw_batch(
         return torch.exp(uniform(math.log(low), math.log(high)))
 
     # On/off thrusters stand alone: wheels, which are continuous, come with continuous ones.
-    allowed = torch.ones_like(pool.has_wheels) if continuous else ~pool.has_wheels
+    allowed = pool.is_continuous if continuous else pool.is_on_off
     which = torch.multinomial(allowed.float(), count, replacement=True, generator=generator)
     rows = Pool(*(x[which] for x in pool))
     periods, linear, angular, _ = RANGES[dimension]
     period = spread(periods.low, periods.high)
     # A single pulse should not move the craft by more than it can be brought back from in a few periods.
-    a = torch.minimum(spread(linear.low, linear.high), 0.06 / period.square())
-    alpha = spread(angular.low, angular.high)
-    alpha = torch.minimum(alpha, torch.minimum(1.3 / period, 0.3 / period.square()))
+    largest_a = (0.06 / period.square()).clamp(max=linear.high)
+    a = torch.minimum(spread(linear.low, linear.high), largest_a)
+    largest_alpha = torch.minimum(1.3 / period, 0.3 / period.square()).clamp(max=angular.high)
+    alpha = torch.minimum(spread(angular.low, angular.high), largest_alpha)
+    if settings.coarse and not continuous:
+        is_coarse = uniform(0.0, 1.0) < settings.coarse
+        a = torch.where(is_coarse, largest_a * spread(_COARSE, 1.0), a)
+        alpha = torch.where(is_coarse, largest_alpha * spread(_COARSE, 1.0), alpha)
     ways = rows.authority.T
     of_craft = Authority(
         period,
@@ -778,6 +808,7 @@ def fly(
         if torch.is_grad_enabled():
             state = Motion(*(Bounded.apply(keep * x + (1.0 - keep) * x.detach()) for x in state))
         price = stage.thrust_price + stage.rest_price * inside.detach()
+        price = price * (stage.continuous if batch.continuous else 1.0)
         cost = cost + spent + price * period * pushes
         thrust_sum = thrust_sum + pushes.detach() * batch.scale[:, 0]
         with torch.no_grad():
@@ -829,18 +860,25 @@ def train(
         report: is given a line and the network, now and then.
         pool: layouts; None: those of the settings' seed.
     """
-    pool = pool or draw_pool(settings.layouts, 2 * settings.seed, settings.dimension, workers=None)
+    pool = pool or draw_pool(
+        settings.layouts, 2 * settings.seed, settings.dimension, None, settings.shared
+    )
     pool = Pool(*(x.to(settings.device) for x in pool))
     weights = torch.Generator().manual_seed(settings.seed)
     network = DemandNetwork(settings.channels, weights, settings.dimension).to(settings.device)
     generator = torch.Generator(settings.device).manual_seed(settings.seed)
     imitate(network, pool, settings, generator)
+    earlier: dict[str, Tensor] = {}
     for number, stage in enumerate(settings.stages):
+        earlier = {name: x.clone() for name, x in network.state_dict().items()}
 
         def staged(text: str, number: int = number) -> None:
             report(f"stage {number + 1} {text}", network)
 
         _train_stage(network, pool, settings, stage, generator, staged)
+    with torch.no_grad():
+        for name, x in network.named_parameters():
+            x.lerp_(earlier[name], 1.0 - settings.last)
     return network
 
 

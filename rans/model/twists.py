@@ -7,6 +7,7 @@ thruster changes it by a column. A thruster that is open for a part of the time 
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,43 @@ def balanced(columns: np.ndarray, shared: bool = False) -> np.ndarray:
             ahead = part > _PARALLEL
             reach = (support[ahead] / part[ahead]).min() if ahead.any() else 0.0
             result.append(max(0.0, float(reach)) * size[axis])
+    return np.array(result)
+
+
+def cone_pushes(columns: np.ndarray, shared: bool = False) -> np.ndarray:
+    """Changes of velocity (4,) that are possible in all directions within 45 degrees of +x, -x, +y and -y.
+
+    The spin is balanced. Thrusters at 45 degrees to the axes push least between them.
+
+    Args:
+        columns: (n, 3) of thrusters in the plane that are open for a part of the time.
+        shared: whether the parts sum to 1 at most.
+
+    The polytope reaches support(w) / (w u) along u before a facet with the normal w, so that the least reach of a
+    cone is that along the u of the cone which is nearest to w.
+    """
+    size = np.abs(columns).max(axis=0, initial=0.0)
+    if not (size > 0.0).all():
+        return np.zeros(4)
+    scaled = columns / size
+    edges = scaled
+    if shared:
+        # Every edge of the polytope joins two corners, the columns and the origin.
+        corners = np.vstack([np.zeros(3), scaled])
+        edges = np.array([a - b for a, b in itertools.combinations(corners, 2)])
+    facets = normals(edges)
+    along = np.maximum(facets @ scaled.T, 0.0)
+    support = along.max(axis=1) if shared else along.sum(axis=1)
+    ways = facets[:, :2] / size[:2]
+    result = []
+    for axis in np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
+        ahead = ways @ axis
+        aside = np.abs(ways @ axis[::-1])
+        within = ahead >= aside
+        nearest = np.where(within, np.hypot(ahead, aside), (ahead + aside) / math.sqrt(2.0))
+        reached = nearest > _PARALLEL
+        reach = (support[reached] / nearest[reached]).min() if reached.any() else 0.0
+        result.append(max(0.0, float(reach)))
     return np.array(result)
 
 

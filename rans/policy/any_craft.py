@@ -17,7 +17,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
-from rans.model.twists import balanced
+from rans.model.twists import balanced, cone_pushes
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
 from rans.policy.architecture import Architecture
 from rans.policy.authority import Authority, braking_distance
@@ -92,7 +92,9 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
             f"the agent for any craft flies to a pose, and {craft.name} has no thruster: turn it with "
             "go-to-attitude, by LQR or by an agent of its own (rans train go-to-attitude)."
         )
-    ways = balanced(columns_of(craft), craft.thrust_sharing == "split")
+    columns = columns_of(craft)
+    is_shared = craft.thrust_sharing == "split"
+    ways = balanced(columns, is_shared)
     axes = {2: "z"}.get(craft.dimension, "xyz")
     names = [f"along {sign}{axis}" for axis in "xyz"[: craft.dimension] for sign in "+-"]
     names += [f"about {sign}{axis}" for axis in axes for sign in "+-"]
@@ -101,6 +103,8 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
             f"the thrusters of {craft.name} cannot accelerate it {weak[0]} without turning or pushing it another "
             "way, so that no agent can steer it: the usual cause is a missing or reversed thruster."
         )
+    if craft.dimension == 2:
+        ways[:4] = cone_pushes(columns, is_shared)
     return (period, *map(float, ways))
 
 

@@ -65,7 +65,8 @@ class Architecture:
     `rans.policy.any_craft.effects`."""
     authority: tuple[float, ...] = ()
     """Control period (s), and largest accelerations along +x, -x, +y, -y (m/s^2) and about +z, -z (rad/s^2), of a
-    network for any craft, whose columns are those of `rans.policy.authority`; empty for others."""
+    network for any craft, whose columns are those of `rans.policy.authority`; empty for others. In the plane the
+    linear ones are possible in all directions within 45 degrees of the axis."""
     coast: float = 0.0
     """Control periods for which such a network coasts near the goal (`rans.policy.authority.coasting`); 0: it never
     does, as networks of earlier versions."""

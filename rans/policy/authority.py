@@ -72,7 +72,8 @@ class Authority(NamedTuple):
     period: Field
     """Control period, s."""
     linear: Sequence[Field]
-    """Largest acceleration along +x, -x, +y, -y (and +z, -z) of B, m/s^2, without turning."""
+    """Largest acceleration along +x, -x, +y, -y (and +z, -z) of B, m/s^2, without turning; in the plane that which
+    is possible in all directions within 45 degrees of the axis."""
     angular: Sequence[Field]
     """Largest angular acceleration about +z and -z, in space about +x, -x and so on, rad/s^2, without pushing."""
     least_linear: Field

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from rans.model.authority import authorities
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.twists import balanced
+from rans.model.twists import balanced, cone_pushes
+from rans.randomization.layouts import layouts
 
 
 @pytest.mark.parametrize(
@@ -40,3 +43,33 @@ def test_balanced_authority_is_that_of_linear_programs(name: str) -> None:
 def test_a_craft_that_cannot_push_alone_has_no_authority() -> None:
     tangential = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 0.3], [-1.0, 0.0, 0.3], [0.0, -1.0, 0.3]])
     assert math.isclose(balanced(tangential)[5], 0.0, abs_tol=1e-12)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_pushes_of_a_cone_are_the_least_of_linear_programs(shared: bool) -> None:
+    """Directions 3 degrees apart miss the least one by 1.5 at most, and its reach by less than 2 percent."""
+    (columns,) = layouts(1, 5)
+    parts: dict[str, Any] = {"bounds": (0.0, 1.0)}
+    if shared:
+        parts = {"A_ub": np.ones((1, len(columns))), "b_ub": [1.0]}
+
+    def reach(angle: float) -> float:
+        ahead = np.array([math.cos(angle), math.sin(angle), 0.0])
+        aside = np.array([-math.sin(angle), math.cos(angle), 0.0])
+        balance = columns @ np.array([aside, [0.0, 0.0, 1.0]]).T
+        return -linprog(-columns @ ahead, A_eq=balance.T, b_eq=np.zeros(2), **parts).fun
+
+    expected = [
+        min(reach(math.radians(axis + k)) for k in range(-45, 46, 3)) for axis in (0, 180, 90, 270)
+    ]
+    found = cone_pushes(columns, shared)
+    assert (found <= np.array(expected) + 1e-9).all()
+    assert found == pytest.approx(expected, rel=0.02)
+
+
+def test_two_thrusters_push_between_the_axes_of_the_floating_platform() -> None:
+    """Of eight thrusters of 1 N at 45 degrees four push along an axis, and two between the axes."""
+    craft = load_spacecraft("floating-platform")
+    columns = np.array(craft.wrench_map)
+    assert cone_pushes(columns) == pytest.approx([2.0] * 4)
+    assert balanced(columns)[:4] == pytest.approx([2.0 * math.sqrt(2.0)] * 4)

@@ -1,7 +1,8 @@
 // Authority and control allocation of planar thrusters: rans.policy.allocation and rans.policy.allocated, number by number.
 const ON_OFF = 0, SHARED = 1, CONTINUOUS = 2, WHEEL = 3;  // kinds of effectors, the last number of a token
 
-// Largest changes along +x, -x, +y, -y, +turn and -turn, all other axes being balanced; 0: the axis cannot be pushed alone.
+// Largest changes in all directions within 45 degrees of +x, -x, +y, -y, and of +turn and -turn, all other axes being balanced.
+// 0: the axis cannot be pushed alone.
 function balanced(columns, shared) {
   const size = [0, 1, 2].map(k => Math.max(0, ...columns.map(column => Math.abs(column[k]))));
   if (!size.every(x => x > 0)) return [0, 0, 0, 0, 0, 0];
@@ -12,10 +13,15 @@ function balanced(columns, shared) {
     const along = scaled.map(column => Math.max(0, product(normal, column)));
     return {normal, support: shared ? Math.max(0, ...along) : along.reduce((sum, x) => sum + x, 0)};
   });
+  const ways = facets.map(({normal}) => normal.map((x, k) => x / size[k]));
   return [0, 1, 2].flatMap(axis => [1, -1].map(sign => {
-    const ahead = facets.filter(({normal}) => sign * normal[axis] > 1e-9);
-    const reach = ahead.length ? Math.min(...ahead.map(({normal, support}) => support / (sign * normal[axis]))) : 0;
-    return Math.max(0, reach) * size[axis];
+    // A facet is first reached along the direction of the cone that is nearest to its normal.
+    const nearest = ways.map(way => {
+      const ahead = sign * way[axis], aside = axis < 2 ? Math.abs(way[1 - axis]) : 0;
+      return ahead >= aside ? Math.hypot(ahead, aside) : axis < 2 ? (ahead + aside) / Math.SQRT2 : ahead;
+    });
+    const reached = nearest.map((x, k) => x > 1e-9 ? facets[k].support / x : Infinity), least = Math.min(...reached);
+    return Number.isFinite(least) ? Math.max(0, least) : 0;
   }));
 }
 // Least support of the twists over all directions, without units: rans.randomization.layouts.authority_margin.
