@@ -29,7 +29,7 @@ PRICE = 0.1
 """Price of the velocity change that thrusters give, summed over them, in units of squared errors."""
 FALL = {2: 2.0, 3: 0.0}
 """Power of an authority margin below 1 by which the price of on/off thrusters falls, by dimension. In space
-it has not been judged (docs/decisions/any_craft.md)."""
+it has not been judged (docs/decisions/any_craft_training.md)."""
 PASSES = 6
 """Times that coordinate descent visits every thruster. Errors that are left are demanded in the next period."""
 MOST_SUBSETS = 4096
