@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from rans.model.drift import Drift, velocity_to_reach
+from rans.model.drift import ClohessyWiltshire, Drift, PerturbedOrbit, velocity_to_reach
 from rans.model.fields import at_least, map_leaves, where
 
 _COASTING_PART = 0.8
@@ -33,7 +33,8 @@ def staying_velocity(
 
     It is the craft's own while a coast of one control period keeps within 0.8 of both tolerances. Elsewhere it
     is that of a coast to the goal, at about a quarter of the velocity tolerance from the edge of the position
-    tolerance, and in ten control periods at least. Near the goal the return is stopped.
+    tolerance, and in ten control periods at least. Near the goal the return ends: on a circular orbit with a
+    velocity from which the craft circles around the goal and does not drift away, elsewhere at a low speed.
 
     Args:
         drift: motion of a free point.
@@ -56,4 +57,19 @@ def staying_velocity(
         slow = (goal.v - v).norm() < velocity_tolerance * _COASTING_PART
         coasts = coasts & near & slow
     back = velocity_to_reach(drift, state.p, goal.p, time + distance * 0.0)
+    if isinstance(drift, ClohessyWiltshire | PerturbedOrbit):
+        returned = distance < position_tolerance * _STOP_DISTANCE
+        around = goal.v + _circling(drift.mean_motion, state.p - goal.p)
+        back = map_leaves(partial(where, returned), around, back)
     return map_leaves(partial(where, coasts), state.v, back)
+
+
+def _circling(mean_motion: float, p: Any) -> Any:
+    """Velocity, m/s, with which a point at p from an equilibrium (Clohessy-Wiltshire) circles around it.
+
+    The point moves on an ellipse, whose center is the equilibrium and which is twice as long along the orbit as
+    radially. In the closed solution of Clohessy and Wiltshire (1960) it does not drift if v_y = -2 n x, and the
+    center is at y - 2 v_x / n.
+    """
+    x, y, *aside = p.columns()
+    return type(p)(0.5 * mean_motion * y, -2.0 * mean_motion * x, *(0.0 * z for z in aside))

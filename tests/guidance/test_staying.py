@@ -47,6 +47,24 @@ def test_a_craft_stays_for_three_hours(behind: float) -> None:
     assert speeds.max() < VELOCITY
 
 
+def test_after_a_return_it_circles_for_ever_without_burns() -> None:
+    """In three orbits after the first two nothing is burnt, from any state, also with a motion along z."""
+    goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    p, v = (
+        vector([2.0, -2.0], [-99.0, -101.0], [0.0, 1.0]),
+        vector([0.02, -0.03], [0.0, 0.01], 0.01),
+    )
+    orbit = round(2.0 * np.pi / DRIFT.mean_motion / PERIOD)
+    for _ in range(2 * orbit):
+        state: Any = SimpleNamespace(p=p, v=v)
+        p, v = DRIFT.carry(
+            p, staying_velocity(DRIFT, state, goal, PERIOD, POSITION, VELOCITY), PERIOD
+        )
+    distances, _, spent = flown(p, v, goal, 3 * orbit)
+    assert distances.max() < POSITION
+    assert spent == 0.0
+
+
 def test_at_an_equilibrium_it_burns_nothing() -> None:
     goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
     _, _, spent = flown(vector(0.0, -101.0, 0.0), vector(0.0, 0.0, 0.0), goal, 100)
