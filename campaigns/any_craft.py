@@ -108,7 +108,7 @@ RECIPES = {
         3, (Stage(198.0, 1.0, 1.0), Stage(174.0, 2.5, 2.5)), layouts=1920, crafts=4096, channels=3
     ),
 }
-"""Trainings of the agents on one H100, by dimension."""
+"""Trainings of the agents, by dimension: on one H200 in the plane, on one H100 in space."""
 CONTESTANTS = "specialist", "any-craft", "LQR", "switching", "MPC"
 """Who flies a craft; the specialist only the craft that it was trained on."""
 _STATED = CONTESTANTS[1:]
