@@ -278,7 +278,7 @@ def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> It
     """Rows of the table of craft that have lost a thruster.
 
     The file lacks each thruster in turn; then 1,024 flights with a thruster that is drawn, of which the file says
-    nothing. Some fly fewer (`_MOST`).
+    nothing. Some fly fewer (`_MOST_OF_EACH`, then `_MOST`).
     """
     who = ", ".join(by)
     yield f"| craft | thrusters that it can spare | in its file: {who} | not in its file: {who} |"
