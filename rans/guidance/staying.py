@@ -16,9 +16,9 @@ a quarter of the speed tolerance, and leaves the rest for errors."""
 _RETURN_PERIODS = 10.0
 """Least time of a return, in control periods: burns last for one and displace a craft by a twentieth of the way."""
 _STOP_DISTANCE = 0.2
-"""Part of the position tolerance within which a return is stopped: twice the way of a period at least."""
+"""Part of the position tolerance within which a return ends: twice the way of a period at least."""
 _STOP_SPEED = 0.4
-"""Least speed of a return, which is stopped, in position tolerances over its time: half of its speed at the end."""
+"""Least speed of a return, which ends near the goal, in position tolerances over its time: half of its speed at the end."""
 
 
 def staying_velocity(
@@ -67,9 +67,9 @@ def staying_velocity(
 def _circling(mean_motion: float, p: Any) -> Any:
     """Velocity, m/s, with which a point at p from an equilibrium (Clohessy-Wiltshire) circles around it.
 
-    The point moves on an ellipse, whose center is the equilibrium and which is twice as long along the orbit as
+    The point moves on an ellipse, whose centre is the equilibrium and which is twice as long along the orbit as
     radially. In the closed solution of Clohessy and Wiltshire (1960) it does not drift if v_y = -2 n x, and the
-    center is at y - 2 v_x / n.
+    centre is at y - 2 v_x / n.
     """
     x, y, *aside = p.columns()
     return type(p)(0.5 * mean_motion * y, -2.0 * mean_motion * x, *(0.0 * z for z in aside))
