@@ -18,7 +18,8 @@ _RETURN_PERIODS = 10.0
 _STOP_DISTANCE = 0.2
 """Part of the position tolerance within which a return ends: twice the way of a period at least."""
 _STOP_SPEED = 0.4
-"""Least speed of a return, which ends near the goal, in position tolerances over its time: half of its speed at the end."""
+"""Least speed of a return that ends near the goal, in position tolerances over its time: half of its
+speed at the end."""
 
 
 def staying_velocity(
