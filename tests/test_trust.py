@@ -184,7 +184,9 @@ def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
     assert found.stdout == "strangers:Task\n", found.stderr
 
 
-def test_a_typed_name_needs_no_trust(run: Path) -> None:
+def test_a_typed_name_needs_no_trust_but_its_run_folder_does(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     command = (
         "train strangers:Task --spacecraft strangers:craft --device cpu --output mine "
         "--set total_timesteps=64 --set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 "
@@ -192,3 +194,9 @@ def test_a_typed_name_needs_no_trust(run: Path) -> None:
     )
     assert main([str(word) for word in command.split()]) == 0
     assert Path("mine/agent.safetensors").exists()
+    # The next process has no typed name: the proposed commands must say it.
+    evaluate = capsys.readouterr().out.split("Next:\n")[1].splitlines()[0]
+    monkeypatch.setattr("rans.registry._typed", set())
+    assert main([*evaluate.split()[1:], "--episodes", "2"]) == 0
+    proposed = capsys.readouterr().out.split("Next:\n")[1].splitlines()
+    assert ["--trust" in line.split() for line in proposed] == [True] * 3

@@ -175,8 +175,10 @@ class Compare:
         guard = ["--guard", *slack] if self.guard else []
         same = [*guard, *as_options(self.start, self.goal, self.zones)]
         same += self._changed("conditions", "seed", "engine")
+        trust = ["--trust"] if self.trust else []
+        same += trust
         view = shlex.join(["rans", "view", run, *controllers, *same])
-        stress = shlex.join(["rans", "stress", run, *controllers, *guard])
+        stress = shlex.join(["rans", "stress", run, *controllers, *guard, *trust])
         # Only a comparison has opponents, certified bounds and a front.
         again = self._changed("episodes", "certified", "output")
         again += [] if self.beside is None else ["--with", *self.beside]

@@ -163,6 +163,7 @@ class Evaluate:
             same += ["--conditions", self.conditions]
         same += as_options(self.start, self.goal, self.zones)
         same += ["--seed", str(self.seed)] if self.seed != EVALUATION_SEED else []
+        same += ["--trust"] if self.trust else []
         # Only this command has its protocols, and its number of episodes suits only itself.
         own = ["--guard-coasts"] if self.guard_coasts else []
         own += ["--protocol", self.protocol] if self.protocol != "own" else []

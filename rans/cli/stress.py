@@ -14,6 +14,7 @@ from rans.cli import check_count
 from rans.cli.options import Former, Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
+from rans.registry import are_files_trusted
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages, writing_at_end
 
@@ -140,4 +141,5 @@ def _show(report: StressReport) -> None:
             f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress."
         )
         if not report.is_partial:
-            console.suggest(shlex.join(["rans", "assure", next(iter(stress.contestants))]))
+            trust = ["--trust"] if are_files_trusted() else []
+            console.suggest(shlex.join(["rans", "assure", next(iter(stress.contestants)), *trust]))

@@ -16,7 +16,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.options import Former
-from rans.cli.train import StopGently, Train, compile_in_this_process
+from rans.cli.train import StopGently, Train, compile_in_this_process, trust_option
 from rans.errors import ConfigError, counted
 from rans.files import command_line
 from rans.show.progress import NowAndThen
@@ -86,6 +86,7 @@ class Sweep:
             )
         if not first:
             return stop.code
+        from rans.fast.learn.recipes import craft_of
         from rans.show.sweep_files import save_sweep
 
         save_sweep(sweep, folder, self.log)
@@ -99,13 +100,16 @@ class Sweep:
             f"{trained or f'{sweep.seconds:.1f} s of training{rate}'}, "
             f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
         )
+        config = sweep.members[0].config
+        trust = trust_option(config, craft_of(config))
         if stop.requested:
-            text += f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
+            again = ["rans", "sweep", "--resume", str(folder), *trust]
+            text += f" Continue with: {shlex.join(again)}"
         Terminal().say(text)
         if not stop.requested:
-            best = str(folder / "best")
             Terminal().suggest(
-                shlex.join(["rans", "evaluate", best]), shlex.join(["rans", "report", str(folder)])
+                shlex.join(["rans", "evaluate", str(folder / "best"), *trust]),
+                shlex.join(["rans", "report", str(folder)]),
             )
         return stop.code
 

@@ -37,6 +37,7 @@ from rans.terminal import Terminal, doing
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
     from rans.fast.learn.trainer import Trainer
+    from rans.model.spacecraft import Spacecraft
 
 _GENTLE = 30.0
 """Largest time that an iteration may continue after Ctrl-C, s."""
@@ -312,9 +313,10 @@ class Train:
         """Commands that a user may want to run next."""
         path = str(trainer.run.path)
         guard = ["--guard"] if trainer.config.guard else []
+        same = [*guard, *trust_option(trainer.config, trainer.engine.craft)]
         commands = [
-            shlex.join(["rans", "evaluate", path, *guard]),
-            shlex.join(["rans", "compare", path, *guard, "--episodes", "16", "--certified", "2"]),
+            shlex.join(["rans", "evaluate", path, *same]),
+            shlex.join(["rans", "compare", path, *same, "--episodes", "16", "--certified", "2"]),
         ]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
         if is_quick and self.task is not None and self.resume is None:
@@ -332,6 +334,13 @@ class Train:
         return commands
 
 
+def trust_option(config: TrainConfig, craft: Spacecraft) -> list[str]:
+    """--trust, if the files of a training name code as MODULE:NAME, which commands then run; else nothing."""
+    expert = str(config.learner.get("expert", ""))
+    named = (config.task, config.spacecraft, config.algorithm, expert)
+    return ["--trust"] if craft.further_effectors or any(":" in name for name in named) else []
+
+
 def compile_in_this_process() -> None:
     """Make torch's compiler run in this process instead of one worker per core, unless the user sets their number.
 
@@ -347,7 +356,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     if trainer.steps == begun and not stopped:
         return (
             f"Nothing was left to train: {path} has {begun:,} steps. Train on with: "
-            + _train_on(path, begun)
+            + _train_on(trainer, begun)
         )
     # How it ended, and what it took.
     ending = (
@@ -369,14 +378,16 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     )
     # What to do next, where the task is not solved.
     if stopped:
-        text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
+        trust = trust_option(trainer.config, trainer.engine.craft)
+        again = ["rans", "train", "--resume", str(path), *trust]
+        text += f" Continue with: {shlex.join(again)}"
     elif trainer.config.solved_share is not None and not trainer.solved:
         reasons = obstacles(trainer.engine.craft, trainer.config.settings, trainer.config.timing)
         advice = (
             f"No seed solves it: {reasons[0]}."
             if reasons
             else f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
-            f"solve it: {_train_on(path, trainer.steps)}; or another --seed."
+            f"solve it: {_train_on(trainer, trainer.steps)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
@@ -407,11 +418,12 @@ def _has_solved(config: TrainConfig, rows: Rows) -> bool:
     return member.solved
 
 
-def _train_on(path: Path, steps: int) -> str:
+def _train_on(trainer: Trainer, steps: int) -> str:
     """Command that trains an agent for twice as many steps, of which two digits count."""
     digits = 10 ** max(0, len(str(2 * steps)) - 2)
     total = max(1, 2 * steps // digits) * digits
-    return shlex.join(["rans", "train", "--resume", str(path), "--total-timesteps", str(total)])
+    words = ["rans", "train", "--resume", str(trainer.run.path), "--total-timesteps", str(total)]
+    return shlex.join([*words, *trust_option(trainer.config, trainer.engine.craft)])
 
 
 def _nominal_hole(trainer: Trainer) -> str:

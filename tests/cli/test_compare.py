@@ -309,3 +309,6 @@ def test_next_commands_have_the_options_of_the_comparison(
         f"  rans view runs/a mpc {same}",
         "  rans stress runs/a mpc",
     ]
+    Compare(("runs/a", "lqr"), trust=True)._suggest(GoToPose())
+    trusting = capsys.readouterr().out.splitlines()[1:]
+    assert ["--trust" in line.split() for line in trusting] == [True] * 3

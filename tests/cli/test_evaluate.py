@@ -219,6 +219,9 @@ def test_next_commands_have_the_options_of_the_last_one(capsys: pytest.CaptureFi
         f"  rans compare runs/a {same} --engine drake",
         f"  rans view runs/a {same} --engine drake",
     ]
+    Evaluate("runs/a", trust=True)._suggest()
+    trusting = capsys.readouterr().out.splitlines()[1:]
+    assert ["--trust" in line.split() for line in trusting] == [True] * 3
     Evaluate("runs/a", protocol="paper", full=True)._suggest()
     assert (
         capsys.readouterr().out.splitlines()[1]

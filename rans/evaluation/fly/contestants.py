@@ -17,7 +17,7 @@ from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.lookahead import looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.registry import typed
+from rans.registry import are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
 
 
@@ -144,12 +144,15 @@ def judged_separately(spec: str) -> list[str]:
 def view_command(
     who: Iterable[str], task: Task, conditions: str | None, episode: int, seed: int
 ) -> str:
-    """Command that shows an episode of contestants again, with ``--trust`` if the task is of a user's module."""
+    """Command that shows an episode of contestants again.
+
+    It has ``--trust`` if files are trusted, or the task is of a user's module.
+    """
     options = ["--conditions", conditions] if conditions else []
     options += ["--episode", str(episode), "--seed", str(seed)]
-    return shlex.join(
-        ["rans", "view", *who, *options, *([] if registered_name(task) else ["--trust"])]
-    )
+    if are_files_trusted() or not registered_name(task):
+        options += ["--trust"]
+    return shlex.join(["rans", "view", *who, *options])
 
 
 def _named_setup(contestant_name: ContestantName) -> Setup:
