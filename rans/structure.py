@@ -64,6 +64,41 @@ def read_toml(text: str) -> dict[str, Any]:
         raise ConfigError(f"this is not valid TOML: {error}.") from error
 
 
+_TELLING = {
+    "spacecraft": ("dimension", "thruster", "wheel", "actuators", "solid"),
+    "conditions": ("body", "thrusters", "faults", "disturbances", "sensors", "layouts", "others"),
+    "recipe": ("task", "ppo", "settings", "total_timesteps", "curriculum", "gpu"),
+}
+"""Keys that only files of one kind have."""
+
+
+def kind_of_file(table: Mapping[str, Any]) -> str:
+    """Kind of a TOML file by its keys, "spacecraft", "conditions" or "recipe"; empty if none or several fit.
+
+    One table [thruster] is that of conditions with a slip, since a spacecraft has [[thruster]] tables.
+    """
+    keys = set(table)
+    if isinstance(table.get("thruster"), Mapping):
+        keys = keys - {"thruster"} | {"thrusters"}
+    kinds = [kind for kind, telling in _TELLING.items() if not keys.isdisjoint(telling)]
+    return kinds[0] if len(kinds) == 1 else ""
+
+
+def refuse_other_file(table: Mapping[str, Any], expected: str) -> None:
+    """Refuse a table of a file of another kind than the expected one; see `kind_of_file`.
+
+    Raises:
+        ConfigError: it is of another kind; the message says what each kind of file is for.
+    """
+    kind = kind_of_file(table)
+    if kind not in ("", expected):
+        raise ConfigError(
+            f"this is a {kind} file by its keys, {', '.join(table)}, and a {expected} file is expected. The usual "
+            "cause is that two files are exchanged: --conditions takes conditions, --spacecraft and NAME@FILE take "
+            "a spacecraft, and `rans train FILE` takes a recipe."
+        )
+
+
 def _check_effort(text: str) -> None:
     """Reject texts that would keep Python's TOML reader, which has no limits, busy for minutes."""
     if len(text) > LARGEST_TOML:

@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 from rans.errors import ConfigError
+from rans.fast.learn.recipes import training
 from rans.model.solids import MOST_SOLIDS, with_meshes
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+from rans.randomization.conditions_file import load_conditions
 from rans.structure import read_toml
 
 PARTS = "a." * 20_000 + "b = 1"
@@ -60,3 +63,37 @@ def test_a_mesh_is_not_read_as_often_as_one_likes(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\n")
     with pytest.raises(ConfigError, match=f"at most {MOST_SOLIDS} meshes, got 201"):
         with_meshes('mesh = "a.obj"\n' * (MOST_SOLIDS + 1), tmp_path)
+
+
+FILES = {
+    "spacecraft": spacecraft_text("floating-platform"),
+    "conditions": "[thrusters]\nlatency = 0.1\n",
+    "recipe": 'task = "go-to-pose"\nspacecraft = "floating-platform"\n[settings]\nthrust_weight = 0.1\n',
+}
+READERS = {
+    "spacecraft": load_spacecraft,
+    "conditions": load_conditions,
+    "recipe": lambda file: training(str(file), device="cpu"),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize("expected", READERS)
+def test_a_file_of_another_kind_is_called_by_its_kind(
+    kind: str, expected: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(FILES[kind])
+    if kind == expected:
+        READERS[expected](file)
+    else:
+        with pytest.raises(ConfigError, match=rf"mine.toml: .*{kind} file.*{expected} file"):
+            READERS[expected](file)
+
+
+def test_one_thruster_table_in_conditions_is_a_slip(tmp_path: Path) -> None:
+    """Not a spacecraft, whose thrusters are [[thruster]] tables."""
+    file = tmp_path / "mine.toml"
+    file.write_text("[thruster]\nlatency = 0.1\n")
+    with pytest.raises(ConfigError, match="did you mean thrusters"):
+        load_conditions(file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +36,7 @@ from rans.show.tables.listing import (
     task_listings,
     thruster_listing,
 )
-from rans.structure import LARGEST_TOML, read_toml
+from rans.structure import LARGEST_TOML, kind_of_file, read_toml
 from rans.tasks import TASKS, Task, gymnasium_ids, observation_columns
 from rans.tasks.derived import dimensions
 from rans.tasks.formula import reward_formulas
@@ -122,14 +122,11 @@ class List:
 def _kind_of_file(file: Path) -> str:
     """Kind of a TOML file: conditions if its keys are those of conditions, else spacecraft."""
     try:
-        keys = read_toml(read_text(file, LARGEST_TOML)).keys()
+        table = read_toml(read_text(file, LARGEST_TOML))
     except ConfigError:
         return "spacecraft"
-    return (
-        "conditions"
-        if keys and keys <= {"base", *(field.name for field in fields(Conditions))}
-        else "spacecraft"
-    )
+    kind = kind_of_file(table)
+    return "conditions" if kind == "conditions" or (not kind and "base" in table) else "spacecraft"
 
 
 def _kind_of_object(reference: str) -> str:

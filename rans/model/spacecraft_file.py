@@ -20,7 +20,7 @@ from rans.model.slosh import Slosh
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry, typed
-from rans.structure import LARGEST_TOML, read_toml, structure
+from rans.structure import LARGEST_TOML, read_toml, refuse_other_file, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia")
 _OPTIONAL = {"thruster", "solid", "wheel", "effector"} | {
@@ -182,7 +182,9 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
         ConfigError: a key or value is wrong; the message names the source, the key, the value and the bound.
     """
     try:
-        return _build(read_toml(text))
+        table = read_toml(text)
+        refuse_other_file(table, "spacecraft")
+        return _build(table)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
 

@@ -12,7 +12,7 @@ from rans.errors import ConfigError, brief, text_of_name
 from rans.files import distinct, read_text
 from rans.randomization.conditions import Conditions
 from rans.registry import Registry, resolve
-from rans.structure import LARGEST_TOML, merged, read_toml, structure
+from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 
 
 class DescribedConditions(NamedTuple):
@@ -25,7 +25,9 @@ class DescribedConditions(NamedTuple):
 def _described(entry: Any) -> DescribedConditions:
     """Conditions with their text, from a TOML text or from `Conditions`."""
     if isinstance(entry, str):
-        table = _inherited(read_toml(entry))
+        table = read_toml(entry)
+        refuse_other_file(table, "conditions")
+        table = _inherited(table)
         return DescribedConditions(entry, structure(table, Conditions, "conditions"))
     if not isinstance(entry, Conditions):
         raise ConfigError(

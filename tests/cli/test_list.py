@@ -210,6 +210,8 @@ def test_a_file_of_conditions_is_known_from_a_spacecraft(
     file.write_text("[thrusters]\nlatency = [0.0, 0.1]\n")
     assert listed(capsys, str(file)) == file.read_text()
     assert json.loads(listed(capsys, str(file), "--json"))["thrusters"]["latency"] == [0.0, 0.1]
+    file.write_text('base = "lab"\ndescription = "as in the laboratory"\n')
+    assert listed(capsys, str(file)) == file.read_text()
     file.write_text("[thrusters]\nlatncy = 0.1\n")
     assert "'latncy' (did you mean latency?)" in refused(capsys, str(file))
     file.write_text("wings = 2\n")

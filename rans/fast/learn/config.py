@@ -520,7 +520,10 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
         ConfigError: a key or value is wrong.
     """
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
-        raise ConfigError('a training config must name its task: {"task": "go-to-pose", ...}.')
+        raise ConfigError(
+            'a training must name its task: task = "go-to-pose" in a recipe, "task": "go-to-pose" in a '
+            "config.json."
+        )
     table = _with_learner(table)
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
     timing = table.get("timing", {})

@@ -23,7 +23,7 @@ from rans.pretrained import RECIPE_FOLDER, agent_recipes, present_agent
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.renamed import with_present_names
-from rans.structure import LARGEST_TOML, merged, read_toml, structure
+from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 from rans.tasks import TASKS
 
 RECIPES: tuple[str, ...] = tuple(agent_recipes())
@@ -204,6 +204,7 @@ def _config(file: Path, device: str) -> TrainConfig:
 def _table(file: Path) -> dict[str, Any]:
     """Table of a recipe file merged over that of its ``base``."""
     table = read_toml(read_text(file, LARGEST_TOML))
+    refuse_other_file(table, "recipe")
     base = table.pop("base", None)
     if base is None:
         return _with_present_names(table, table.get("task"))
