@@ -153,9 +153,9 @@ def structure(table: Any, cls: type[T], where: str) -> T:
         return _converter().structure(table, cls)
     except Exception as error:  # cattrs collects the exceptions of all values in groups
         reasons = cattrs.transform_error(error, path=where, format_exception=_say)
-        # cattrs appends the position to each reason; put it first.
+        # cattrs appends the position to each reason; put it first, as the subject of what must be.
         sentences = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
-        raise ConfigError(f"{'; '.join(sentences)}.") from error
+        raise ConfigError(f"{'; '.join(sentences).replace(': must ', ' must ')}.") from error
 
 
 @cache
@@ -175,7 +175,8 @@ def _converter() -> cattrs.Converter:
         lambda value, _: _strict(value, int if type(value) is int else float),
     )
     converter.register_structure_hook_factory(
-        lambda kind: get_origin(kind) is tuple and get_args(kind)[1:] == (...,), _refusing_texts
+        lambda kind: get_origin(kind) is tuple and len({*get_args(kind)} - {...}) == 1,
+        _refusing_texts,
     )
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
     converter.register_structure_hook_func(ranges, partial(_range, converter))
@@ -193,16 +194,20 @@ def _accepting_former_names(kind: type, converter: cattrs.Converter) -> Callable
 
 
 def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
-    """Hook of cattrs for a tuple of any length, which would take a text for the list of its characters."""
+    """Hook of cattrs for a tuple of values of one type, which would take a text for the list of its characters."""
     of = list[get_args(kind)[0]]
+    size = None if ... in get_args(kind) else len(get_args(kind))
     usual = converter.get_structure_hook(of)
 
     def hook(value: Any, _: Any) -> Any:
         if isinstance(value, str | Mapping):
             raise ConfigError(
-                f"expected a list, such as [0.5, 4.5], with texts and keys in double quotes, got {brief(value)}"
+                f"must be a list, such as [0.5, 4.5], with texts and keys in double quotes, got {brief(value)}"
             )
-        return tuple(usual(value, of))
+        result = tuple(usual(value, of))
+        if size not in (None, len(result)):
+            raise ConfigError(f"must be a list of {size} values, got {brief(value)}")
+        return result
 
     return hook
 
@@ -213,7 +218,7 @@ def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
     pair = isinstance(value, list | tuple)
     if len(value) != 2 if pair else type(value) not in (int, float):
         raise ConfigError(
-            "expected a number, or the least and the largest of two, such as [0.0, 0.1], got "
+            "must be a number, or the least and the largest of two, such as [0.0, 0.1], got "
             f"{brief(value)}"
         )
     return converter.structure(value, tuple[float, float] if pair else float)
@@ -226,8 +231,17 @@ def _strict(value: Any, kind: type) -> Any:
     if kind is int and type(value) is float and value.is_integer():
         return int(value)  # 1e6
     if type(value) is not kind:
-        raise ConfigError(f"expected {kind.__name__}, got {brief(value)}")
+        raise ConfigError(f"must be {_IN_WORDS[kind]}, got {brief(value)}")
     return value
+
+
+_IN_WORDS: dict[type, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text in quotes",
+}
+"""What users write for a value of a type."""
 
 
 _OTHERS = {"delay": "latency", "lag": "latency", "dead_time": "latency", "thrust": "force"}
@@ -257,10 +271,10 @@ def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
     if isinstance(error, AttributeError):  # cattrs reads the keys of any value
-        return 'expected a table, such as {"key": value}'
+        return 'must be a table, such as {"key": value}'
     if isinstance(error, TypeError):
-        return "expected a table or a list of values, such as [0.5, 4.5]"
+        return f"must be {'a table' if is_dataclass(kind) else 'a list, such as [0.5, 4.5]'}"
     if get_origin(kind) is Literal:
         value, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
-        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {brief(value)}"
+        return f"must be {' or '.join(map(repr, get_args(kind)))}, got {brief(value)}"
     return str(error)

@@ -139,7 +139,7 @@ def test_an_interrupt_keeps_what_there_is(
         (["go-to-pose", "--set", "seed=1,2"], "would train the same 8 times; add --seeds 1"),
         pytest.param(
             ["go-to-pose", "--seeds", "1", "--set", "seed=" + "[" * 50_000],
-            "config.seed: expected int, got '[[[",
+            "config.seed must be a whole number, got '[[[",
             id="deeper than JSON goes",
         ),
         (["go-to-pose", "--output", "."], ". exists already"),

@@ -53,7 +53,7 @@ def test_a_mesh_travels_with_its_spacecraft(tmp_path: Path, quote: str) -> None:
 @pytest.mark.parametrize(
     ("solid", "said"),
     [
-        ('shape = "torus"\nsize = [1.0]', "expected 'box' or 'cylinder' or"),
+        ('shape = "torus"\nsize = [1.0]', "must be 'box' or 'cylinder' or"),
         ('shape = "box"\nsize = [1.0]', r"size of a box must be \[x, y, z\]"),
         ('shape = "sphere"\nsize = [0.0]', "each from 1e-6"),
         ('shape = "sphere"\nsize = [nan]', "each from 1e-6"),

@@ -46,9 +46,9 @@ def test_only_what_is_not_the_default_is_written() -> None:
             r"conditions\.thrusters: unknown .* 'latensy' \(did you mean latency\?\)",
         ),
         ("[sensors]\nnoise = 0.1", r"conditions\.sensors: unknown key 'noise'"),
-        ('[body]\nmass = "2 kg"', r"conditions\.body\.mass: expected a number, or .*, got '2 kg'"),
-        ("[body]\nmass = [1.0]", r"conditions\.body\.mass: expected a number, or .*, got \[1\.0\]"),
-        ("[body]\nmass = true", r"conditions\.body\.mass: expected a number, or .*, got True"),
+        ('[body]\nmass = "2 kg"', r"conditions\.body\.mass must be a number, or .*, got '2 kg'"),
+        ("[body]\nmass = [1.0]", r"conditions\.body\.mass must be a number, or .*, got \[1\.0\]"),
+        ("[body]\nmass = true", r"conditions\.body\.mass must be a number, or .*, got True"),
         (
             "[body]\nmass = [2, 1]",
             r"body\.mass must be .* the least and the largest of two, got \(2\.0, 1\.0\)",

@@ -143,13 +143,13 @@ def test_through_json_and_back() -> None:
     [
         (
             {"start": "near"},
-            r"config\.curriculum\[0\]\.start: expected a number, or .*, got 'near'",
+            r"config\.curriculum\[0\]\.start must be a number, or .*, got 'near'",
         ),
         (
             {"start": [1, 2, 3]},
-            r"config\.curriculum\[0\]\.start: expected a number, or .*, got \[1, 2, 3\]",
+            r"config\.curriculum\[0\]\.start must be a number, or .*, got \[1, 2, 3\]",
         ),
-        ({"duration": 2.5}, r"config\.curriculum\[0\]\.duration: expected int, got 2\.5"),
+        ({"duration": 2.5}, r"config\.curriculum\[0\]\.duration must be a whole number, got 2\.5"),
         ({"ends": 1}, r"config\.curriculum\[0\]: unknown key 'ends'"),
     ],
 )
