@@ -5,6 +5,8 @@ Nothing here imports torch, so that the answer comes at once.
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import takewhile
@@ -106,6 +108,8 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
     """
     flags = dict(_flags(command))
     _check_words(name, command, words)
+    if name in _TAKE_A_TASK and words:
+        _check_is_task(name, words[0])
     for k, word in enumerate(words):
         flag, _, value = word.partition("=")
         flag = flag.replace("_", "-")
@@ -158,6 +162,31 @@ def _check_words(name: str, command: type, words: Sequence[str]) -> None:
                     else "write --set before each change."
                 )
             )
+
+
+_TAKE_A_TASK = {
+    "train": "--spacecraft {}",
+    "sweep": "--set spacecraft={}",
+    "optimal": "--spacecraft {}",
+}
+"""Commands whose word is a task, with their option for the spacecraft."""
+
+
+def _check_is_task(name: str, word: str) -> None:
+    """Raise ConfigError with what to write for a word such as lqr:go-to-pose-2d@mine.toml, a contestant's name."""
+    from rans.tasks import TASKS
+
+    before, at, craft = word.partition("@")
+    bare = re.sub(r"-[23]d(-.*)?$", "", before)
+    task = bare.rpartition(":")[2]
+    is_known = task in TASKS
+    if (not is_known and ":" not in bare) or not (at or (is_known and ":" in before)):
+        return
+    option = f" {_TAKE_A_TASK[name].format(shlex.quote(craft))}" if at else ""
+    raise ConfigError(
+        f"`rans {name}` takes a task, and {word} names {'its spacecraft' if at else 'who flies it'} too: write "
+        f"rans {name} {task if is_known else bare}{option}."
+    )
 
 
 def _plain(hint: Any) -> Any:

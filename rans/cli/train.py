@@ -11,7 +11,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -353,10 +353,11 @@ def compile_in_this_process() -> None:
 def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str:
     """Paragraph about a training: its ending, its steps since ``begun``, its time and its folder."""
     path = trainer.run.path
+    trust = trust_option(trainer.config, trainer.engine.craft)
     if trainer.steps == begun and not stopped:
         return (
             f"Nothing was left to train: {path} has {begun:,} steps. Train on with: "
-            + _train_on(trainer, begun)
+            + _train_on(path, begun, trust)
         )
     # How it ended, and what it took.
     ending = (
@@ -378,7 +379,6 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     )
     # What to do next, where the task is not solved.
     if stopped:
-        trust = trust_option(trainer.config, trainer.engine.craft)
         again = ["rans", "train", "--resume", str(path), *trust]
         text += f" Continue with: {shlex.join(again)}"
     elif trainer.config.solved_share is not None and not trainer.solved:
@@ -387,7 +387,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
             f"No seed solves it: {reasons[0]}."
             if reasons
             else f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
-            f"solve it: {_train_on(trainer, trainer.steps)}; or another --seed."
+            f"solve it: {_train_on(path, trainer.steps, trust)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
@@ -418,12 +418,12 @@ def _has_solved(config: TrainConfig, rows: Rows) -> bool:
     return member.solved
 
 
-def _train_on(trainer: Trainer, steps: int) -> str:
+def _train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:
     """Command that trains an agent for twice as many steps, of which two digits count."""
     digits = 10 ** max(0, len(str(2 * steps)) - 2)
     total = max(1, 2 * steps // digits) * digits
-    words = ["rans", "train", "--resume", str(trainer.run.path), "--total-timesteps", str(total)]
-    return shlex.join([*words, *trust_option(trainer.config, trainer.engine.craft)])
+    words = ["rans", "train", "--resume", str(path), "--total-timesteps", str(total), *trust]
+    return shlex.join(words)
 
 
 def _nominal_hole(trainer: Trainer) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
+import shlex
 import warnings
 from collections.abc import Callable, Collection
 from functools import partial
@@ -12,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, brief, meant, text_of_name
+from rans.errors import ConfigError, brief, meant, meant_file, text_of_name
 from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.pace import misfits
@@ -159,7 +161,13 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 
 def _file_text(given: str) -> str:
-    text = read_text(Path(given), LARGEST_TOML, "the spacecraft file ")
+    file = Path(given)
+    if not os.path.exists(file) and not meant_file(file):
+        raise ConfigError(
+            f"there is no spacecraft file {given}: `rans init {shlex.quote(given)}` writes one to change, and "
+            "`rans list SPACECRAFT` prints the names of those that come with RANS."
+        )
+    text = read_text(file, LARGEST_TOML, "the spacecraft file ")
     return with_meshes(text, Path(given).parent)
 
 

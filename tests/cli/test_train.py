@@ -164,7 +164,7 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(
     craft.unlink()
     capsys.readouterr()
     said = refused(capsys, "first/config.json", "--output", "other")
-    assert "cannot read the spacecraft file my craft.toml" in said
+    assert "there is no spacecraft file my craft.toml" in said
     assert f"--spacecraft {then} uses that of the run" in said
 
 
