@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rans.episode import Guard, Setup
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief, is_finite, positive
 from rans.guard.ahead import SLACK
 from rans.guard.backup import FlownBackup
 from rans.guard.barrier import BarrierProgram, check_throttles
@@ -39,8 +39,8 @@ def safety_filter(
 
     Raises:
         ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, the conditions
-            draw layouts, kinds or least pulses of thrusters, or the slack is no number above 0; or coasts are to be
-            safe, and the task has no zone for them.
+            draw layouts, kinds or least pulses of thrusters, the slack or the time of a coast is no finite number
+            above 0, or coasts are to be safe, and the task has no zone for them.
     """
     task = setup.task
     name = type(task).__name__
@@ -50,10 +50,12 @@ def safety_filter(
             f"a safety filter enforces the constraints of a task, but {name} has none; fly a mission such as "
             "avoid or dock-port, or define constraints in a task of your own."
         )
-    if slack is not None and not 0.0 < slack < math.inf:
+    if slack is not None:
+        positive("the slack of a safety filter, in the unit of each constraint (m or m/s),", slack)
+    if not (isinstance(safe_coasts, bool) or (is_finite(safe_coasts) and safe_coasts > 0.0)):
         raise ConfigError(
-            f"the slack of a safety filter must be a finite number > 0 in the unit of each constraint (m or m/s), "
-            f"got {slack:g}."
+            "safe_coasts must be True (coasts of an orbit), False, or the time of a coast, a finite number of s "
+            f"above 0, got {brief(safe_coasts)}."
         )
     _check_thrusters(setup.conditions)
     expected = Expected.of(setup)
@@ -72,9 +74,7 @@ def safety_filter(
             f"coasts are filtered in missions in space on a circular orbit, such as hold, and {name} is not one."
         )
     orbit = 2.0 * math.pi / drift.mean_motion
-    seconds = orbit if safe_coasts is True else float(safe_coasts)
-    if not 0.0 < seconds < math.inf:
-        raise ConfigError(f"the time of a coast must be a finite number of s > 0, got {seconds:g}.")
+    seconds = orbit if safe_coasts is True else safe_coasts
     return SafeCoasts(result, zone, drift.mean_motion, seconds)
 
 

@@ -227,3 +227,17 @@ def test_next_commands_have_the_options_of_the_last_one(capsys: pytest.CaptureFi
         capsys.readouterr().out.splitlines()[1]
         == "  rans evaluate runs/a --protocol paper --engine drake"
     )
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("guard", [[], ["--guard"]])
+def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
+    guard: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["evaluate", "lqr:avoid-2d", "--episodes", "1", *guard]) == 0
+    assert ("constraints of Avoid" in capsys.readouterr().err) is not bool(guard)

@@ -169,7 +169,7 @@ def test_the_slack_is_set_by_whoever_flies() -> None:
     assert run.guarded(True).guard == BarrierProgram()
     with pytest.raises(ConfigError, match="add --guard"):
         run.guarded(False, 0.05)
-    with pytest.raises(ConfigError, match="finite number > 0"):
+    with pytest.raises(ConfigError, match="finite number above 0"):
         run.guarded(True, 0.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -115,8 +116,15 @@ def test_within_the_approach_coasts_may_lead_anywhere() -> None:
 def test_it_is_refused_where_there_is_no_orbit() -> None:
     with pytest.raises(ConfigError, match="such as hold, and Avoid is not one"):
         safety_filter(Setup(load_spacecraft("floating-platform"), Avoid()), safe_coasts=True)
-    with pytest.raises(ConfigError, match="finite number of s > 0, got -5"):
-        safety_filter(SETUP, safe_coasts=-5.0)
+
+
+@pytest.mark.parametrize("wrong", ["x", -5.0, 0, float("nan"), float("inf"), [1.0], None])
+def test_what_is_no_time_and_no_margin_is_refused_with_its_value(wrong: Any) -> None:
+    with pytest.raises(ConfigError, match=f"safe_coasts must be .*got {re.escape(repr(wrong))}"):
+        safety_filter(SETUP, safe_coasts=wrong)
+    if wrong is not None:
+        with pytest.raises(ConfigError, match=f"slack .*got {re.escape(repr(wrong))}"):
+            safety_filter(SETUP, slack=wrong)
 
 
 def test_the_other_filter_stays_the_one_of_the_craft() -> None:
