@@ -59,17 +59,21 @@ class Identify:
         with doing("identifying: the flights are predicted for every candidate"):
             result = identify(self.logs, self.spacecraft, self.robot, self.window)
         folder = result.write(self.output or Path("identified"))
-        rows = [
-            [
-                row.name + ("" if row.is_identifiable else " (not identifiable)"),
-                f"{row.nominal:.4g}",
-                f"{row.value:.4g}",
-                f"{row.low:.4g} to {row.high:.4g}",
-                row.unit,
+
+        def cells(digits: int) -> list[tuple[str, ...]]:
+            return [
+                (
+                    f"{row.name}, {row.unit}",
+                    f"{row.nominal:.{digits}g}",
+                    f"{row.value:.{digits}g}",
+                    f"{row.low:.{digits}g} to {row.high:.{digits}g}"
+                    if row.is_identifiable
+                    else "not identifiable",
+                )
+                for row in result.rows()
             ]
-            for row in result.rows()
-        ]
-        console.show("Identified", ("quantity", "data sheet", "value", "95 %", "unit"), rows)
+
+        console.show("Identified", ("quantity", "data sheet", "value", "95 %"), cells(4), cells(3))
         # How much better the identified craft predicts the same logs.
         predictions = [
             [channel.name, f"{channel.before:.4g}", f"{channel.after:.4g}", UNITS[channel.name]]

@@ -150,18 +150,21 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     rows = list(csv.reader(io.StringIO(read_text(file, LARGEST_LOG, "the log "))))
     if not rows:
         raise ConfigError(f"the log {file} is empty.")
+    if len(rows[0]) == 1 and ";" in rows[0][0]:
+        raise ConfigError(f"the log {file} has semicolons between its columns: write commas.")
     # The header names the columns, in any order.
     header = [_column(cell, f"the log {file}") for cell in rows[0]]
-    needed = ["time", *POSE_COLUMNS[craft.dimension]]
-    inputs = sorted(
-        (name for name in header if re.fullmatch(r"u\d+", name)), key=lambda name: int(name[1:])
-    )
-    missing = [name for name in needed if name not in header]
-    if missing or inputs != [f"u{k}" for k in range(craft.command_count)]:
-        divided = ": commas divide columns" if len(header) == 1 and ";" in header[0] else ""
+    inputs = [f"u{k}" for k in range(craft.command_count)]
+    needed = ["time", *POSE_COLUMNS[craft.dimension], *inputs]
+    if missing := [name for name in needed if name not in header]:
         raise ConfigError(
-            f"the log {file} must have the columns {', '.join(needed)} and u0 to u{craft.command_count - 1}, "
-            f"got {brief(', '.join(header))}{divided}."
+            f"the log {file} has no {', '.join(missing)} among its columns, {brief(', '.join(rows[0]))}; the "
+            f"commands of {craft.name} are {inputs[0]} to {inputs[-1]}."
+        )
+    if more := [name for name in header if re.fullmatch(r"u\d+", name) and name not in inputs]:
+        raise ConfigError(
+            f"the log {file} has the commands {', '.join(more)} too, but those of {craft.name} are {inputs[0]} to "
+            f"{inputs[-1]}; the usual cause is another spacecraft."
         )
     # Cells: an empty one is NaN, since commands and readings have lines of their own.
     numbers = np.full((len(rows) - 1, len(header)), np.nan)

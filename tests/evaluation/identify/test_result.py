@@ -46,7 +46,13 @@ def test_a_csv_file_gives_the_same_log(flight: FlightLog, tmp_path: Path) -> Non
         assert getattr(again, name) == pytest.approx(getattr(flight, name))
 
 
-def test_the_command_writes_what_training_reads(flight: FlightLog, tmp_path: Path) -> None:
+def test_the_command_writes_what_training_reads(
+    flight: FlightLog,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     file = written(flight, tmp_path / "flight.csv")
     folder = tmp_path / "identified"
     code = main(
@@ -58,6 +64,8 @@ def test_the_command_writes_what_training_reads(flight: FlightLog, tmp_path: Pat
     assert craft.mass == PLATFORM.mass
     assert [t.force for t in craft.thrusters] != [t.force for t in PLATFORM.thrusters]
     assert conditions.sensors.position.noise == pytest.approx(0.005, rel=0.3)
+    # One table, whose units are not in a second one below.
+    assert capsys.readouterr().out.count("force of thruster 0") == 1
 
 
 def test_poses_alone_are_enough(flight: FlightLog, tmp_path: Path) -> None:
@@ -114,7 +122,9 @@ def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
     [
         ("", "is empty"),
         ("t (s),x (m),y (m),heading (deg)\n0,0,0,0\n", "units are s, m, rad"),
-        ("time,x,y\n0,0,0\n", "must have the columns"),
+        ("time (s),x (m),y\n0,0,0\n", r"no heading, u0, .*u7 .* 'time \(s\), x \(m\), y'"),
+        ("time;x;y;heading\n0;0;0;0\n", "commas"),
+        (f"time,x,y,heading,{','.join(f'u{k}' for k in range(9))}\n", "u8 too.*u0 to u7"),
         (
             f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n" + "0,0,zero,0" + ",0" * 8,
             "is no number",
