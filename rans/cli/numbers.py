@@ -110,5 +110,5 @@ def named_numbers(
             raise ConfigError(f"{option} takes {'=..., '.join(names)}=..., got {brief(part)}.")
         values[name] = value
     if are_all_needed and len(values) < len(names):
-        raise ConfigError(f"{option} takes {'=..., '.join(names)}=..., got {brief(text)}.")
+        raise ConfigError(f"{option} takes all of {'=..., '.join(names)}=..., got {brief(text)}.")
     return values

@@ -92,7 +92,10 @@ class Prove:
         from rans.proof import trap as traps
 
         if self.property is None or self.start is None:
-            raise ConfigError("name the --property to keep and the starts, --from, of an agent.")
+            raise ConfigError(
+                "name the --property to keep and the starts, --from, of an agent, as in "
+                "--property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15."
+            )
         keep = named_numbers(self.property, ("speed", "spin"), "--property", are_all_needed=True)
         start = named_numbers(self.start, ("speed", "spin"), "--from", are_all_needed=True)
         off = named_numbers(self.off, ("mass", "thrust", "velocity", "spin", "delay"), "--off")

@@ -97,6 +97,8 @@ class View:
             raise ConfigError(
                 f"--play --save writes a page, whose name must end in .html, got {str(page)!r}."
             )
+        if page is not None or self.play:
+            self._refuse_unused()
         if video is not None:
             from rans.show.scene.video import check_video
 
@@ -109,10 +111,9 @@ class View:
         others = tuple(contestant for contestant in self.contestants if contestant not in folders)
         # Fly, and show or write the flights.
         runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
-        if (self.start or self.goal or self.zones) and (page is not None or self.play or folders):
-            what = "an optimum" if folders else "a page or a view to fly in"
+        if folders and (self.start or self.goal or self.zones):
             raise ConfigError(
-                f"--start, --goal and --zones are for flights, and {what} has its own: leave them out."
+                "--start, --goal and --zones are for flights, and an optimum has its own: leave them out."
             )
         if page is not None:
             return self._write_page(runs, page)
@@ -133,6 +134,16 @@ class View:
         if kind == "page" or frames is video is None:
             self._show(flights)
         return 0
+
+    def _refuse_unused(self) -> None:
+        """Refuse options that change nothing where a person flies: everything is nominal there."""
+        options = ("conditions", "episodes", "start", "goal", "zones", "engine")
+        unused = [f"--{name}" for name in options if getattr(self, name) != getattr(View, name)]
+        if unused:
+            raise ConfigError(
+                f"{', '.join(unused)} would change nothing with --play, whose controls set the goal, delay, "
+                "noise and faults: leave it out."
+            )
 
     def _write_page(self, runs: list[LoadedRun], file: Path) -> int:
         """Write the page of one agent."""

@@ -66,6 +66,26 @@ def test_a_page_in_which_an_agent_flies(capsys: pytest.CaptureFixture[str]) -> N
         assert "page" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--conditions lab",
+        "--engine drake",
+        "--episodes 2",
+        "--start 1 1 0",
+        "--goal 1 1 0",
+        "--zones 1,1,0.2",
+    ],
+)
+def test_what_changes_nothing_where_one_flies_is_refused(
+    option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = ["pretrained:go-to-pose-2d", "--play", "--save", "fly.html", *option.split()]
+    assert main(["view", *wrong]) == 2
+    assert f"{option.split()[0]} would change nothing" in capsys.readouterr().err
+    assert not Path("fly.html").exists()
+
+
 @pytest.mark.slow
 def test_optimal_trajectories_are_shown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -178,8 +178,8 @@ def _picked(setup: Setup, name: ContestantName) -> Setup:
     part = name.part
     parts = setup.task.parts()
     if part and part not in parts:
-        raise ConfigError(
-            f"{brief(name.text)} picks the task {brief(part)}, but there is only "
-            f"{', '.join(parts) or 'one task'}."
+        known = (
+            f"its tasks are {', '.join(parts)}" if parts else "it has neither tasks nor a trade-off"
         )
+        raise ConfigError(f"{brief(name.text)} picks {brief(part)}, but {known}.")
     return setup._replace(task=parts[part]) if part else setup
