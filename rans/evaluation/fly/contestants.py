@@ -178,8 +178,9 @@ def _picked(setup: Setup, name: ContestantName) -> Setup:
     part = name.part
     parts = setup.task.parts()
     if part and part not in parts:
+        names = ", ".join(filter(None, parts))
         known = (
-            f"its tasks are {', '.join(parts)}" if parts else "it has neither tasks nor a trade-off"
+            f"its tasks are {names}" if names else "it has neither several tasks nor a trade-off"
         )
         raise ConfigError(f"{brief(name.text)} picks {brief(part)}, but {known}.")
     return setup._replace(task=parts[part]) if part else setup

@@ -146,7 +146,10 @@ def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) ->
         ("lqr:go-to-poze-2d", "no task named 'go-to-poze'"),
         ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
         ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
-        ("lqr:go-to-pose-2d#go-to-pose", "picks 'go-to-pose', but it has neither tasks nor"),
+        (
+            "lqr:go-to-pose-2d#go-to-pose",
+            "picks 'go-to-pose', but it has neither several tasks nor",
+        ),
         (
             "pretraned:x",
             r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,",
