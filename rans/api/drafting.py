@@ -204,7 +204,8 @@ def init_spacecraft(
             )
         if missing:
             raise ConfigError(
-                f"a spacecraft needs {', '.join(missing)}; or name a base to begin from."
+                f"a spacecraft needs {', '.join(missing)}; or another craft to begin from, by --from NAME, in "
+                "Python base=NAME."
             )
     assert flat is not None
     # Each given value replaces that of the base.

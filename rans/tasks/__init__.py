@@ -133,6 +133,8 @@ def load_task(name: str | Task) -> Task:
     """
     if isinstance(name, Task):
         return name
+    if isinstance(name, type) and issubclass(name, Task):
+        raise ConfigError(f"a task is an object of its class: write {name.__name__}().")
     if not isinstance(name, str):
         raise ConfigError(
             "a task is a name or an object such as rans.GoToPose(thrust_weight=0.05), got "

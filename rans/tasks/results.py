@@ -18,7 +18,10 @@ from rans.tasks.base import Task
 from rans.tasks.observation_terms import ObservationTerm
 from rans.tasks.rewards import Transition
 
-_STATES = "start and goal: `return start, goal`, two states as `random.around(1.0, 2.0)` makes them"
+_STATES = (
+    "start and goal: `return start, goal`, two states as `random.around(1.0, 2.0)` and "
+    "`random.at_rest(random.origin(), random.no_rotation())` make them"
+)
 _TERMS = 'a tuple of entries, such as (VectorInW("d", "m", goal.p - state.p),)'
 _ERRORS = 'a dict of errors by name, such as {"position": (goal.p - state.p).norm()}'
 _REWARDS = 'a dict of terms by name, such as {"position": nearness(error, 0.5)}'
@@ -69,6 +72,8 @@ def _require(task: Task, name: str, result: Any, must: str, holds: Callable[[Any
         return
     code = inspect.unwrap(getattr(type(task), name)).__code__
     got = "nothing, as it has no `return`" if result is None else type(result).__name__
+    if type(result) is tuple:
+        got = f"a tuple of {' and '.join(type(part).__name__ for part in result) or 'nothing'}"
     if isinstance(result, Mapping):
         wrong = [(key, value) for key, value in result.items() if not _is_field(value)]
         if wrong:

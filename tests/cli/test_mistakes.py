@@ -142,7 +142,7 @@ def test_files_and_folders_of_another_kind(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs" / "first").mkdir(parents=True)
-    for name in ("robot.urdf", "wind.yaml", "ms.toml", "runs/first/spacecraft.toml"):
+    for name in ("robot.urdf", "wind.yaml", "ms.toml", "mine.zip", "runs/first/spacecraft.toml"):
         Path(name).touch()
     Path("runs/first/config.json").write_text("{}")
     for typed, said in (
@@ -150,6 +150,7 @@ def test_files_and_folders_of_another_kind(
         ("train go-to-pose --conditions wind.yaml", "does not end in .toml"),
         ("train go-to-pose --spacecraft runs/first", "did you mean runs/first/spacecraft.toml?"),
         ("evaluate runs", "did you mean runs/first?"),
+        ("evaluate mine.zip", "sb3:mine.zip:TASK-2d"),
         ("list pid", "did you mean lqr?"),
     ):
         assert main(typed.split()) == 2

@@ -86,6 +86,10 @@ def test_a_reward_that_is_no_dict_is_named(
             "errors must return a dict of errors",
         ),
         ("def sample(self, random): return random.around(1.0, 2.0)", "start and goal"),
+        (
+            "def sample(self, random): return random.around(1.0, 2.0), random.direction()",
+            "a tuple of PlanarState and Vec2",
+        ),
         ("def reward(self, transition): return {'p': transition.state.p}", "'p' with a Vec2"),
         ("def constraints(self, state, goal): return [state.p.x]", "dict of margins"),
         ("def failed(self, state, goal): pass", "as it has no `return`"),

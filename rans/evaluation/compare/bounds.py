@@ -138,9 +138,9 @@ def goal_set(task: Task) -> GoalSet:
         ConfigError: the task has a drift, a moving goal or constraints, which the bounds do not include.
     """
     if task.drift != FREE or not goal_stands_still(task):
+        has = "a goal that moves" if task.drift == FREE else task.drift.name
         raise ConfigError(
-            "bounds are for free flight to a goal that stands still; "
-            f"{type(task).__name__} has {task.drift.name} or a goal that moves."
+            f"bounds are for free flight to a goal that stands still; {type(task).__name__} has {has}."
         )
     if type(task).constraints is not Task.constraints:
         raise ConfigError(

@@ -111,7 +111,8 @@ def text_of(agent: object) -> str:
         return str(agent)
     raise ConfigError(
         "an agent is given by its name, its run folder or the result of rans.load_agent, as in "
-        f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}."
+        f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}. A policy of Stable-Baselines3 is given by its "
+        "file, 'sb3:mine.zip:go-to-pose-2d', and trust=True."
     )
 
 

@@ -114,6 +114,9 @@ class RunFolder:
             best = self.path / "best"
             if self.path.is_file() and (self.path.parent / "config.json").exists():
                 why = f"it is a file of one; name its folder, {self.path.parent}"
+            elif self.path.suffix in (".zip", ".onnx"):
+                kind = "sb3" if self.path.suffix == ".zip" else "onnx"
+                why = f"a policy of another library has a task in its name, {kind}:{self.path}:TASK-2d"
             elif self.path.exists():
                 within = files.folders_with(self.path, ("config.json",))
                 why = f"it has no config.json{within}"
