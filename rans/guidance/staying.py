@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rans.model.drift import ClohessyWiltshire, Drift, PerturbedOrbit, velocity_to_reach
-from rans.model.fields import at_least, map_leaves, where
+from rans.model.drift import (
+    ClohessyWiltshire,
+    Drift,
+    EllipticOrbit,
+    PerturbedOrbit,
+    velocity_to_reach,
+)
+from rans.model.fields import at_least, map_leaves, where, within
 
 _COASTING_PART = 0.8
 """Part of both tolerances within which a craft coasts on: the rest is for what no coast foresees."""
-_RETURN_TIME = 4.0
-"""Time of a return to the goal, in those that the position tolerance takes at the speed tolerance: it returns at
-a quarter of the speed tolerance, and leaves the rest for errors."""
+_RETURN_TIME = 15.0
+"""Time of a return to the goal, in those that the position tolerance takes at the speed tolerance. A faster return
+costs more, and leaves less of the speed tolerance for errors."""
+_RETURN_ANGLE = 0.5 * math.pi
+"""Largest angle by which an orbit turns in a return, rad: in half a turn no velocity leads across the orbit."""
 _RETURN_PERIODS = 10.0
 """Least time of a return, in control periods: burns last for one and displace a craft by a twentieth of the way."""
 _STOP_DISTANCE = 0.2
@@ -20,6 +30,8 @@ _STOP_DISTANCE = 0.2
 _STOP_SPEED = 0.4
 """Least speed of a return that ends near the goal, in position tolerances over its time: half of its
 speed at the end."""
+_AWAY_PART = 0.5
+"""Part of the position tolerance by which an equilibrium is away from the goal along an axis at most."""
 
 
 def staying_velocity(
@@ -33,9 +45,10 @@ def staying_velocity(
     """Velocity in W, m/s, with which a craft that has arrived stays at a goal where nothing pulls it away.
 
     It is the craft's own while a coast of one control period keeps within 0.8 of both tolerances. Elsewhere it
-    is that of a coast to the goal, at about a quarter of the velocity tolerance from the edge of the position
-    tolerance, and in ten control periods at least. Near the goal the return ends: on a circular orbit with a
-    velocity from which the craft circles around the goal and does not drift away, elsewhere at a low speed.
+    is that of a coast to the goal, at about a fifteenth of the velocity tolerance from the edge of the position
+    tolerance, in ten control periods at least and a quarter of an orbit at most. Near the goal the return ends: on
+    a circular orbit with a velocity from which the craft circles around the goal and does not drift away,
+    elsewhere at a low speed.
 
     Args:
         drift: motion of a free point.
@@ -45,9 +58,10 @@ def staying_velocity(
         position_tolerance: distance within which it stays, m.
         velocity_tolerance: speed within which it stays, m/s.
     """
-    time = at_least(
-        _RETURN_TIME * position_tolerance / velocity_tolerance, _RETURN_PERIODS * period
-    )
+    time = position_tolerance * (_RETURN_TIME / velocity_tolerance)
+    if isinstance(drift, ClohessyWiltshire | EllipticOrbit | PerturbedOrbit):
+        time = within(time, 0.0, _RETURN_ANGLE / drift.mean_motion)
+    time = at_least(time, _RETURN_PERIODS * period)
     distance, speed = (goal.p - state.p).norm(), (goal.v - state.v).norm()
     coasts = (distance > position_tolerance * _STOP_DISTANCE) | (
         speed < position_tolerance * _STOP_SPEED / time
@@ -63,6 +77,54 @@ def staying_velocity(
         around = goal.v + _circling(drift.mean_motion, state.p - goal.p)
         back = map_leaves(partial(where, returned), around, back)
     return map_leaves(partial(where, coasts), state.v, back)
+
+
+def balancing_velocity(
+    drift: Drift,
+    state: Any,
+    goal: Any,
+    period: float,
+    position_tolerance: float,
+    velocity_tolerance: float,
+    acceleration: Any,
+) -> Any:
+    """Velocity in W, m/s, with which a craft that has arrived stays at a goal in a constant acceleration.
+
+    On a circular orbit an acceleration a moves the equilibrium of Clohessy and Wiltshire (1960): radially by
+    -a_x / (3 n^2), and across the orbit by a_z / n^2. The craft stays there as by `staying_velocity`, at most at
+    half of the position tolerance along each axis, and within the tolerance that is left. Thrust balances what is
+    left of the acceleration. Along the orbit, where no point is an equilibrium, that is all of it: no flight that
+    stays needs less in the mean.
+
+    Args:
+        drift: motion of a free point without the acceleration.
+        state: state, with a position and a velocity in W.
+        goal: goal, with a position and a velocity in W.
+        period: control period, s.
+        position_tolerance: distance within which it stays, m.
+        velocity_tolerance: speed within which it stays, m/s.
+        acceleration: constant acceleration in W, m/s^2.
+    """
+    away = goal.p.scale(0.0)
+    balanced = acceleration
+    if isinstance(drift, ClohessyWiltshire | PerturbedOrbit):
+        a_x, a_y, *aside = acceleration.columns()
+        radial, across = -3.0 * drift.mean_motion**2, drift.mean_motion**2
+        most = position_tolerance * _AWAY_PART
+        x = within(a_x * (1.0 / radial), -most, most)
+        side = [within(a_z * (1.0 / across), -most, most) for a_z in aside]
+        away = type(goal.p)(x, 0.0 * x, *side)
+        rest = (a_z - across * z for a_z, z in zip(aside, side, strict=True))
+        balanced = type(goal.p)(a_x - radial * x, a_y, *rest)
+    velocity = staying_velocity(
+        drift,
+        replace(state, p=state.p - away),
+        goal,
+        period,
+        position_tolerance - away.norm(),
+        velocity_tolerance,
+    )
+    return velocity - balanced.scale(period)
 
 
 def _circling(mean_motion: float, p: Any) -> Any:

@@ -12,7 +12,7 @@ from rans.guidance.arrival import TIME_ROUNDING
 from rans.guidance.coasts import Coasts
 from rans.guidance.limits import Limits
 from rans.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
-from rans.guidance.staying import staying_velocity
+from rans.guidance.staying import balancing_velocity, staying_velocity
 from rans.model.drift import (
     EARTH,
     EARTH_RADIUS,
@@ -433,16 +433,20 @@ class OrbitalMission(SingleTask):
         limits = self.guidance_limits(goal)
         return self.guidance_at(goal).velocity(state, goal, left, goal.notes[0], limits)
 
-    def staying(self, state: Any, goal: Any) -> Any:
-        """Velocity in W, m/s, with which a craft that has arrived stays at the goal, however long."""
-        return staying_velocity(
-            self.drift_at(goal),
-            state,
-            goal,
-            self.timing.control_period,
-            self.position_tolerance,
-            self.velocity_tolerance,
-        )
+    def staying(self, state: Any, goal: Any, acceleration: Any = None) -> Any:
+        """Velocity in W, m/s, with which a craft that has arrived stays at the goal, however long.
+
+        Args:
+            state: state.
+            goal: goal.
+            acceleration: constant acceleration in W beside the drift, m/s^2; None: none.
+        """
+        drift = self.drift_at(goal)
+        period = self.timing.control_period
+        tolerances = self.position_tolerance, self.velocity_tolerance
+        if acceleration is None:
+            return staying_velocity(drift, state, goal, period, *tolerances)
+        return balancing_velocity(drift, state, goal, period, *tolerances, acceleration)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Vector to the goal, velocity to gain and of arrival, miss distance, times left, and entries of limits."""

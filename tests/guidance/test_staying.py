@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rans.guidance.staying import staying_velocity
-from rans.model.drift import ClohessyWiltshire
+from rans.guidance.staying import balancing_velocity, staying_velocity
+from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
 from rans.model.fields import Vec3
 
 DRIFT = ClohessyWiltshire(0.0011)
@@ -69,3 +70,43 @@ def test_at_an_equilibrium_it_burns_nothing() -> None:
     goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
     _, _, spent = flown(vector(0.0, -101.0, 0.0), vector(0.0, 0.0, 0.0), goal, 100)
     assert spent == 0.0
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Position and velocity of a craft."""
+
+    p: Vec3
+    v: Vec3
+
+
+@pytest.mark.parametrize("push", [2e-6, -8e-6])
+def test_what_balances_a_force_is_its_mean_along_the_orbit(push: float) -> None:
+    """After two orbits nothing is spent but the product of force and time, the least of any flight that stays.
+
+    Across the orbit 2.9 m are an equilibrium of 3.5e-6 m/s^2, and 2.5 m away 4.75e-7 of these are left. Radially
+    the equilibrium is 1.38 m away.
+    """
+    n = DRIFT.mean_motion
+    goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    acceleration = vector(-5e-6, push, 3.5e-6)
+    # Radially and across it an acceleration moves W's origin, and along the orbit it is a drag.
+    moved = vector(5e-6 / (3.0 * n**2), 0.0, 3.5e-6 / n**2)
+    truth = PerturbedOrbit(n, 0.0, 0.0, -push, 0.0)
+    p, v = vector(1.0, -100.0, 0.0), vector(0.0, 0.01, 0.01)
+    orbit = round(2.0 * np.pi / n / PERIOD)
+    spent = []
+    for _ in range(4 * orbit):
+        new = balancing_velocity(
+            DRIFT, Moving(p, v), goal, PERIOD, POSITION, VELOCITY, acceleration
+        )
+        change = new - v
+        spent.append([float(abs(x)[0]) for x in change.columns()])
+        # A burn in the middle of the period: in the mean as thrust all through it.
+        p, v = truth.carry(p - moved, v, 0.5 * PERIOD)
+        p, v = truth.carry(p, v + change, 0.5 * PERIOD)
+        p = p + moved
+        assert float((p - goal.p).norm()[0]) < POSITION
+    last = np.sum(spent[2 * orbit :], axis=0)
+    seconds = 2.0 * orbit * PERIOD
+    assert last == pytest.approx([0.0, abs(push) * seconds, 4.75e-7 * seconds], rel=1e-6, abs=1e-9)

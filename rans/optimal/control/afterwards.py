@@ -93,11 +93,20 @@ class Afterwards:
         self._times = np.where(again, self._times - self._period, 0.0)
         return goal
 
-    def commands(self, state: Any, goal: Any, others: np.ndarray) -> np.ndarray:
-        """Commands (N, commands) with which craft that stay do so, and ``others`` of those that do not."""
+    def commands(
+        self, state: Any, goal: Any, others: np.ndarray, acceleration: Any = None
+    ) -> np.ndarray:
+        """Commands (N, commands) with which craft that stay do so, and ``others`` of those that do not.
+
+        Args:
+            state: states (N,).
+            goal: goals.
+            others: commands (N, commands).
+            acceleration: constant acceleration of each in W beside the drift, m/s^2; None: none.
+        """
         if not self.stays.any():
             return others
-        change = self._mission.staying(state, goal) - state.v
+        change = self._mission.staying(state, goal, acceleration) - state.v
         level = type(state.attitude)(*_LEVEL[len(leaves(state.attitude))])
         force = state.attitude.to(level).rotate(map_leaves(self._force, change))
         rows = np.stack(np.broadcast_arrays(*leaves(force)), axis=1)

@@ -128,8 +128,11 @@ class MissionGuidance(ModelBased):
         self._early = 0.0
         """Time by which a craft that brakes arrives before the planned arrival, s."""
         self._filter: NavigationFilter | None = None
-        if max(position, noise, inexact, self._late, *growths) > 0.0:
-            self._early = _EARLY * self._period if self._given.brakes else 0.0
+        if max(position, noise, inexact, self._late, *growths) > 0.0 and self._given.brakes:
+            self._early = _EARLY * self._period
+        self._pushed = pushed > 0.0
+        """Whether it expects a force, and balances it once it stays."""
+        if max(position, noise, inexact, self._late, *growths, pushed) > 0.0:
             self._filter = NavigationFilter(
                 self._mission.drift,
                 self._craft.dimension,
@@ -201,7 +204,10 @@ class MissionGuidance(ModelBased):
         command = np.clip(_rows(in_body, state) @ self._levers.T, 0.0, 1.0)
         if self._counts is not None:
             command = np.floor(command * self._counts) / self._counts
-        command = self._afterwards.commands(state, goal, command)
+        acceleration = None
+        if self._filter is not None and self._pushed:
+            acceleration = type(state.p)(*self._filter.acceleration().T)
+        command = self._afterwards.commands(state, goal, command, acceleration)
         if self._filter is not None:
             burn_in_body = type(state.p)(*(command @ self._changes).T)
             burn = _rows(self._identity.to(state.attitude).rotate(burn_in_body), state)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from rans.model.drift import Drift, steady
 from rans.model.fields import Vec2, Vec3
+
+STEADY_TIME = 6000.0
+"""Time in which an unknown acceleration becomes another one, s: about that of a low orbit."""
 
 
 class NavigationFilter:
@@ -26,8 +30,9 @@ class NavigationFilter:
         burns: standard deviation of the change of velocity of a burn, as a share of it.
         position_per_m: growth of the noise of positions with the distance to the origin of W, m per m.
         velocity_per_m: the same of velocities, m/s per m.
-        acceleration: standard deviation of every component of an unknown acceleration in a period, m/s^2. With zero
-            the filter trusts its equations more with every reading, and a constant force leads it astray.
+        acceleration: standard deviation of every component of an unknown acceleration, m/s^2, which is estimated
+            too. It is a Gauss-Markov process with a time constant of `STEADY_TIME`. With zero the filter trusts its
+            equations more with every reading, and a constant force leads it astray.
     """
 
     def __init__(
@@ -44,25 +49,33 @@ class NavigationFilter:
     ) -> None:
         # The drift is linear: its transition is what becomes of the unit vectors.
         vector: Any = Vec2 if dimension == 2 else Vec3
-        basis = np.eye(2 * dimension)
+        d = dimension
+        basis = np.eye(2 * d)
         steady(drift, "a navigation filter computes its matrix once")
-        p, v = drift.carry(vector(*basis[:dimension]), vector(*basis[dimension:]), 0.5 * period)
-        self._half = np.array(
-            [np.broadcast_to(x, 2 * dimension) for x in (*p.columns(), *v.columns())]
+        half = 0.5 * period
+        p, v = drift.carry(vector(*basis[:d]), vector(*basis[d:]), half)
+        motion = [np.broadcast_to(x, 2 * d) for x in (*p.columns(), *v.columns())]
+        keeps = math.exp(-half / STEADY_TIME)
+        # The drift changes little in half a period, and what an acceleration does with it.
+        self._half = np.block(
+            [
+                [np.array(motion), np.kron([[0.5 * half**2], [half]], np.eye(d))],
+                [np.zeros((d, 2 * d)), keeps * np.eye(d)],
+            ]
         )
-        """Transition over half a period, (2 d, 2 d)."""
+        """Transition over half a period of position, velocity and acceleration, (3 d, 3 d)."""
         self._whole = self._half @ self._half
         # Exact readings have a little noise too, so that no matrix is singular.
-        self._deviations = np.repeat((max(position, 1e-6), max(velocity, 1e-9)), dimension)
-        self._growth = np.repeat((position_per_m, velocity_per_m), dimension)
+        self._deviations = np.repeat((max(position, 1e-6), max(velocity, 1e-9)), d)
+        self._growth = np.repeat((position_per_m, velocity_per_m), d)
         self._burns = burns
-        # An acceleration over a period, as a change of position and velocity at its end.
-        pushed = np.vstack([0.5 * period * np.eye(dimension), np.eye(dimension)]) * period
-        self._pushes = acceleration**2 * pushed @ pushed.T
-        """Covariance of what an unknown acceleration does in a period, (2 d, 2 d)."""
-        self._dimension = dimension
+        self._pushes = np.zeros((3 * d, 3 * d))
+        """Covariance of what a period adds, (3 d, 3 d): changes of the acceleration."""
+        self._pushes[2 * d :, 2 * d :] = acceleration**2 * (1.0 - keeps**4) * np.eye(d)
+        self._acceleration = np.full(d, acceleration)
+        self._dimension = d
         self._mean: np.ndarray | None = None
-        self._covariance = np.diag(self._deviations**2)[None]
+        self._covariance = np.empty(0)
 
     def reset(self) -> None:
         """Forget everything: the next reading is the first."""
@@ -70,20 +83,31 @@ class NavigationFilter:
 
     def read(self, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Estimate (N, 2 d) and covariance (N, 2 d, 2 d) after a reading (N, 2 d): positions, then velocities."""
+        read = len(self._deviations)
+        size = read + self._dimension
         if self._mean is None:
-            self._mean = reading
-            self._covariance = self._noise(reading)
+            self._mean = np.pad(reading, ((0, 0), (0, self._dimension)))
+            self._covariance = np.zeros((len(reading), size, size))
+            self._covariance[:, :read, :read] = self._noise(reading)
+            self._covariance[:, read:, read:] = np.diag(self._acceleration**2)
         else:
             before = self._covariance
             noise = self._noise(self._mean)
-            # Both are symmetric, so that the transposed gain solves this system.
-            gain = np.linalg.solve(before + noise, before).transpose(0, 2, 1)
-            self._mean = self._mean + (gain @ (reading - self._mean)[:, :, None])[:, :, 0]
-            complement = np.eye(len(self._deviations)) - gain
+            # All are symmetric, so that the transposed gain solves this system.
+            seen = before[:, :read, :read] + noise
+            gain = np.linalg.solve(seen, before[:, :read]).transpose(0, 2, 1)
+            missed = reading - self._mean[:, :read]
+            self._mean = self._mean + (gain @ missed[:, :, None])[:, :, 0]
+            complement = np.eye(size) - np.pad(gain, ((0, 0), (0, 0), (0, self._dimension)))
             of_before = complement @ before @ complement.transpose(0, 2, 1)
             of_reading = gain @ noise @ gain.transpose(0, 2, 1)
             self._covariance = of_before + of_reading
-        return self._mean, self._covariance
+        return self._mean[:, :read], self._covariance[:, :read, :read]
+
+    def acceleration(self) -> np.ndarray:
+        """Estimated acceleration (N, d), m/s^2, after a reading."""
+        assert self._mean is not None
+        return self._mean[:, 2 * self._dimension :]
 
     def _noise(self, estimate: np.ndarray) -> np.ndarray:
         """Covariances (N, 2 d, 2 d) of readings where craft are by an estimate (N, 2 d)."""
@@ -96,9 +120,9 @@ class NavigationFilter:
         assert self._mean is not None
         d = self._dimension
         halfway = self._mean @ self._half.T
-        halfway[:, d:] += change
+        halfway[:, d : 2 * d] += change
         self._mean = halfway @ self._half.T
-        spread = np.zeros((len(change), 2 * d, 2 * d))
+        spread = np.zeros((len(change), 3 * d, 3 * d))
         axes = np.arange(d, 2 * d)
         spread[:, axes, axes] = (self._burns * change) ** 2
         self._covariance = (
