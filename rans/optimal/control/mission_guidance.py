@@ -56,10 +56,11 @@ class MissionGuidance(ModelBased):
     After the arrival it stays at the goal, and after a deadline that was missed it plans again
     (`rans.optimal.control.afterwards`): in a simulator that does not end it flies on for ever.
 
-    With known errors it estimates position and velocity by a Kalman filter, gives no correction below two standard
-    deviations, expects the mean command delay, stays farther below speed limits, and arrives at a hold point four
-    control periods sooner. Burns of pulsed thrusters are rounded down to whole pulses, except by missions that
-    brake at the arrival. What is missing is given once it has grown to a pulse.
+    With known errors it estimates position, velocity and a constant force by a Kalman filter, gives no correction
+    below two standard deviations, expects the mean command delay, stays farther below speed limits, and arrives at
+    a hold point four control periods sooner. Once it stays it balances the force. Burns of pulsed thrusters are
+    rounded down to whole pulses, except by missions that brake at the arrival. What is missing is given once it has
+    grown to a pulse.
 
     Args:
         craft: by name, TOML file or as such; it has one throttled or pulsed thruster either way along each axis.
@@ -128,11 +129,10 @@ class MissionGuidance(ModelBased):
         self._early = 0.0
         """Time by which a craft that brakes arrives before the planned arrival, s."""
         self._filter: NavigationFilter | None = None
-        if max(position, noise, inexact, self._late, *growths) > 0.0 and self._given.brakes:
+        uncertain = max(position, noise, inexact, self._late, *growths) > 0.0
+        if uncertain and self._given.brakes:
             self._early = _EARLY * self._period
-        self._pushed = pushed > 0.0
-        """Whether it expects a force, and balances it once it stays."""
-        if max(position, noise, inexact, self._late, *growths, pushed) > 0.0:
+        if uncertain or (pushed > 0.0 and self._given.drift.steady):
             self._filter = NavigationFilter(
                 self._mission.drift,
                 self._craft.dimension,
@@ -205,7 +205,7 @@ class MissionGuidance(ModelBased):
         if self._counts is not None:
             command = np.floor(command * self._counts) / self._counts
         acceleration = None
-        if self._filter is not None and self._pushed:
+        if self._filter is not None:
             acceleration = type(state.p)(*self._filter.acceleration().T)
         command = self._afterwards.commands(state, goal, command, acceleration)
         if self._filter is not None:

@@ -155,6 +155,32 @@ def test_a_known_force_does_not_lead_the_filter_astray() -> None:
 
 
 @pytest.mark.slow
+def test_a_constant_force_in_any_direction_costs_no_more_than_along_the_orbit() -> None:
+    """In the second of two orbits at the hold point, in directions that guidance has to find out.
+
+    5 mN along the orbit, which nothing but thrust balances, cost 28.4 N s in the 5,677 s.
+    """
+    force = 5e-3
+    orbit = 2.0 * math.pi / Hold().mean_motion
+    task = Hold(deadline=(1000.0, 1000.0), hold_seconds=2.0 * orbit)
+    period = task.timing.control_period
+    steps = math.ceil((1000.0 + task.hold_seconds) / period) + 1
+    timing = replace(task.timing, episode_steps=steps, checks=1, substeps=1)
+    pushed = Conditions(disturbances=DisturbanceConditions(force=force))
+    guidance = MissionGuidance(CHASER, task, timing, pushed)
+    starts = scenarios(task, CHASER, 7, 4)
+    flight = fly(CHASER, task, guidance, starts, timing, conditions=pushed, draws=draws(7, 4))
+    assert flight.done is not None
+    assert flight.done.all()
+    assert flight.lengths is not None
+    forces = np.array([thruster.force for thruster in CHASER.thrusters])
+    last = round(orbit / period)
+    for row, end in enumerate(flight.lengths):
+        spent = (flight.commands[end - last : end, row] @ forces).sum() * period
+        assert spent < 1.2 * force * orbit
+
+
+@pytest.mark.slow
 def test_known_noise_costs_little_impulse() -> None:
     """Whoever believes every reading burns its noise."""
     task = Dock(deadline=(1000.0, 1000.0))
