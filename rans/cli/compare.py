@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.contest import Contest
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.measure.statistics import Estimate
+    from rans.progress import Progress as StageProgress
     from rans.tasks import Task
 
 
@@ -147,22 +148,29 @@ class Compare:
         )
         cache = inside(folder, "compare-bounds.json")
         show = partial(_write, comparison, folder, self.full)
+        begun: list[str] = []
+
+        def stage(name: str, total: int | None, /) -> StageProgress:
+            begun.append(name)
+            return shown(name, total)
+
         # Quick opponents first; results so far are written even after an interrupt.
         with writing_at_end(show), progress() as bars:
+            shown = stages(bars)
             try:
                 quick, rest = self._quick(contest)
-                comparison.fly(flying, quick, self.certified, cache, stages(bars))
+                comparison.fly(flying, quick, self.certified, cache, stage)
                 if rest:
                     _say_so_far(comparison, bars, rest)
-                    comparison.fly({}, rest, self.certified, cache, stages(bars))
+                    comparison.fly({}, rest, self.certified, cache, stage)
                 if self.front:
-                    comparison.trace(between, self.budget, cache, stages(bars))
+                    comparison.trace(between, self.budget, cache, stage)
             except KeyboardInterrupt:
                 bars.console.print(
                     "Interrupted: what there is is written, the page last. Ctrl-C again leaves the page out.",
                     soft_wrap=True,
                 )
-                comparison.notes.insert(0, self._interrupted(comparison))
+                comparison.notes.insert(0, self._interrupted(comparison, begun))
                 raise
         self._suggest(contest.task)
         return 1 if comparison.failures else 0
@@ -206,16 +214,21 @@ class Compare:
             slow = len(names)
         return names[:slow], names[slow:]
 
-    def _interrupted(self, comparison: Comparison) -> str:
-        """Sentence about the progress of an interrupted comparison."""
+    def _interrupted(self, comparison: Comparison, begun: Sequence[str]) -> str:
+        """Sentence about the progress of an interrupted comparison, whose last stage is the interrupted one.
+
+        Without a bound it says that none was computed: certification may have been far from its turn.
+        """
+        stage = f' in the stage "{begun[-1]}"' if begun else ""
         flown = counted(len(comparison.entries), "contestant")
-        bounded = 0
-        if comparison.certified:
-            bounded = len(comparison.certified_starts())
-        return (
-            f"Interrupted: {flown} had flown, and the bounds of {bounded} of {self.certified} starts "
-            "were certified."
-        )
+        bounded = len(comparison.certified_starts())
+        if comparison.mission is not None:
+            bounded = len(comparison.mission.lower)
+        asked = min(self.certified, comparison.contest.episodes)
+        bounds = f"bounds were computed from {bounded} of {asked} starts"
+        if not bounded:
+            bounds = "no bound had been computed"
+        return f"Interrupted{stage}: {flown} had flown, and {bounds}."
 
     def _controllers(self, task: Task) -> list[str]:
         """First further controller, to view beside the first contestant."""

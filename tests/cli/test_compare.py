@@ -115,7 +115,11 @@ def test_interrupted_it_still_writes(
         == 130
     )
     assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["settled"] == 2
-    assert "interrupted; what was written is kept" in capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert "interrupted; what was written is kept" in err
+    # The stage that was interrupted, and no count of bounds whose turn had not come.
+    assert "relaxed optimum" in out
+    assert "0 of" not in out
 
 
 def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rans.guidance.few_burns import ArrivalTolerance, Coast, KeepOut
+from rans.guidance.few_burns import INTERVALS, ArrivalTolerance, Coast, KeepOut, _Burn
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Vec3
 
@@ -78,6 +78,36 @@ def test_a_ball_in_the_way_makes_it_dearer() -> None:
     assert through.cheapest(ball).price[0] > through.cheapest().price[0] + 0.05
     beside = coast((0.0, -250.0, 0.0), (0.0, 0.0, 0.0), 900.0)
     assert beside.cheapest(ball).price[0] == beside.cheapest().price[0]
+
+
+@pytest.mark.parametrize("across", [0.0, 2000.0], ids=["burns across", "coasts across"])
+def test_a_detour_is_priced_by_the_nearest_point_of_the_flight(across: float) -> None:
+    """Two burns and perhaps one across the plane, flown by the drift's own solution, beside a ball off the origin.
+
+    Halfway between two of the points that are compared, the flight may be nearer by half the straight way of an
+    interval, which the radius has to include.
+    """
+    tolerance = ArrivalTolerance(plane=0.0, across=across, speed=10.0)
+    one = coast((-40.0, 200.0, 30.0), (0.05, -0.1, 0.06), 500.0, tolerance)
+    ball = KeepOut(Vec3(*(np.zeros(1) + x for x in (-60.0, 40.0, 25.0))), 54.0)
+    upward, _, _, heights = one._across()
+    assert bool(upward[0]) == (across == 0.0)
+    burns = _Burn(1, np.array([-0.4]), 0), _Burn(0, np.array([-0.03]), 3)
+    clearances = one._clearances(ball, heights)
+    found = one._detour(ball, clearances, burns)
+    p, v = one.p, one.v + Vec3(np.zeros(1), np.array([-0.4]), upward)
+    half_way = np.array([40.0, -300.0, -30.0]) / (2 * INTERVALS)
+    centre = np.array([-60.0, 40.0, 25.0])
+    inside = 0.0
+    for k in range(1, INTERVALS + 1):
+        p, v = DRIFT.carry(p, v, 500.0 / INTERVALS)
+        distance = np.array([x[0] for x in p.columns()]) - centre
+        inside = max(inside, 54.0**2 + half_way @ half_way - distance @ distance)
+        if k == 3:
+            v = v + Vec3(np.array([-0.03]), np.zeros(1), np.zeros(1))
+    assert inside > 1000.0
+    # 8 m/s times s for every metre, of which there are (r^2 - d^2) / 2 r, over the time.
+    assert found[0] == pytest.approx(8.0 * inside / (2.0 * 54.0) / 500.0, rel=1e-6)
 
 
 def test_a_postponed_burn_saves_impulse() -> None:

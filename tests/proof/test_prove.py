@@ -12,7 +12,7 @@ import torch
 from rans.cli.prove import Prove
 from rans.errors import ConfigError
 from rans.proof.network import Layer, read_network
-from rans.proof.problem import Within, problem_of, read_problem
+from rans.proof.problem import SpeedLimit, Within, problem_of, read_problem
 from rans.proof.prove import ClosedLoop, lowest_margins, prove
 from tests.support.processes import ROOT
 from tests.support.small_networks import damping, layers
@@ -131,6 +131,37 @@ def test_what_is_false_ends_with_a_flight_that_breaks_it() -> None:
     assert proof.counterexample is not None
     assert lowest_margins(problem, push, proof.counterexample[None])[0] < 0.0
     assert not proof.is_whole
+
+
+def test_a_proof_with_open_cells_is_not_whole() -> None:
+    """A property that flights keep by less than the margin of a cell is too low by.
+
+    Cells that may not be split stay open: with the proved ones they fill the start set, and none of them has a
+    margin. With more to spare the proof is whole.
+    """
+    problem = problem_of(DOCKING)
+    network = damping(4, (2, 3), 3)
+    low, high = (np.array([x]) for x in (problem.lower, problem.upper))
+    loop = ClosedLoop(problem, network, torch.device("cpu"))
+    coarse = float(loop.margins(low, high)[0][0])
+    random = np.random.default_rng(2)
+    start = np.where(random.random((2000, problem.states)) < 0.5, low, high)
+    true = float(lowest_margins(problem, network, start).min())
+    spare = 0.5 * (coarse + true)
+    assert isinstance(problem.keep, SpeedLimit)
+    tight = replace(problem, keep=replace(problem.keep, base=problem.keep.base - spare))
+    for smallest, proved in ((1.0, 0), (0.25, 24)):
+        proof = prove(tight, network, smallest=smallest)
+        assert len(proof.low) == proved
+        assert proof.counterexample is None
+        assert not proof.is_whole
+        assert proof.volume < 1.0
+        sides = proof.open_high - proof.open_low
+        open_part = float((sides / (high - low)).prod(axis=1).sum())
+        assert open_part + proof.volume == pytest.approx(1.0)
+        loop = ClosedLoop(tight, network, torch.device("cpu"))
+        assert (loop.margins(proof.open_low, proof.open_high)[0] <= 0.0).all()
+    assert prove(problem, network).is_whole
 
 
 @pytest.mark.parametrize(("name", "parts"), [("docking-agent", 4), ("hold-agent", 8)])
