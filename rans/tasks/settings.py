@@ -25,7 +25,10 @@ def check_settings(task: Any) -> None:
     for field in dataclasses.fields(task):
         name = field.name
         value = getattr(task, field.name)
-        if isinstance(value, bool) or dataclasses.is_dataclass(value):  # which check themselves
+        is_unset = value is None and field.default is None
+        if (
+            is_unset or isinstance(value, bool) or dataclasses.is_dataclass(value)
+        ):  # which check themselves
             continue
         if name == "observed_thrusters":
             if type(value) is not int or not 0 <= value <= 64:

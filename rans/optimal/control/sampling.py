@@ -61,7 +61,7 @@ class Sampling:
             )
 
 
-_CURVE = Curve(thrust_weight=0.03)
+_CURVE = Curve(thrust_time_weight=0.085)
 _DEADBAND = Deadband()
 _DRAWS = Sampling()
 
@@ -111,7 +111,7 @@ class MPPI(ModelBased):
         craft = self._craft
         self._period = self._timing.control_period
         self._body = Body.of(craft)
-        self._price = curve.thrust_weight
+        self._price = self._value.price
         self._patterns = ThrusterPatterns(craft)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._parts = _PARTS if craft.actuators.is_continuous else _PARTS[:1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -29,6 +30,7 @@ from rans.optimal.trajectory.allocation import Allocation, ThrusterPatterns, ine
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.randomization.conditions import Conditions
+from rans.renamed import DEPRECATED
 from rans.scenario import scenarios
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
@@ -50,11 +52,26 @@ class Curve:
     norm_scale: float = 4.0
     """Power of the mean of the times that the way and the turn take: 1 hurries both, large ones only the
     slower."""
-    thrust_weight: float = 0.01
-    """Price of thrust, s per N s: larger values coast more."""
+    thrust_weight: float | None = None
+    """Deprecated: price of thrust, s per N s, in place of ``thrust_time_weight``; it fits one craft alone."""
+    thrust_time_weight: float = 0.1
+    """Price of thrust, s per s of full thrust along an axis of B: larger values coast more. Full thrust is the
+    force that is possible along every axis (`rans.optimal.trajectory.allocation.Allocation.accelerations`), so
+    that the price suits craft of any mass and force."""
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.thrust_weight is not None:
+            warnings.warn(
+                f"Curve.thrust_weight {DEPRECATED}: set thrust_time_weight, which is thrust_weight times the force "
+                "along every axis in N.",
+                DeprecationWarning,
+                stacklevel=3,
+            )
+
+    def price(self, force: float) -> float:
+        """Price of impulse, s per N s, of a craft whose full thrust along every axis is a force, N."""
+        return self.thrust_time_weight / force if self.thrust_weight is None else self.thrust_weight
 
 
 _CURVE = Curve()
@@ -75,7 +92,7 @@ class Switching(ModelBased):
     """Opens the thrusters after whose pulse the goal is nearest in time, and none within a dead band.
 
     >>> from rans.optimal.control.switching import Curve
-    >>> rans.Switching("floating-platform", "go-to-pose", curve=Curve(thrust_weight=0.1))
+    >>> rans.Switching("floating-platform", "go-to-pose", curve=Curve(thrust_time_weight=0.4))
     <switching: GoToPose for floating-platform>
 
     Position and attitude are double integrators whose least time to rest is known in closed form, and with it
@@ -105,7 +122,7 @@ class Switching(ModelBased):
         "curve.push_scale": (0.3, 1.5),
         "curve.turn_scale": (0.1, 1.5),
         "curve.norm_scale": (1.0, 10.0),
-        "curve.thrust_weight": (0.003, 0.3),
+        "curve.thrust_time_weight": (0.008, 0.8),
         **Deadband.tunable,
     }
     """Bounds for `rans tune`."""
@@ -126,6 +143,8 @@ class Switching(ModelBased):
         self._patterns = ThrusterPatterns(craft)
         matrix = inertia(craft)
         self._push, self._turn = Allocation(craft).accelerations()
+        self.price = self._curve.price(self._push * craft.mass)
+        """Price of impulse, s per N s."""
         self._can_turn = can_turn(craft)
         self._motion = LinearMotion.of(self._task.drift, craft.dimension, self._period)
         self._check_drift()
@@ -321,7 +340,7 @@ class Switching(ModelBased):
         # Power mean of both times, without its divisor.
         power = self._curve.norm_scale
         both = (duration**power + turning**power) ** (1.0 / power)
-        return both + self._curve.thrust_weight * h * (loads @ self._forces)
+        return both + self.price * h * (loads @ self._forces)
 
 
 @dataclass(frozen=True)

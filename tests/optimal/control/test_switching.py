@@ -164,7 +164,7 @@ def test_brings_an_awkward_spacecraft_home() -> None:
     """An off-centre body with three different moments of inertia and unequal thrusters."""
     craft = nasty_spatial()
     timing = Timing(episode_steps=150)
-    controller = Switching(craft, TASK, timing, Curve(thrust_weight=0.003))
+    controller = Switching(craft, TASK, timing, Curve(thrust_time_weight=0.01))
     errors = final_errors(fly(craft, TASK, controller, scenarios(TASK, craft, 22, 2), timing))
     for name, bound in TASK.tolerances().items():
         assert errors[name].max() < 2.0 * bound  # its pulses are up to 1.5 times the free flyer's
@@ -194,9 +194,36 @@ def test_switches_where_braking_must_begin() -> None:
 def test_coasts_where_thrust_is_dear_and_rests_in_the_dead_band() -> None:
     far = planar(-2.0, 0.0, 0.3, 0.0)
     assert command(far).any()
-    assert not command(far, thrust_weight=10.0).any()
+    assert not command(far, thrust_time_weight=30.0).any()
     assert not command(planar(0.02, 0.03, 0.0, 0.0)).any()
     assert command(planar(0.2, 0.03, 0.0, 0.0)).any()
+
+
+def test_a_craft_of_a_thousand_times_the_mass_and_force_flies_the_same() -> None:
+    """Its accelerations are the same, so nothing but the numbers of N and kg differs; 2^11 rounds nothing."""
+    much = 2.0**11
+    thrusters = tuple(replace(one, force=much * one.force) for one in PLATFORM.thrusters)
+    inertia = tuple(tuple(much * x for x in row) for row in PLATFORM.inertia)
+    large = replace(PLATFORM, mass=much * PLATFORM.mass, inertia=inertia, thrusters=thrusters)
+    starts = scenarios(TASK, PLATFORM, 47, 4)
+    timing = Timing(episode_steps=60)
+    small, same = (
+        fly(craft, TASK, Switching(craft, TASK, timing), starts, timing).commands
+        for craft in (PLATFORM, large)
+    )
+    assert small.any()
+    assert np.array_equal(small, same)
+
+
+def test_the_former_price_of_thrust_is_that_of_one_craft() -> None:
+    """0.1 s per N s: along x four thrusters of 1 N at 45 degrees give 2.83 N, and 0.283 s per s of them."""
+    state = planar(-0.5, 0.4, 0.2, 0.1)
+    with pytest.warns(DeprecationWarning, match="set thrust_time_weight"):
+        former = command(state, thrust_weight=0.1)
+    assert np.array_equal(former, command(state, thrust_time_weight=0.1 * math.sqrt(8.0)))
+    with pytest.warns(DeprecationWarning, match="thrust_weight is deprecated"):
+        assert Curve(thrust_weight=0.1, thrust_time_weight=5.0).price(2.0) == 0.1
+    assert Curve(thrust_time_weight=0.2).price(445.0) == pytest.approx(0.2 / 445.0)
 
 
 def test_does_not_wait_for_ever_where_pulses_are_long() -> None:
@@ -227,7 +254,7 @@ def test_a_wide_dead_band_spends_less() -> None:
 
 
 @pytest.mark.parametrize(
-    "settings", [{"push_scale": 0.0}, {"turn_scale": math.nan}, {"thrust_weight": -0.1}]
+    "settings", [{"push_scale": 0.0}, {"turn_scale": math.nan}, {"thrust_time_weight": -0.1}]
 )
 def test_refuses_settings_that_mean_nothing(settings: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(settings))):
