@@ -40,7 +40,7 @@ def test_settles_from_every_start(name: str) -> None:
 
 @pytest.mark.slow
 def test_spends_less_than_one_period_of_foresight() -> None:
-    """23.8 against 29.5 N s from 64 starts; 8 of them leave half of that to chance."""
+    """23.2 against 27.9 N s from 64 starts; 8 of them leave half of that to chance."""
     timing = Timing()
     starts = scenarios(TASK, PLATFORM, 52, 8)
     ours, theirs = (
