@@ -254,6 +254,21 @@ def test_liquids_that_a_craft_cannot_have_are_refused(
         rans.Engine(craft, "go-to-pose", 2, conditions=Conditions(body=body))
 
 
+@pytest.mark.parametrize(
+    ("liquid", "sentence"),
+    [
+        ({"slosh_mass": 0.0}, "slosh mass must be finite and > 0, got 0.0"),
+        ({"slosh_damping": -1.0}, "slosh damping must be finite and >= 0, got -1.0"),
+        ({"slosh_mass": np.ones(3)}, r"one for each of 2 spacecraft, got an array of shape \(3,\)"),
+    ],
+)
+def test_an_engine_refuses_impossible_liquids_of_a_body(
+    liquid: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        rans.Engine(SLOSHING, "go-to-pose", 2, body=replace(Body.of(SLOSHING), **liquid))
+
+
 def test_drawn_liquids_swing_as_such_craft() -> None:
     """A factor is the same as another mass and damping in the craft's file."""
     body = replace(Body.of(SLOSHING), slosh_mass=0.5, slosh_damping=3.0)
