@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import struct
@@ -11,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, Literal, Protocol
 
 from rans.deploy.robot.messages import types
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 
 BusName = Literal["dds", "zenoh", "udp"]
 Distribution = Literal["humble", "jazzy", "kilted", "rolling"]
@@ -156,15 +157,18 @@ class ZenohBus:
             ) from error
         listens = address.startswith("listen/")
         locator = address.removeprefix("listen/") or ROUTER
+        if "/" not in locator:
+            raise ConfigError(
+                f"zenoh takes a protocol and an address, such as tcp/192.168.0.2:7447, got {brief(locator)}."
+            )
         config = zenoh.Config()
         config.insert_json5("scouting/multicast/enabled", "false")
-        if listens:
-            config.insert_json5("listen/endpoints", f'["{locator}"]')
-        else:
+        if not listens:
             # A client: the router passes its messages on to all nodes, also of other machines.
             config.insert_json5("mode", '"client"')
-            config.insert_json5("connect/endpoints", f'["{locator}"]')
         try:
+            endpoints = "listen/endpoints" if listens else "connect/endpoints"
+            config.insert_json5(endpoints, json.dumps([locator]))
             self._session = zenoh.open(config)
         except Exception as error:  # zenoh has one exception for everything
             reason, _, _ = str(error).partition(" at /")  # the rest is a place in zenoh's source

@@ -35,10 +35,12 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
     commands: dict[int, np.ndarray] = {}
     ends = interface(kind, craft.command_count, craft.thruster_count)
     refused = ""
+    is_of_rans = False
     for entry in bag_entries(file):
         if entry.topic == FLIGHT_TOPIC and robot is None:
             plan = parse_json(unpack(TEXT, entry.data).data, f"{file}, {FLIGHT_TOPIC}")
             ends = interface(plan.get("robot", kind), craft.command_count, craft.thruster_count)
+            is_of_rans = True
             continue
         try:
             if entry.topic in ends.outputs:
@@ -56,9 +58,14 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
             refused = refused or f"; {entry.topic}: {error}"
     if not poses or not commands:
         needed = ", ".join([*ends.inputs, *ends.outputs])
+        cause = (
+            "no state came while `rans fly` recorded it, as when the robot or its twin was not there"
+            if is_of_rans
+            else "name the kind of robot with --robot"
+        )
         raise ConfigError(
             f"the bag {file} has {len(poses)} readings and {len(commands)} commands on the topics "
-            f"{needed}{refused}; name the kind of robot with --robot."
+            f"{needed}{refused}; {cause}."
         )
     # In the order of time, in seconds since the first.
     begin = min(*poses, *commands)

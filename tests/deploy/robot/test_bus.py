@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from typing import Any
 
@@ -84,3 +85,10 @@ def test_every_type_crosses_every_bus(name: str) -> None:
     finally:
         first.close()
         second.close()
+
+
+@pytest.mark.parametrize("locator", ["bad", "listen/bad", "tcp/nowhere", 'tcp/"'])
+def test_what_is_no_locator_is_told(locator: str) -> None:
+    pytest.importorskip("zenoh")
+    with pytest.raises(ConfigError, match=re.escape(locator.removeprefix("listen/"))):
+        open_bus("zenoh", 0, locator)

@@ -11,6 +11,8 @@ from rans.deploy.robot.bag import BagMessage, BagWriter
 from rans.deploy.robot.frames import Motion
 from rans.deploy.robot.interfaces import RobotName, interface
 from rans.deploy.robot.logs import read_bag
+from rans.deploy.robot.messages import TEXT, text_message
+from rans.deploy.robot.node import FLIGHT_TOPIC
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 
@@ -55,5 +57,16 @@ def test_a_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
     for message in ends.command([0.0] * 8, 0):
         bag.write(BagMessage(0, message.topic, message.kind, message.data))
     bag.close()
-    with pytest.raises(ConfigError, match="0 readings and 1 commands"):
+    with pytest.raises(ConfigError, match=r"0 readings and 1 commands .* --robot"):
         read_bag(tmp_path / "flight.mcap", PLATFORM, "ros")
+
+
+def test_a_flight_without_its_robot_is_told_apart_from_other_topics(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "flight.mcap")
+    plan = text_message('{"robot": "ros"}')
+    bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, plan))
+    for message in interface("ros", 8, 8).command([0.0] * 8, 0):
+        bag.write(BagMessage(0, message.topic, message.kind, message.data))
+    bag.close()
+    with pytest.raises(ConfigError, match=r"0 readings and 1 commands .* no state came"):
+        read_bag(tmp_path / "flight.mcap", PLATFORM)
