@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.files import read_text, write_text
 from rans.flight import Flight
 from rans.model.drift import EARTH, ClohessyWiltshire
@@ -162,6 +162,7 @@ def write_ccsds(
         ConfigError: the flight is of another kind, there is no such episode, the epoch is none, or the files cannot
             be written.
     """
+    checked("flight", flight, Flight)
     orbit = orbit_of(flight.task, flight.craft.dimension, inclination, node, latitude)
     count = flight.commands.shape[1]
     if not 0 <= episode < count:
@@ -278,6 +279,8 @@ def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.nda
     Raises:
         ConfigError: both have different instants or frames, or the orbit's eccentricity exceeds 0.01.
     """
+    for name, state in (("target", target), ("craft", craft)):
+        checked(name, state, OrbitState)
     if target.epoch != craft.epoch or target.frame != craft.frame:
         raise ConfigError(
             f"target and craft must have one epoch and frame, got {target.epoch} in {target.frame} and "

@@ -149,8 +149,9 @@ class Evaluate:
             console.print(comparison.table())
             results["both"] = comparison.to_json()
             passed = comparison.passed
-        self._write_ccsds(run, next(iter(flights.values())))
-        Terminal().say(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
+        messages = self._write_ccsds(run, next(iter(flights.values())))
+        file = self._write(run, results, next(iter(flights.values())))
+        Terminal().say(f"Written to {file}{messages}.")
         self._suggest()
         return passed
 
@@ -296,17 +297,20 @@ class Evaluate:
                 write_json(inside(folder, f"screen-evaluation{suffix}.json"), screen.to_json())
         return file
 
-    def _write_ccsds(self, run: LoadedRun, flight: Flight) -> None:
-        """Write flights of a mission on an orbit as CCSDS messages, if trajectories are asked for."""
+    def _write_ccsds(self, run: LoadedRun, flight: Flight) -> str:
+        """Write flights of a mission on an orbit as CCSDS messages, if asked to; returns where, for a sentence."""
         from rans.ccsds import is_on_orbit, write_ccsds
 
         count = self.ccsds
         if self.trajectories and is_on_orbit(run.task, run.craft.dimension):
             count = count or _MESSAGES
-        if count:
-            folder, suffix = self._output(run)
-            for episode in range(min(count, flight.commands.shape[1])):
-                write_ccsds(flight, folder / f"ccsds{suffix}", episode)
+        if not count:
+            return ""
+        folder, suffix = self._output(run)
+        messages = folder / f"ccsds{suffix}"
+        for episode in range(min(count, flight.commands.shape[1])):
+            write_ccsds(flight, messages, episode)
+        return f", and CCSDS messages to {messages}"
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and the suffix of their file names."""

@@ -195,6 +195,18 @@ def test_ccsds_of_other_tasks_is_refused_before_the_flights(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
+def test_the_folder_of_ccsds_messages_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["evaluate", "mission:hold-3d", "--episodes", "1", "--trajectories"]) == 0
+    [folder] = tmp_path.rglob("ccsds")
+    assert str(folder.relative_to(tmp_path)) in capsys.readouterr().out.replace("\n", "")
+    assert len([*folder.iterdir()]) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -> None:
     start = ["--start", "1", "-0.5", "90deg", "v.x=0.1"]
     assert main(["evaluate", str(run_folder), *start, "--trajectories"]) == 0

@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rans.display import NotebookRepr
-from rans.errors import counted
+from rans.errors import counted, meant
 from rans.evaluation.measure.metrics import Sample, samples
 from rans.evaluation.measure.statistics import (
     Bootstrap,
@@ -75,7 +75,12 @@ class Metrics(NotebookRepr):
         return f"<{self.title()}: {rows}>"
 
     def __getitem__(self, name: str) -> Metric:
-        return {row.name: row for row in self.rows}[name]
+        metrics = {row.name: row for row in self.rows}
+        if name not in metrics:
+            raise KeyError(
+                f"there is no metric {name!r}{meant(name, metrics)}; there are {', '.join(metrics)}"
+            )
+        return metrics[name]
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json`."""

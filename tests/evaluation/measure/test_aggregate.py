@@ -111,6 +111,13 @@ def test_the_widest_of_several_intervals_is_shown() -> None:
     assert texts == ("P1 / 7 / 3", "50 / 50 / 50 %", "up to ± 7", "m")
 
 
+def test_a_metric_that_is_not_there_is_told_with_those_that_are() -> None:
+    measured = measure(two_episodes())
+    assert measured["PT10"].value == 90.0
+    with pytest.raises(KeyError, match=r"no metric 'solvd' \(did you mean solved\?\).* PT10, "):
+        measured["solvd"]
+
+
 @pytest.mark.parametrize(
     ("estimates", "limits"),
     [
