@@ -376,6 +376,7 @@ def assure(
         run = in_memory.run if in_memory else contestant(spec, trust=trust)
         assurance.given = run.under(conditions_if_named(conditions))
     _ = assurance.run
+    assurance.check_follow_ups(rare, search)
     processor = torch_device(device)
     with watched() as stage:
         assurance.fly(processor, stage)

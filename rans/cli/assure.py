@@ -114,6 +114,7 @@ class Assure:
         if is_plan:
             _print_plan(assurance)
             return 0
+        assurance.check_follow_ups(self.rare, self.search)
         name = ContestantName.parse(self.agent)
         folder = ready_folder(self.output or name.output_folder)
         conditions = ""

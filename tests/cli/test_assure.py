@@ -137,6 +137,8 @@ def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str])
         ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
         ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
         ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),
+        (["lqr:go-to-pose-2d", "--episodes", "1", "--search", "lab"], "an agent that RANS trained"),
+        (["lqr:go-to-pose-2d", "--episodes", "1", "--rare", "1600"], "an agent that RANS trained"),
     ],
 )
 def test_wrong_input_is_refused_in_a_sentence(

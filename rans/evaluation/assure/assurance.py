@@ -164,6 +164,17 @@ class Assurance:
         controller = self.run.controller
         return controller.network if isinstance(controller, Agent) else None
 
+    def check_follow_ups(self, rare: int, search: str | None) -> None:
+        """Refuse, before the flights, an estimate of rarer failures or a search that the contestant cannot have.
+
+        Raises:
+            ConfigError: there is one, and the contestant is no trained agent.
+        """
+        if rare:
+            self._needed_network("subset simulation")
+        if search:
+            self._needed_network("the search for the worst case")
+
     def _needed_network(self, needed_for: str) -> Network:
         network = self._network
         if network is None:
