@@ -213,7 +213,7 @@ class _Problem:
             thrusts = Thrust.of(craft, log)
             for length in sorted({part.stop - part.start for part in windows}):
                 alike = [part for part in windows if part.stop - part.start == length]
-                self.groups.append(_Group(number, log, thrusts, alike))
+                self.groups.append(_Group(number, log, craft, thrusts, alike))
 
     def paths(self, group: _Group, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Predicted states (W, M, columns) of the W windows of a group, for values (P,) and starts (W, columns)."""
@@ -294,7 +294,12 @@ class _Group:
     """Windows of one log that have equally many readings."""
 
     def __init__(
-        self, number: int, log: FlightLog, thrusts: Thrust, windows: Sequence[slice]
+        self,
+        number: int,
+        log: FlightLog,
+        craft: Spacecraft,
+        thrusts: Thrust,
+        windows: Sequence[slice],
     ) -> None:
         self.number = number
         self.windows = windows
@@ -307,6 +312,11 @@ class _Group:
         self.begin = self.times[:, 0]
         self.readings = np.stack([columns[part] for part in windows])
         starts = self.readings[:, 0].copy()
+        if craft.wheels:
+            # Wheels begin at rest where their speeds were not measured; their motors as designed turn them.
+            full = np.array([wheel.max_torque / wheel.inertia for wheel in craft.wheels])
+            speeds = starts[:, -craft.wheel_count :]
+            speeds[:] = np.where(np.isnan(speeds), thrusts.spun(self.begin) * full, speeds)
         # Where no velocity was measured, windows begin at rest; the fit moves them.
         starts[np.isnan(starts)] = 0.0
         self.starts = starts

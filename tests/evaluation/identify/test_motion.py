@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from campaigns.identification import hidden_flights
 from rans.evaluation.identify.fit import WINDOW, fit, parameters_of, physics_of
-from rans.evaluation.identify.log import FlightLog
+from rans.evaluation.identify.log import FlightLog, read_csv
 from rans.evaluation.identify.motion import Thrust, predicted, windows_of
+from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 
@@ -216,6 +222,36 @@ def test_a_wheel_is_found_from_its_speeds(wheeled: tuple[FlightLog, np.ndarray])
     )  # of 18 squares in 999 of 1,000
     unmeasured = fit(load_spacecraft("pingu"), [replace(log, wheel_speeds=None)])
     assert unmeasured.is_identifiable()[-2:].tolist() == [True, False]
+
+
+@pytest.mark.slow
+def test_wheels_whose_speeds_are_not_measured_begin_windows_as_their_motors_turned_them(
+    tmp_path: Path,
+) -> None:
+    """The craft is the data sheet's, and readings have no noise: its predictions are the engine's.
+
+    With wheels at rest at the start of each window, the missing momentum turns the craft by up to 0.08 rad in 5 s.
+    """
+    craft = load_spacecraft("cubesat-6u")
+    random = np.random.default_rng(0)
+
+    class Shaken:
+        name = "shaken"
+
+        def reset(self, count: int) -> None:
+            pass
+
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            wheels = random.uniform(-1.0, 1.0, (1, craft.wheel_count))
+            return np.hstack([random.integers(0, 2, (1, craft.thruster_count)), wheels])
+
+    task = GoToPose()
+    flight = fly(craft, task, Shaken(), scenarios(task, craft, 1, 1), Timing(episode_steps=100))
+    log = read_csv(flight.to_csv(tmp_path / "flight.csv"), craft)
+    found = fit(craft, [log], WINDOW)
+    (nominal,) = found.nominal_residuals
+    assert np.abs(nominal[:, 3:6]).max() < 1e-3
+    assert found.values == pytest.approx([p.nominal for p in found.parameters], rel=0.1, abs=1e-3)
 
 
 def test_a_motor_turns_wheel_and_craft_as_worked_by_hand() -> None:
