@@ -27,12 +27,12 @@ from rans.evaluation.measure.metrics import impulses, solved
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
+from rans.model.dynamics import State
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate import attitude_tube, hull
-from rans.optimal.certificate.goal_set import GoalSet
+from rans.optimal.certificate import hull
 from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.landing_guidance import LandingGuidance
@@ -46,6 +46,7 @@ from rans.tasks import TASKS, Avoid, DockPort, Task
 from rans.tasks.land import Land
 from rans.tasks.orbital import OrbitalMission
 from rans.terminal import Terminal
+from rans.verdict import last_fifth
 
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]
 
@@ -75,6 +76,10 @@ _WITHOUT_TRAINING = "avoid", "dock-port"
 """Missions that controllers without training fly too."""
 _PREDICTED = 8
 """Number of starts of MPC, which solves an optimal control problem in every period."""
+_SPANS = 20
+"""Number of spans of an episode in which a craft may enter the cone of a port, or dock."""
+_CAP = 0.5
+"""Change of velocity beyond which bounds of docking at a port are not asked for, m/s."""
 _LANDED: dict[str, dict[str, Any]] = {
     "": {},
     "moon": {
@@ -256,13 +261,13 @@ class Missions:
             controller, craft, timing = run.controller, run.craft, run.timing
             task = run.task.for_evaluation()
             lower = np.full(self.episodes, np.nan)
-            if isinstance(task, (Avoid, DockPort)):
-                lower[: self.bounded] = self._least_impulse(craft, task, timing)
             if task.optimal_problem == "landing":
                 known = self._least_propellant(craft, cast(Land, task)) if known is None else known
                 lower[: self.bounded] = known
             for condition, settings in _VARIED[self.mission].items():
                 varied: Any = replace(cast(Any, task), **settings)
+                if isinstance(varied, (Avoid, DockPort)):
+                    lower[: self.bounded] = self._least_impulse(craft, varied, timing)
                 starts = scenarios(varied, craft, self.seed, self.episodes)
                 flight = fly(craft, varied, controller, starts, timing)
                 yield row_of(condition, spec, flight, _spent(flight), lower)
@@ -298,31 +303,13 @@ class Missions:
     def _least_impulse(
         self, craft: Spacecraft, task: Avoid | DockPort, timing: Timing
     ) -> np.ndarray:
-        """Impulse below which the mission is not won from each of the first starts, N s; limits are left out.
-
-        Avoid asks for a flight that is within its tolerances over the last fifth: soon after it has begun, the
-        craft is slow enough to stay. Whoever docks at a port is within the standoff of the target's centre.
-        """
-        period = timing.control_period
+        """Impulse below which the mission is not won from each of the first starts, N s."""
         found = []
         for one in each(scenarios(task, craft, self.seed, self.bounded)):
-            start: Any = one.start
-            goal: Any = one.goal
             if isinstance(task, DockPort):
-                near = GoalSet(task.standoff + task.tolerances()["position"], 0.0, 0.0, 0.0)
-                centre = replace(goal, p=goal.p.scale(0.0), v=goal.v.scale(0.0))
-                horizon = period * timing.episode_steps
-                found.append(hull.least_fuel(craft, ("position",), start, centre, horizon, near))
-                continue
-            tolerances = task.tolerances()
-            near = hull.settling_set(craft, tolerances["position"], tolerances["attitude"], period)
-            horizon = period * (timing.episode_steps - timing.episode_steps // 5 + 2)
-            asked = "position", "velocity", "attitude"
-            least = hull.least_fuel(craft, asked, start, goal, horizon, near)
-            if craft.dimension == 2:
-                tube = attitude_tube.least_impulse(craft, start, goal, horizon, near)
-                least = max(least, tube)
-            found.append(least)
+                found.append(least_to_dock(craft, task, one, timing))
+            else:
+                found.append(least_to_stay(craft, task, one, timing))
         return np.array(found)
 
     def _guided(self, condition: str, task: Land, known: np.ndarray | None) -> Iterator[Row]:
@@ -434,6 +421,79 @@ def _unit(mission: str) -> str:
 def _mission_of(name: str) -> str:
     """The mission of an agent that comes with RANS, from its name such as dock-port-2d-atmos."""
     return name.partition("-2d")[0].partition("-3d")[0]
+
+
+def least_to_stay(craft: Spacecraft, task: Task, one: Scenario, timing: Timing) -> float:
+    """Impulse below which no flight is within the position tolerance over the last fifth, N s; zones are left out.
+
+    Whoever is near the goal at both ends of the last fifth has braked.
+    """
+    steps = timing.episode_steps
+    goal: Any = one.goal
+    place = np.array(goal.p.columns(), float)
+    near = task.tolerances()["position"]
+    ends = timing.control_period * np.array([steps + 1 - last_fifth(steps), steps])
+    points = [hull.Waypoint(t, t, place, near) for t in ends.tolist()]
+    start: Any = one.start
+    return hull.least_impulse_through(craft, start, points)
+
+
+def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:
+    """Impulse below which no flight docks at a port from a start at rest, N s; attitude and ball are left out.
+
+    Before it docks, a flight enters the sphere of the cone's length around its apex through the cone's mouth.
+    Spans of time are tried for both, and the least bound counts. A flight whose changes of velocity are less than
+    `_CAP` is no faster than that, so that at the first check behind the mouth it is near it; for all others the
+    bound is what such a change costs.
+    """
+    start: Any = one.start
+    goal: Any = one.goal
+    mouths, ports = port_waypoints(task, goal, timing)
+    at = np.array([float(x) for x in start.p.columns()])
+    apex = np.array([float(x) for x in goal.p.columns()])
+    apex *= 1.0 - task.cone_depth / task.standoff
+    if float(np.linalg.norm(at - apex)) <= task.cone_length:
+        ways = [[port] for port in ports]
+    else:
+        ways = [[mouths[k], port] for j, port in enumerate(ports) for k in range(j + 1)]
+    least = min(hull.least_impulse_through(craft, start, way) for way in ways)
+    return min(least, craft.mass * _CAP)
+
+
+def port_waypoints(
+    task: DockPort, goal: State, timing: Timing
+) -> tuple[list[hull.Waypoint], list[hull.Waypoint]]:
+    """Parts of balls that contain the mouth of the cone, and the docked position, in every span of an episode.
+
+    The mouth is as it is at the first check behind it, of a craft of at most `_CAP` m/s.
+
+    Args:
+        task: of which the settings count.
+        goal: docked state at the start, of floats.
+        timing: control period, checks and length of the episode.
+    """
+    period = timing.control_period
+    rate = math.hypot(*(float(x) for x in goal.spin()))
+    edges = np.linspace(0.0, period * timing.episode_steps, _SPANS + 1)
+    half = 0.5 * (edges[1] - edges[0])
+    late = (_CAP + rate * task.standoff) * period / timing.checks
+    # The mouth is in a ball about the middle of its rim, and ahead of the rim's plane.
+    narrow = task.cone_half_angle
+    apex = task.standoff - task.cone_depth
+    middle = apex + task.cone_length * math.cos(narrow)
+    rim = task.cone_length * math.sin(narrow) + late + rate * middle * half
+    turned = min(rate * half, math.pi - narrow)
+    plane = apex * math.cos(turned) + task.cone_length * math.cos(narrow + turned) - late
+    near = task.tolerances()["position"] + rate * task.standoff * half
+    mouths = []
+    ports = []
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        then: Any = task.later(goal, 0.5 * (first + last))
+        place = np.array([float(x) for x in then.p.columns()])
+        out = place / np.linalg.norm(place)
+        mouths.append(hull.Waypoint(first, last, middle * out, rim, out, middle - plane))
+        ports.append(hull.Waypoint(first, last, place, near))
+    return mouths, ports
 
 
 def _spent(flight: Flight) -> np.ndarray:

@@ -1,0 +1,101 @@
+"""Bounds of avoid and dock-port: numbers by hand, and attacks by flights that may change their velocity at once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from campaigns.missions import least_to_dock, least_to_stay, port_waypoints
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenario
+from rans.tasks import Avoid, DockPort
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+def test_who_stays_has_braked() -> None:
+    """At 20.2 and at 25 s within 5 cm of the goal, d away at first: 2 d / 20.2 s, less what both balls spare.
+
+    With q = 1 at first and -1 at 20.2 s the multipliers are 29.8 / (4.8 * 20.2) and -1 / 4.8 per second.
+    """
+    task = Avoid().for_evaluation()
+    one = scenario(task, 2, 2023, 0)
+    start: Any = one.start
+    goal: Any = one.goal
+    away = float((goal.p - start.p).norm())
+    by_hand = 2.0 * away / 20.2 - 0.05 * (29.8 / (4.8 * 20.2) + 1.0 / 4.8)
+    timing = Timing(control_period=0.2, episode_steps=125)
+    bound = least_to_stay(PLATFORM, task, one, timing)
+    assert bound == pytest.approx(PLATFORM.mass * by_hand, rel=1e-6)
+
+
+@pytest.mark.parametrize("rate", [0.0, 3.0, 15.0])
+@pytest.mark.parametrize("episode", range(4))
+def test_no_change_of_velocity_docks_below_the_bound(rate: float, episode: int) -> None:
+    """From the start to a point of the cone's mouth at any instant, and from there to the port as it is later.
+
+    The cheapest of many such flights is above the bound, and not far above it if the port is slow.
+    """
+    task = replace(DockPort(), port_rate=(math.radians(rate),) * 2)
+    one = scenario(task, 2, 7, episode)
+    start: Any = one.start
+    goal: Any = one.goal
+    bound = least_to_dock(PLATFORM, task, one, task.timing)
+    random = np.random.default_rng(episode)
+    count = 200_000
+    dock = random.uniform(2.0, 40.0, count)
+    enter = dock * random.uniform(0.05, 1.0, count)
+    spin = float(goal.w)
+    bearing = math.atan2(float(goal.p.y), float(goal.p.x))
+    port = 0.65 * np.exp(1j * (bearing + spin * dock))
+    aside = np.radians(random.uniform(-30.0, 30.0, count))
+    mouth = (0.55 + np.exp(1j * aside)) * np.exp(1j * (bearing + spin * enter))
+    first = (mouth - complex(start.p.x, start.p.y)) / enter
+    second = (port - mouth) / (dock - enter)
+    spent = PLATFORM.mass * (np.abs(first) + np.abs(second - first))
+    # All who are within 2 cm of the port have docked.
+    cheapest = float(spent.min())
+    assert bound <= cheapest
+    assert rate > 3.0 or bound >= 0.6 * cheapest
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_spans_contain_the_mouth_and_the_port(dimension: Literal[2, 3]) -> None:
+    """Random points of the mouth, or up to 2.5 cm behind it, and near the docked position, at any instant.
+
+    Port and cone are those of the task at that instant. In the plane none of the three margins is generous.
+    """
+    task = replace(DockPort(), port_rate=(math.radians(9.0),) * 2)
+    goal: Any = scenario(task, dimension, 7, 1).goal
+    mouths, ports = port_waypoints(task, goal, task.timing)
+    random = np.random.default_rng(dimension)
+    tightest = np.full(3, np.inf)
+    for mouth, port in zip(mouths, ports, strict=True):
+        assert mouth.ahead is not None
+        for _ in range(300):
+            time = float(random.choice([mouth.first, mouth.last, random.uniform(*mouth[:2])]))
+            then: Any = task.later(goal, time)
+            cone: Any = task.scenery(then)[0]
+            apex, axis = (np.array([float(x) for x in v.columns()]) for v in (cone.apex, cone.axis))
+            aside = random.normal(size=dimension)
+            aside -= axis * (aside @ axis)
+            angle = math.radians(30.0) * random.choice([1.0, random.random()])
+            ray = math.cos(angle) * axis + math.sin(angle) * aside / np.linalg.norm(aside)
+            point = apex + (1.0 - 0.025 * random.choice([0.0, 1.0])) * ray
+            docked = np.array([float(x) for x in then.p.columns()])
+            docked += 0.02 * aside / np.linalg.norm(aside)
+            spare = np.array(
+                [
+                    mouth.radius - np.linalg.norm(point - mouth.position),
+                    mouth.behind + (point - mouth.position) @ mouth.ahead,
+                    port.radius - np.linalg.norm(docked - port.position),
+                ]
+            )
+            assert (spare >= -1e-9).all()
+            tightest = np.minimum(tightest, spare)
+    assert dimension == 3 or (tightest < 0.05).all()
