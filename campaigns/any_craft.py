@@ -105,7 +105,16 @@ RECIPES = {
         shared=0.4,
     ),
     3: DemandSettings(
-        3, (Stage(198.0, 1.0, 1.0), Stage(174.0, 2.5, 2.5)), layouts=1920, crafts=4096, channels=3
+        3,
+        (
+            Stage(198.0, 1.0, 1.0),
+            Stage(174.0, 2.5, 2.5),
+            Stage(300.0, 2.0, 2.0, angle=0.05, learning_rate=1e-3),
+        ),
+        last=0.85,
+        layouts=1920,
+        crafts=4096,
+        channels=3,
     ),
 }
 """Trainings of the agents, by dimension: on one H200 in the plane, on one H100 in space."""
@@ -401,7 +410,7 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
     steps = 2 * settings.steps
     pool = draw_pool(count, _LAYOUT_SEED, dimension, workers=None)
     contestants: dict[str, Callable[[bool], Law]] = {
-        "any-craft": lambda continuous: _law(layers, 0.0 if continuous else COAST[dimension]),
+        "any-craft": lambda continuous: _law(layers, 0.0 if continuous else COAST),
         "LQR": lambda _: LinearLaw(),
         "braking": lambda _: lambda *known: stopping_law(*known[:-1]),
     }

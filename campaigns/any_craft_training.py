@@ -24,7 +24,7 @@ from torch import Tensor
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.twists import balanced, cone_pushes, directions, thrust
-from rans.policy.allocation import PRICE, in_order, subsets, thrust_price
+from rans.policy.allocation import continuous_price, in_order, subsets, thrust_price
 from rans.policy.any_craft import RANGES, authority, coast, columns_of, effects, last_layer
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.authority import (
@@ -89,6 +89,10 @@ class Stage(NamedTuple):
     """Further price of a second of thrust within the tolerances, in the unit of `thrust_price`."""
     continuous: float = 1.0
     """Factor of both prices for continuous thrusters, which need not push against each other to turn a craft."""
+    angle: float = 0.6
+    """Weight of angles far from the goal over that of distances. With a small one a craft that has far to go does
+    not turn faster than it must."""
+    learning_rate: float = 3e-3
 
 
 _FREE = Stage(0.0, 0.0, 0.0)
@@ -115,7 +119,6 @@ class DemandSettings:
     """Control periods of a flight."""
     channels: int = 8
     """Hidden units of each layer over 8, the number of turns and mirror images of a square, or 48 of a cube."""
-    learning_rate: float = 3e-3
     memory: float = 0.985
     """Part of a state's gradient that goes back by one period: without it a few flights outweigh all others."""
     on_off: float = 0.5
@@ -139,6 +142,8 @@ class Pool(NamedTuple):
     """(L, n) step sizes of the descent."""
     thrust: Tensor
     """(L, n) velocity change of each thruster."""
+    price: Tensor
+    """(L, 1) `rans.policy.allocation.continuous_price`."""
     twist: Tensor
     """(L, 256, d) of subsets."""
     offset: Tensor
@@ -256,6 +261,7 @@ class _Drawing:
             padded,
             *_descent(padded),
             np.pad(pushes, (0, most - len(pushes))),
+            [continuous_price(layout, has_wheels)],
             twist,
             offset,
             used,
@@ -545,7 +551,9 @@ def draw_batch(
 
 def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple[Tensor, Tensor]:
     """Changes of the twist (N, d) that craft give, and thrust (N,), both in units of the authority."""
-    layout, matrix, step, pushes, twist, offset, used = rows
+    layout, matrix, step, pushes, price, twist, offset, used = rows
+    # Half of it is the derivative of the cost by a part of the thrust.
+    paid = 0.5 * price * pushes
     has_gradient = torch.is_grad_enabled()
     with torch.no_grad():
         wanted = demand.detach()
@@ -553,11 +561,11 @@ def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple
         # Only gradients need what continuous thrusters would do.
         if opened is not None and not has_gradient:
             return opened
-        part = _continuous(wanted, layout, matrix, step, pushes)
+        part = _continuous(wanted, layout, matrix, step, paid)
         given = (part[:, None] @ layout)[:, 0]
         # Thrusters within their range follow the demand, others less.
         square = layout.square().sum(dim=2).clamp(min=1e-9)
-        slope = (layout @ (wanted - given)[:, :, None])[:, :, 0] - 0.5 * PRICE * pushes
+        slope = (layout @ (wanted - given)[:, :, None])[:, :, 0] - paid
         weight = torch.exp(-slope.abs() / (_SOFT * square))
         weighted = layout * weight[:, :, None]
         products = weighted.mT @ layout
@@ -568,8 +576,8 @@ def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple
         )
         hard, spent = opened or (given, (part * pushes).sum(dim=1))
     soft = (follows @ demand[:, :, None])[:, :, 0]
-    price = (costs[:, :, 0] * demand).sum(dim=1)
-    return soft + (hard - soft).detach(), price + (spent - price).detach()
+    following = (costs[:, :, 0] * demand).sum(dim=1)
+    return soft + (hard - soft).detach(), following + (spent - following).detach()
 
 
 def _opened(demand: Tensor, twist: Tensor, offset: Tensor, used: Tensor) -> tuple[Tensor, Tensor]:
@@ -581,10 +589,10 @@ def _opened(demand: Tensor, twist: Tensor, offset: Tensor, used: Tensor) -> tupl
 
 
 def _continuous(
-    demand: Tensor, layout: Tensor, matrix: Tensor, step: Tensor, pushes: Tensor
+    demand: Tensor, layout: Tensor, matrix: Tensor, step: Tensor, paid: Tensor
 ) -> Tensor:
     """Commands (N, n) of `rans.policy.allocation.shares`, for a layout (N, n, d) of each craft, by matrices."""
-    along = (layout @ demand[:, :, None])[:, :, 0] - 0.5 * PRICE * pushes
+    along = (layout @ demand[:, :, None])[:, :, 0] - paid
     free = step * along
     part = free.clamp(0.0, 1.0)
     before = part
@@ -678,7 +686,7 @@ def _one_period(
 
     Demands are those of the law, or else those of a network, whose layers are ``flat``.
     """
-    period, ways, scale, gain, late, noise, centre, moments, *rows = fields
+    period, ways, scale, gain, late, noise, centre, moments, weight, *rows = fields
     size = scale.shape[1]
     dimension = directions(size)
     accelerations = list(ways)
@@ -732,7 +740,7 @@ def _one_period(
     distance = torch.sqrt(p.square().sum(dim=1) + 1e-8)
     angle = torch.sqrt((4.0 - 4.0 * q[:, 0].square()).clamp(min=0.0) + 1e-6)
     inside = torch.sigmoid((0.035 - distance) / 0.008) * torch.sigmoid((0.06 - angle) / 0.014)
-    far = torch.log1p(20.0 * distance) / 4.4 + 0.6 * torch.log1p(12.0 * angle) / 3.2
+    far = torch.log1p(20.0 * distance) / 4.4 + weight * torch.log1p(12.0 * angle) / 3.2
     square = spin.square().sum(dim=1)
     cost = period * (far + 1.0 - inside + 0.02 * square.clamp(max=9.0))
     return Motion(p, q, v, spin), twist, cost, inside, pushes
@@ -792,7 +800,9 @@ def fly(
         batch.noise,
         batch.centre,
         batch.moments,
-        *batch.pool[:7],
+        # A tensor, or every weight would be compiled anew.
+        period.new_tensor(stage.angle),
+        *batch.pool[:8],
     )
     law = policy if callable(policy) else None
     flat = [] if callable(policy) else [x for layer in policy for x in layer]
@@ -891,15 +901,13 @@ def _train_stage(
     report: Callable[[str], None],
 ) -> None:
     """Train a network for the time of a stage at its prices, with an optimizer of its own."""
-    optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate, betas=(0.9, 0.98))
+    optimizer = torch.optim.Adam(network.parameters(), stage.learning_rate, betas=(0.9, 0.98))
     begun = time.perf_counter()
     number = 0
     while (elapsed := time.perf_counter() - begun) < stage.seconds:
         elapsed_part = elapsed / stage.seconds
         # The step size rises within the first hundredth and falls to nothing at the end.
-        rate = (
-            settings.learning_rate * min(1.0, 0.02 + 100.0 * elapsed_part) * (1.0 - elapsed_part**2)
-        )
+        rate = stage.learning_rate * min(1.0, 0.02 + 100.0 * elapsed_part) * (1.0 - elapsed_part**2)
         optimizer.param_groups[0]["lr"] = rate
         # The n-th batch is on/off as often as the part says.
         on_off = int((number + 1) * settings.on_off) > int(number * settings.on_off)

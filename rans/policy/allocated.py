@@ -16,7 +16,15 @@ from torch import Tensor
 from rans.model.fields import Field
 from rans.model.twists import balanced, directions
 from rans.policy.adaptation import Adaptation
-from rans.policy.allocation import PRICE, Subsets, in_order, shares, subsets, thrust_price
+from rans.policy.allocation import (
+    PRICE,
+    Subsets,
+    continuous_price,
+    in_order,
+    shares,
+    subsets,
+    thrust_price,
+)
 from rans.policy.authority import Authority
 from rans.policy.backbones import Backbone, product
 from rans.policy.parts import ArchitectureView, NetworkView
@@ -268,28 +276,29 @@ def continuous(
         gentle: 1 where wheels take up momentum with the craft's speed, else 0; None: they never do. Thrust then has
             a higher price, and thrusters and wheels are always allocated together.
     """
+    turning = wheels(tokens)
+    price: Field = continuous_price(np.array(tokens)[:, :-1], bool(turning))
     if gentle is not None:
-        price = PRICE + gentle * (_GENTLE_PRICE - PRICE)
+        price = price + gentle * (_GENTLE_PRICE - price)
         # A weight is a constant of the columns.
         weight = _GENTLE_WEIGHT if isinstance(gentle, float) else 1.0
-        return _allocated(demand, tokens, limits, price, weight)
-    turning = wheels(tokens)
+        return _allocated(demand, tokens, price, limits, weight)
     throttled = tuple(token for token in tokens if token[-1] == CONTINUOUS)
     if turning and throttled and spans(np.array(throttled)[:, :-1]):
-        commands = _allocated(demand, throttled, limits)
+        commands = _allocated(demand, throttled, price, limits)
         left = demand
         # In an order of the columns, so that the bits do not depend on the numbers of the thrusters.
         for k in in_order(np.array(throttled)[:, :-1]):
             left = [e - x * commands[k] for e, x in zip(left, throttled[k][:-1], strict=True)]
-        return commands + _allocated(left, turning)
-    return _allocated(demand, tokens, limits)
+        return commands + _allocated(left, turning, price)
+    return _allocated(demand, tokens, price, limits)
 
 
 def _allocated(
     demand: list[Field],
     tokens: Tokens,
+    price: Field,
     limits: Sequence[Field] | None = None,
-    price: Field = PRICE,
     weight: float = 1.0,
 ) -> list[Field]:
     """Commands of effectors that are allocated together; a wheel is two columns, one for each way.
@@ -307,7 +316,7 @@ def _allocated(
     ]
     if limits is not None:
         limits = [*limits, *[1.0] * (len(columns) - len(limits))]
-    parts = iter(shares(demand, np.array(columns), limits, price))
+    parts = iter(shares(demand, np.array(columns), price, limits))
     return [
         (next(parts) - next(parts)) * 0.5 + 0.5 if token[-1] == WHEEL else next(parts)
         for token in tokens

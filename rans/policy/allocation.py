@@ -26,10 +26,15 @@ from rans.model.twists import directions
 from rans.randomization.layouts import authority_margin
 
 PRICE = 0.1
-"""Price of the velocity change that thrusters give, summed over them, in units of squared errors."""
-FALL = {2: 2.0, 3: 0.0}
-"""Power of an authority margin below 1 by which the price of on/off thrusters falls, by dimension. In space
-it has not been judged (docs/decisions/any_craft_training.md)."""
+"""Price of the velocity change that thrusters give, summed over them, in units of squared errors: of thrusters in
+the plane, and beside wheels, which fill up with the torques that thrusters leave."""
+ON_OFF_PRICE = {2: PRICE, 3: 0.13}
+"""The same of on/off thrusters, by dimension (docs/decisions/any_craft_training.md)."""
+CONTINUOUS_PRICE = {2: PRICE, 3: 0.3}
+"""The same of continuous thrusters of a craft without wheels."""
+FALL = 2.0
+"""Power of an authority margin below 1 by which the price of thrusters falls, apart from continuous ones in the
+plane (docs/decisions/any_craft_training.md)."""
 PASSES = 6
 """Times that coordinate descent visits every thruster. Errors that are left are demanded in the next period."""
 MOST_SUBSETS = 4096
@@ -58,13 +63,26 @@ def in_order(columns: np.ndarray) -> np.ndarray:
 
 def thrust_price(columns: np.ndarray) -> float:
     """Price of the thrust of on/off thrusters with columns (n, d)."""
+    return ON_OFF_PRICE[directions(columns.shape[1])] * _fall(columns)
+
+
+def _fall(columns: np.ndarray) -> float:
+    """Part of a price that is left with a small authority margin."""
     # Summed in one order, so that its bits do not depend on the numbers of the thrusters.
     margin = authority_margin(columns[in_order(columns)])
-    return PRICE * min(1.0, margin) ** FALL[directions(columns.shape[1])]
+    return min(1.0, margin) ** FALL
+
+
+def continuous_price(columns: np.ndarray, has_wheels: bool) -> float:
+    """Price of the thrust of continuous thrusters with columns (n, d)."""
+    pushing = directions(columns.shape[1])
+    if has_wheels or pushing == 2:
+        return PRICE
+    return CONTINUOUS_PRICE[pushing] * _fall(columns)
 
 
 @lru_cache(maxsize=64)
-def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float = PRICE) -> Subsets:
+def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float) -> Subsets:
     """All useful subsets of on/off thrusters with columns ``tokens`` (n, d).
 
     Of subsets that do the same only the one with the least thrust stays. With a shared supply every open thruster
@@ -109,8 +127,8 @@ def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float = 
 def shares(
     demand: Sequence[Field],
     columns: np.ndarray,
+    price: Field,
     limits: Sequence[Field] | None = None,
-    price: Field = PRICE,
     passes: int = PASSES,
 ) -> list[Field]:
     """Shares of full force, 0 to 1, of continuous thrusters for a demand of d fields, by coordinate descent.

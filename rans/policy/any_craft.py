@@ -58,9 +58,10 @@ RANGES = {
 """Ranges of the craft that the shipped agents were trained on (`campaigns.any_craft_training`), by dimension."""
 AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
 """Agents for any craft that come with RANS, by dimension."""
-COAST = {2: 3.0, 3: 5.0}
-"""Control periods for which a craft coasts near the goal, by dimension. Of 0, 2, 3, 5 and 8 these save impulse on
-random layouts of on/off thrusters and cost no time; throttled ones lose by it (docs/decisions/any_craft.md)."""
+COAST = 3.0
+"""Control periods for which a craft coasts near the goal. Of 0, 2, 3, 5 and 8 this saves impulse on random layouts
+of on/off thrusters in the plane and costs no time; in space of 3, 5 and 8 it saves most of the free flyer's.
+Throttled thrusters lose by it (docs/decisions/any_craft.md)."""
 _FULL_WHEELS = 0.55
 """Part of the speed at which a wheel is full that a craft flies at; turns need the rest of the wheels."""
 _NEVER_FULL = 1e-9
@@ -125,7 +126,7 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
 
 def coast(craft: Spacecraft) -> float:
     """Control periods of `rans.policy.authority.coasting` for a craft; 0 with throttled thrusters."""
-    return 0.0 if craft.actuators.kind == "throttle" else COAST[craft.dimension]
+    return 0.0 if craft.actuators.kind == "throttle" else COAST
 
 
 def farthest(craft: Spacecraft, own: Authority) -> float:

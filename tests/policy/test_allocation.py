@@ -24,7 +24,7 @@ def drawn(seed: int, most: int = 8) -> np.ndarray:
 @pytest.mark.parametrize("shared", [False, True])
 def test_the_chosen_subset_is_the_best_of_all(seed: int, shared: bool) -> None:
     columns = drawn(seed)
-    chosen = subsets(tuple(map(tuple, columns.tolist())), shared)
+    chosen = subsets(tuple(map(tuple, columns.tolist())), shared, PRICE)
     demands = np.random.default_rng(seed + 100).normal(size=(60, 3)) * 1.5
     found = chosen.opened[np.argmax(demands @ chosen.slope.T + chosen.offset, axis=1)]
 
@@ -43,8 +43,8 @@ def test_the_chosen_subset_is_the_best_of_all(seed: int, shared: bool) -> None:
 def test_subsets_follow_the_order_of_the_thrusters(seed: int) -> None:
     columns = drawn(seed)
     order = np.random.default_rng(seed).permutation(len(columns))
-    here = subsets(tuple(map(tuple, columns.tolist())), False)
-    there = subsets(tuple(map(tuple, columns[order].tolist())), False)
+    here = subsets(tuple(map(tuple, columns.tolist())), False, PRICE)
+    there = subsets(tuple(map(tuple, columns[order].tolist())), False, PRICE)
     assert np.array_equal(here.slope, there.slope)
     assert np.array_equal(here.offset, there.offset)
     assert np.array_equal(here.opened[:, order], there.opened)
@@ -76,8 +76,8 @@ def test_continuous_shares_are_near_bounded_least_squares(seed: int) -> None:
     # The price is one more row: |B u - d|^2 + p c u is that of a linear program's term, minimised exactly by
     # many passes.
     for demand in np.random.default_rng(seed).normal(size=(12, 3)):
-        few = np.array(shares(list(demand), columns), dtype=float)
-        many = np.array(shares(list(demand), columns, passes=400), dtype=float)
+        few = np.array(shares(list(demand), columns, PRICE), dtype=float)
+        many = np.array(shares(list(demand), columns, PRICE, passes=400), dtype=float)
 
         def cost(u: np.ndarray, demand: np.ndarray = demand) -> float:
             error = columns.T @ u - demand

@@ -462,7 +462,7 @@ def _allocation_data(architecture: Architecture) -> dict[str, Any]:
         "tokens": architecture.tokens,
         "authority": [period, *authority, min(authority[:4]), min(authority[4:])],
         "price": PRICE,
-        "fall": FALL[2],
+        "fall": FALL,
         "passes": PASSES,
         "subsets": MOST_SUBSETS,
     }
