@@ -29,7 +29,7 @@ PRICE = 0.1
 """Price of the velocity change that thrusters give, summed over them, in units of squared errors: of thrusters in
 the plane, and beside wheels, which fill up with the torques that thrusters leave."""
 ON_OFF_PRICE = {2: PRICE, 3: 0.13}
-"""The same of on/off thrusters, by dimension (docs/decisions/any_craft_training.md)."""
+"""The same of on/off thrusters, by dimension (docs/decisions/any_craft.md)."""
 CONTINUOUS_PRICE = {2: PRICE, 3: 0.3}
 """The same of continuous thrusters of a craft without wheels."""
 FALL = 2.0
