@@ -182,7 +182,7 @@ def test_names_do_where_objects_do() -> None:
         ),
         (
             lambda: rans.load_task(rans.GoToPose),  # type: ignore[arg-type]
-            r"a name or an object such as rans\.GoToPose\(.*got <class",
+            r"a task is an object of its class: write GoToPose\(\)",
         ),
         (lambda: rans.train(3), "a task is a name or an object"),  # type: ignore[arg-type]
         (

@@ -235,8 +235,16 @@ SPATIAL = load_spacecraft("free-flyer")
             lambda: load_agent("go-to-pose-2d").controller,
             "observes 10 numbers, but was shown 22",
         ),
-        (PLANAR, lambda: load_agent("go-to-pose-2d"), "a controller has the methods reset and act"),
-        (PLANAR, lambda: None, "a controller has the methods reset and act"),
+        (
+            PLANAR,
+            lambda: load_agent("go-to-pose-2d"),
+            r"a controller has the methods reset\(count\) and act\(state, goal, observation\)",
+        ),
+        (
+            PLANAR,
+            lambda: None,
+            r"a controller has the methods reset\(count\) and act\(state, goal, observation\)",
+        ),
         (PLANAR, lambda: LQR(SPATIAL, "go-to-pose"), "LQR was made for free-flyer"),
         (
             SPATIAL,

@@ -275,8 +275,9 @@ def test_an_interrupted_page_says_how_far_it_got(
     monkeypatch.setattr(entrants, "simple_controller", interrupted)
     command = ["compare", "lqr:go-to-pose-2d", "--episodes", "2", "--output", str(tmp_path)]
     assert main([*command, "--with", "switching"]) == 130
-    said = "Interrupted: 1 contestant had flown"
-    assert said in (tmp_path / "compare.html").read_text("utf-8")
+    page = (tmp_path / "compare.html").read_text("utf-8")
+    assert "Interrupted" in page
+    assert "1 contestant had flown" in page
 
 
 @pytest.mark.slow

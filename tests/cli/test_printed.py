@@ -19,6 +19,7 @@ from rans.cli.list import _agent_details
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe_batch as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
+from rans.fast.learn.config import TrainConfig
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -77,7 +78,7 @@ def test_the_end_of_a_training(
         seconds=4.0,
         rate=123_456.0,
         learner=SimpleNamespace(description=""),
-        config=SimpleNamespace(solved_share=share, settings=GoToPose(), timing=Timing()),
+        config=TrainConfig("go-to-pose", GoToPose(), "floating-platform", solved_share=share),
         engine=SimpleNamespace(craft=load_spacecraft("floating-platform")),
         steps=500_000,
         members=[SimpleNamespace(rows=[{"success": 0.86}])],
