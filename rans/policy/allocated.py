@@ -40,11 +40,11 @@ Tokens = tuple[tuple[float, ...], ...]
 SHUT = "shut"
 """Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
 numbers stand behind the features."""
-_GENTLE_PRICE = 0.5
+_GENTLE_PRICE = 0.3
 """Price of thrust where wheels take up momentum with the craft's speed: thrusters that work against each other fill
-the wheels. Of 0.1, 0.3, 0.4, 0.6 and 1 those from 0.4 to 0.6 settle most flights of CubeSats without a thruster."""
-_GENTLE_WEIGHT = 2.0
-"""Weight of squared errors of the spin there, of 1, 2 and 4: the attitude is lost with full wheels."""
+the wheels. Of 0.2, 0.3, 0.4, 0.5 and 0.8 it settles most flights of cubesat-6u without a thruster."""
+_GENTLE_WEIGHT = 4.0
+"""Weight of squared errors of the spin there, of 2, 4, 6, 8 and 12: the attitude is lost with full wheels."""
 _LOST = 1e4
 """Price of opening such a thruster, in units of squared errors: above what any demand is worth."""
 

@@ -30,7 +30,7 @@ PRICE = 0.1
 the plane, and beside wheels, which fill up with the torques that thrusters leave."""
 ON_OFF_PRICE = {2: PRICE, 3: 0.13}
 """The same of on/off thrusters, by dimension (docs/decisions/any_craft.md)."""
-CONTINUOUS_PRICE = {2: PRICE, 3: 0.3}
+CONTINUOUS_PRICE = {2: PRICE, 3: 0.2}
 """The same of continuous thrusters of a craft without wheels."""
 FALL = 2.0
 """Power of an authority margin below 1 by which the price of thrusters falls, apart from continuous ones in the

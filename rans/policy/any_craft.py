@@ -62,7 +62,9 @@ COAST = 3.0
 """Control periods for which a craft coasts near the goal. Of 0, 2, 3, 5 and 8 this saves impulse on random layouts
 of on/off thrusters in the plane and costs no time; in space of 3, 5 and 8 it saves most of the free flyer's.
 Throttled thrusters lose by it (docs/decisions/any_craft.md)."""
-_FULL_WHEELS = 0.55
+_SLOW_COAST = 5.0
+"""The same of a craft with a bound of `farthest`, of 3 and 5."""
+_FULL_WHEELS = 0.6
 """Part of the speed at which a wheel is full that a craft flies at; turns need the rest of the wheels."""
 _NEVER_FULL = 1e-9
 """Part of a wheel's range per m/s below which thrusters balance their torques themselves."""
@@ -124,9 +126,14 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
     return tuple(rows)
 
 
-def coast(craft: Spacecraft) -> float:
-    """Control periods of `rans.policy.authority.coasting` for a craft; 0 with throttled thrusters."""
-    return 0.0 if craft.actuators.kind == "throttle" else COAST
+def coast(craft: Spacecraft, bound: float = 0.0) -> float:
+    """Control periods of `rans.policy.authority.coasting` for a craft; 0 with throttled thrusters.
+
+    ``bound`` is that of `farthest`.
+    """
+    if craft.actuators.kind == "throttle":
+        return 0.0
+    return _SLOW_COAST if bound else COAST
 
 
 def farthest(craft: Spacecraft, own: Authority) -> float:
@@ -228,14 +235,15 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
             )
     weight, bias = old.last.folded(*network.layer("action_net"))
     tokens = effects(craft, period)
+    bound = farthest(craft, own)
     new = replace(
         old,
         thrusters=len(craft.commands),
         head="gaussian" if craft.is_continuous else "on-off",
         tokens=tokens,
         authority=numbers,
-        coast=coast(craft),
-        farthest=farthest(craft, own),
+        coast=coast(craft, bound),
+        farthest=bound,
         farthest_lost=_farthest_lost(craft, own, tokens) if old.adapts else 0.0,
     )
     tensors = {

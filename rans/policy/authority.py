@@ -40,7 +40,7 @@ _COAST_ANGLE = 0.9 * math.radians(5.0)
 go-to-pose, so that the delay of a command does not carry it out."""
 
 
-_LARGEST_TURN = 0.5
+_LARGEST_TURN = 0.35
 """Angle, rad, to which `nearer` brings the goal's attitude."""
 
 _POSE = {
