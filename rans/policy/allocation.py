@@ -29,9 +29,11 @@ PRICE = 0.1
 """Price of the velocity change that thrusters give, summed over them, in units of squared errors: of thrusters in
 the plane, and beside wheels, which fill up with the torques that thrusters leave."""
 ON_OFF_PRICE = {2: PRICE, 3: 0.13}
-"""The same of on/off thrusters, by dimension (docs/decisions/any_craft.md)."""
+"""Price of the velocity change of on/off thrusters, in units of squared errors, by dimension
+(docs/decisions/any_craft.md)."""
 CONTINUOUS_PRICE = {2: PRICE, 3: 0.2}
-"""The same of continuous thrusters of a craft without wheels."""
+"""Price of the velocity change of throttled or pulsed thrusters of a craft without wheels, in units of squared
+errors, by dimension (docs/decisions/any_craft.md)."""
 FALL = 2.0
 """Power of an authority margin below 1 by which the price of thrusters falls, apart from continuous ones in the
 plane (docs/decisions/any_craft_training.md)."""
@@ -67,7 +69,7 @@ def thrust_price(columns: np.ndarray) -> float:
 
 
 def _fall(columns: np.ndarray) -> float:
-    """Part of a price that is left with a small authority margin."""
+    """Factor of the price of thrusters with columns (n, d): 1, or less with an authority margin below 1."""
     # Summed in one order, so that its bits do not depend on the numbers of the thrusters.
     margin = authority_margin(columns[in_order(columns)])
     return min(1.0, margin) ** FALL

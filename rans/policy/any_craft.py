@@ -63,7 +63,8 @@ COAST = 3.0
 of on/off thrusters in the plane and costs no time; in space of 3, 5 and 8 it saves most of the free flyer's.
 Throttled thrusters lose by it (docs/decisions/any_craft.md)."""
 _SLOW_COAST = 5.0
-"""The same of a craft with a bound of `farthest`, of 3 and 5."""
+"""Control periods for which a craft coasts near the goal if its speed is bounded (`farthest`); of 3 and 5 this
+settles more flights of cubesat-6u without a thruster."""
 _FULL_WHEELS = 0.6
 """Part of the speed at which a wheel is full that a craft flies at; turns need the rest of the wheels."""
 _NEVER_FULL = 1e-9

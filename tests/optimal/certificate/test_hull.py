@@ -449,7 +449,7 @@ def test_impulse_through_balls_by_hand() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_impulse_through_balls_is_that_of_the_best_changes_of_velocity(seed: int) -> None:
-    """The same problem the other way round: changes of velocity that reach the balls, by another solver."""
+    """Least impulse of velocity changes that reach the balls, by another solver: the dual of the bound."""
     random = np.random.default_rng(seed)
     size = 2 + seed % 2
     craft = PLATFORM if size == 2 else FLYER
