@@ -86,7 +86,7 @@ class Fly:
     """Seconds without a state after which the flight ends. None: 1, or two control periods if these are longer."""
 
     def run(self) -> int:
-        """Fly; the exit code is 0, or 1 after a fault."""
+        """Fly; the exit code is 0, or 1 after a fault or if no state ever came."""
         from rans.deploy.foreign import export_foreign_for_flight
         from rans.deploy.robot.bag import index_bag
         from rans.deploy.robot.node import fly_over, planned_task
@@ -197,11 +197,10 @@ class Fly:
         stop = stop_on_signals()
         bus = opened_bus(self.bus, self.domain, self.address, self.ros)
         try:
-            say(
-                f"Flying {name} over {self.bus.partition(':')[0]}; Ctrl-C shuts the valves and ends the flight."
-            )
+            link = f"{self.bus} (ROS_DOMAIN_ID {ros_domain(self.domain)})"
+            say(f"Flying {name} over {link}; Ctrl-C shuts the valves and ends the flight.")
             bag = output / "flight.mcap"
-            report = fly_over(bus, plan, bag, self.seconds, say, stop.is_set)
+            report = fly_over(bus, plan, bag, self.seconds, say, stop.is_set, link)
         finally:
             bus.close()
         say(report.text())
@@ -232,15 +231,26 @@ def opened_bus(text: str, domain: int | None, address: str, ros: Ros | None) -> 
         raise ConfigError(
             f"--bus takes dds, zenoh, udp or zenoh:LOCATOR, such as zenoh:tcp/192.168.0.2:7447, got {brief(text)}."
         )
-    if domain is None:
-        number = os.environ.get("ROS_DOMAIN_ID") or "0"
-        if not number.isdecimal():
-            raise ConfigError(f"ROS_DOMAIN_ID must be a whole number, got {brief(number)}.")
-        domain = int(number)
     name = ros or os.environ.get("ROS_DISTRO") or "jazzy"
     if kind == "zenoh" and name not in get_args(Ros):
         raise ConfigError(
             f"ROS_DISTRO must be one of {', '.join(get_args(Ros))} for zenoh, got {brief(name)}."
         )
     distribution = name if name in get_args(Ros) else "jazzy"  # which only zenoh reads
-    return open_bus(cast("BusName", kind), domain, locator or address, cast("Ros", distribution))
+    return open_bus(
+        cast("BusName", kind), ros_domain(domain), locator or address, cast("Ros", distribution)
+    )
+
+
+def ros_domain(domain: int | None) -> int:
+    """The domain, and without one that of ROS's environment, or 0.
+
+    Raises:
+        ConfigError: ROS_DOMAIN_ID is no whole number.
+    """
+    if domain is not None:
+        return domain
+    number = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not number.isdecimal():
+        raise ConfigError(f"ROS_DOMAIN_ID must be a whole number, got {brief(number)}.")
+    return int(number)

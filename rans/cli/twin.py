@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from rans.cli.fly import Robot, Ros, opened_bus
+from rans.cli.fly import Robot, Ros, opened_bus, ros_domain
 from rans.cli.options import Former
 from rans.cli.states import POSE, read_state
 from rans.errors import ConfigError
@@ -93,7 +93,8 @@ class Twin:
         bus = opened_bus(self.bus, self.domain, self.address, self.ros)
         try:
             say(
-                f"{craft.name} is on {self.bus.partition(':')[0]}, at {self.rate:g} states a second."
+                f"{craft.name} is on {self.bus} (ROS_DOMAIN_ID {ros_domain(self.domain)}), at {self.rate:g} "
+                "states a second."
             )
             motion = run_twin(bus, plan, say, stop.is_set)
         finally:

@@ -71,7 +71,7 @@ class Report:
     guarded: int | None = None
     """Control periods in which the safety filter replaced the agent's command; None: there was no filter."""
     fault: str = ""
-    """Why the flight ended before its time; "" where it did not."""
+    """Why the flight ended before its time, or was none, since no state ever came; else ""."""
 
     def text(self) -> str:
         """The result as a sentence."""
@@ -100,9 +100,11 @@ def fly_over(
     seconds: float | None = None,
     say: Callable[[str], None] = print,
     stopped: Callable[[], bool] = lambda: False,
+    link: str = "",
 ) -> Report:
     """Fly an agent over a bus until its time is up, it is stopped or something is wrong; valves are shut then.
 
+    A flight to which no state ever came is a fault, also where its time was up or it was stopped.
     Before the first command it listens for another node that commands the same robot. What is written down of the
     flight, the bag and what is said, cannot end it: a flight goes on without a bag, and says so.
 
@@ -113,13 +115,14 @@ def fly_over(
         seconds: length of the flight; None: until it is stopped.
         say: takes each sentence.
         stopped: whether somebody wants the flight to end.
+        link: what sentences call the bus, such as "dds (ROS_DOMAIN_ID 0)".
 
     Raises:
         ConfigError: the length is not above 0, another node commands the robot, or see `MessagePilot`, `Recorder`.
     """
     if seconds is not None:
         positive("--seconds", seconds)
-    pilot = MessagePilot(plan, planned_task(plan))
+    pilot = MessagePilot(plan, planned_task(plan), link)
     _warm_up(MessagePilot(plan, planned_task(plan)))
     period = round(pilot.period * 1e9)
     report = Report(guarded=0 if plan.guard else None)
@@ -216,6 +219,10 @@ def fly_over(
         refused = shut_valves(bus, shut)
         if collected:
             gc.enable()
+        never_came = pilot.never_came(unique(time.monotonic_ns()))
+        if never_came and not report.fault:
+            report.fault = never_came
+            tell(never_came)
         record(unique(time.monotonic_ns()), END_TOPIC, TEXT, text_message(report.fault))
         moment = unique(time.monotonic_ns())
         for message in shut:

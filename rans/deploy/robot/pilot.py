@@ -196,13 +196,19 @@ class _Part:
 class MessagePilot:
     """Turns messages into states, and states into commands.
 
+    Args:
+        plan: what to fly.
+        task: the task of the plan.
+        link: bus and domain over which messages come, as sentences name them; "" leaves them out.
+
     Raises:
         ConfigError: the agent's files do not fit one another, or the plan does not fit the agent.
     """
 
-    def __init__(self, plan: Plan, task: Task) -> None:
+    def __init__(self, plan: Plan, task: Task, link: str = "") -> None:
         # The agent, its craft and its contract, and how messages of this robot become states.
         self.plan = plan
+        self._link = link
         folder = Path(plan.folder)
         self.contract = read_contract(folder, for_flight=True)
         self.craft = read_spacecraft(folder / "spacecraft.toml")
@@ -365,13 +371,11 @@ class MessagePilot:
             for topic, part in self._parts.items()
         }
         age = max(ages.values())
-        missing = [topic for topic, part in self._parts.items() if part.moment is None]
-        if missing:
-            on = " and ".join(missing)
-            causes = self._causes(missing, now)
+        if missing := self._missing():
             if age > self.plan.wait:
-                return f"no state came on {on} for {age:.2f} s{causes}", True
-            return f"waiting for a state on {on}{causes}", False
+                return self._no_state(missing, now, age), True
+            causes = self._causes(missing, now)
+            return f"waiting for a state on {' and '.join(missing)}{causes}", False
         # Parts that are older than the contract allows: wait, or give the robot up.
         stale = [topic for topic in ages if ages[topic] > self.oldest + 1e-9]
         if stale:
@@ -392,6 +396,32 @@ class MessagePilot:
                     True,
                 )
         return None
+
+    def never_came(self, now: int) -> str:
+        """Why no state was complete until a time, ns, in a sentence; "" if one was or nothing was decided."""
+        missing = self._missing()
+        if not missing or self._began is None:
+            return ""
+        return f"{self._no_state(missing, now, (now - self._began) * 1e-9)}."
+
+    def _missing(self) -> list[str]:
+        """Topics of the state on which no reading ever came."""
+        return [topic for topic, part in self._parts.items() if part.moment is None]
+
+    def _no_state(self, missing: list[str], now: int, age: float) -> str:
+        """That no reading came on topics for so many s, and the usual cause."""
+        causes = self._causes(missing, now)
+        came = [topic for topic in self._parts if topic not in missing]
+        robot = self.plan.robot
+        if not causes and came:
+            causes = f" (only {' and '.join(came)} came: is the robot another kind than --robot {robot}?)"
+        elif not causes:
+            causes = (
+                " (is the robot, or its twin, running on the same bus and in the same domain, and does it "
+                f"publish these topics, as --robot {robot} expects?)"
+            )
+        over = f" over {self._link}" if self._link else ""
+        return f"no state came on {' and '.join(missing)}{over} for {age:.2f} s{causes}"
 
     def _causes(self, topics: list[str], now: int) -> str:
         """Why there is no new reading on topics on which messages come, as " (...)"; "" where none come."""

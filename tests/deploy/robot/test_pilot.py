@@ -27,8 +27,8 @@ pytest.importorskip("mcap")
 from rans.deploy.robot.bag import bag_entries
 from rans.deploy.robot.bus import Receive, UDPBus
 from rans.deploy.robot.interfaces import RobotName, interface
-from rans.deploy.robot.messages import FLOATS, text_message, unpack
-from rans.deploy.robot.node import Inbox, Report, fly_over, planned_task, replay_bag
+from rans.deploy.robot.messages import FLOATS, TEXT, text_message, unpack
+from rans.deploy.robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
 from rans.deploy.robot.pilot import AGENT_TOPIC, MessagePilot, Plan
 from rans.errors import ConfigError
 from tests.support.robots import AWAY
@@ -282,6 +282,45 @@ def test_a_lost_terminal_does_not_end_a_flight(error: BaseException, quick: Path
     assert report.notes  # it waited for a state
     assert report.fault == ""
     assert not bus.commands[-1].any()
+
+
+@pytest.mark.parametrize(
+    ("sends", "words"),
+    [
+        ((), ("pose and twist", "over udp", "domain 7", "running")),
+        (("pose",), ("no state came on twist", "only pose came", "--robot ros")),
+    ],
+)
+@pytest.mark.parametrize("ends_by", ["time", "interrupt"])
+def test_a_flight_without_a_state_is_a_fault(
+    sends: tuple[str, ...], words: tuple[str, ...], ends_by: str, quick: Path, tmp_path: Path
+) -> None:
+    """Its time is up, or it is stopped, long before it gives the robot up."""
+
+    class Deaf(Robot):
+        def send(self, topic: str, data: bytes) -> None:
+            if topic in sends:
+                super().send(topic, data)
+
+    bus = Deaf()
+    bag = tmp_path / "flight.mcap"
+    said: list[str] = []
+    report = fly_over(
+        bus,
+        plan(quick, wait=60.0),
+        bag,
+        0.2 if ends_by == "time" else None,
+        said.append,
+        lambda: ends_by == "interrupt" and len(bus.commands) >= 5,
+        "udp (domain 7)",
+    )
+    assert report.decisions > 0
+    assert not np.any(bus.commands)
+    assert all(word in report.fault for word in words)
+    assert said[-1] == report.fault
+    # The bag says it too.
+    last = [entry for entry in bag_entries(bag) if entry.topic == END_TOPIC]
+    assert [unpack(TEXT, entry.data).data for entry in last] == [report.fault]
 
 
 def test_a_terminal_that_hangs_is_not_waited_for(
