@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import takewhile
@@ -17,6 +18,8 @@ from tyro.conf import Positional
 
 from rans.cli.options import former, option_name
 from rans.errors import ConfigError, brief, meant
+from rans.files import read_text
+from rans.structure import LARGEST_TOML
 
 COMMAND_NAMES = {
     "benchmarks": "benchmark",
@@ -110,6 +113,7 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
     _check_words(name, command, words)
     if name in _TAKE_A_TASK and words:
         _check_is_task(name, words[0])
+    _check_is_spacecraft(name, words)
     for k, word in enumerate(words):
         flag, _, value = word.partition("=")
         flag = flag.replace("_", "-")
@@ -187,6 +191,51 @@ def _check_is_task(name: str, word: str) -> None:
         f"`rans {name}` takes a task, and {word} names {'its spacecraft' if at else 'who flies it'} too: write "
         f"rans {name} {task if is_known else bare}{option}."
     )
+
+
+_TAKE_A_SPACECRAFT = ("faults", "twin")
+"""Commands whose word is a spacecraft."""
+_OF_A_SPACECRAFT = ("--spacecraft", "--excite")
+"""Options whose value is a spacecraft."""
+
+
+def _check_is_spacecraft(name: str, words: Sequence[str]) -> None:
+    """Raise ConfigError, with the whole command, where an agent, who flies a task or a task stands for a craft."""
+    for k, word in enumerate(words):
+        flag, equals, value = word.partition("=")
+        if k == 0 and name in _TAKE_A_SPACECRAFT:
+            asks, before, value = f"`rans {name}`", "", word
+        elif k > 0 and words[k - 1] in _OF_A_SPACECRAFT:
+            asks, before, value = words[k - 1], "", word
+        elif flag in _OF_A_SPACECRAFT and equals:
+            asks, before = flag, f"{flag}="
+        else:
+            continue
+        value, comma, side = value.partition(",")
+        kind, craft = _craft_of(value)
+        if kind:
+            right = ["rans", name, *words[:k], f"{before}{craft}{comma}{side}", *words[k + 1 :]]
+            write = f"write {shlex.join(right)}" if craft else "`rans list SPACECRAFT` prints some"
+            raise ConfigError(f"{asks} takes a spacecraft, and {value} is {kind}: {write}.")
+
+
+def _craft_of(text: str) -> tuple[str, str]:
+    """What a text names in place of a spacecraft, and the spacecraft of that; each is empty if it is not known."""
+    from rans.pretrained import missing_agents, pretrained_folder, pretrained_names
+    from rans.tasks import TASKS
+
+    whole = text.partition("#")[0]
+    before, _, craft = whole.partition("@")
+    first, _, last = before.rpartition(":")
+    if first in ("", "pretrained", "adaptive", "lookahead"):
+        if last in pretrained_names():
+            file = pretrained_folder(last) / "spacecraft.toml"
+            return "an agent", craft or tomllib.loads(read_text(file, LARGEST_TOML))["name"]
+        if last in missing_agents():
+            return "an agent", craft
+    if re.sub("-[23]d$", "", last) in TASKS:
+        return "the name of who flies a task" if first else "a task", craft
+    return "", ""
 
 
 def _plain(hint: Any) -> Any:
