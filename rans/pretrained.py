@@ -7,7 +7,6 @@ installs.
 from __future__ import annotations
 
 import importlib.util
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -22,21 +21,6 @@ RECIPE_FOLDER = FOLDER.parent / "recipes"
 """Folder with a recipe NAME.toml for each agent, installed or not, by which it was trained."""
 _OTHER_RECIPES = ("base-", "good-", "preset-")
 """Beginnings of the names of recipes that belong to no agent (`rans.fast.learn.recipes`)."""
-
-_FORMER_NAMES = {"go-to-pose-2d-knob": "go-to-pose-2d-trade-off"}
-"""Former names of agents and recipes, which are accepted with a warning for one more version."""
-
-
-def present_agent(name: str) -> str:
-    """Present name of an agent or a recipe; a former name gives a `DeprecationWarning`."""
-    if (new := _FORMER_NAMES.get(name)) is None:
-        return name
-    warnings.warn(
-        f"the agent {name} is now called {new}; its former name will be removed in the next version.",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    return new
 
 
 def agent_recipes() -> list[str]:
@@ -76,7 +60,6 @@ def pretrained_folder(name: str) -> Path:
         MissingPackage: the agent is in ``rans-agents``, which is not installed.
         ConfigError: there is no such agent.
     """
-    name = present_agent(name)
     folders = _folders()
     if name in folders:
         return folders[name]

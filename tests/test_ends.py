@@ -5,7 +5,6 @@ A craft that nothing pushes flies along x at a known speed, so that every instan
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -154,20 +153,6 @@ def test_looks_do_not_change_the_motion() -> None:
         flown.append(flying(PLATFORM, task, pilot, starts, timing).states.p.x)
     np.testing.assert_allclose(flown[1], flown[0], rtol=0, atol=1e-11)
     np.testing.assert_allclose(flown[2], flown[0], rtol=0, atol=1e-9)
-
-
-def test_a_plug_in_of_an_earlier_version_still_moves_its_goal() -> None:
-    with pytest.warns(DeprecationWarning, match="Old.next_goal .* later"):
-
-        @dataclass(frozen=True)
-        class Old(GoToPose):
-            def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
-                return replace(goal, p=state.p)
-
-    with warnings.catch_warnings(action="error"):
-        engine = Engine(PLATFORM, Old(), 2, dtype=torch.float64)
-        engine.step(torch.zeros(2, len(SHUT)))
-        assert np.array_equal(engine.goal.p.x, engine.state.p.x)
 
 
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])

@@ -13,7 +13,6 @@ from rans.errors import ConfigError
 from rans.fast.learn.changes import change_entry
 from rans.fast.learn.config import Failures, from_table, to_table
 from rans.fast.learn.recipes import training
-from rans.pretrained import pretrained_folder
 from rans.structure import structure
 from tests.support.switching import SwitchingGoToPose
 
@@ -113,10 +112,3 @@ def test_a_former_entry_is_changed() -> None:
     assert from_table(table) == before
     with pytest.raises(ConfigError, match="no longer a setting"):
         change_entry(table, "settings.speed_weight", 0.2)
-
-
-def test_an_agent_keeps_its_former_name() -> None:
-    with pytest.warns(DeprecationWarning, match="now called go-to-pose-2d-trade-off"):
-        assert pretrained_folder("go-to-pose-2d-knob").name == "go-to-pose-2d-trade-off"
-    with pytest.warns(DeprecationWarning, match="now called go-to-pose-2d-trade-off"):
-        assert training("go-to-pose-2d-knob", device="cpu").task == "go-to-pose-priced"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -259,16 +258,6 @@ class Agent(AgentData):
             if source.is_file():
                 shutil.copyfile(source, target / name)
         return target
-
-    def __iter__(self) -> Iterator[Any]:
-        """The five parts that `rans.train` and `rans.load_agent` returned as a tuple up to version 0.1."""
-        warnings.warn(
-            "an agent was a tuple up to version 0.1; use its attributes controller, craft, task, timing and "
-            "conditions.",
-            FutureWarning,
-            stacklevel=2,
-        )
-        return iter(tuple(self.run)[:5])
 
 
 def load_agent(

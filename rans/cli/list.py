@@ -20,7 +20,6 @@ from rans.pretrained import (
     PACKAGE,
     RECIPE_FOLDER,
     missing_agents,
-    present_agent,
     pretrained_card,
     pretrained_folder,
     pretrained_names,
@@ -87,7 +86,7 @@ class List:
 
     @property
     def _named(self) -> str:
-        return present_agent((self.name or "").removeprefix("pretrained:"))
+        return (self.name or "").removeprefix("pretrained:")
 
     def _kind(self) -> str:
         """Kind of the named object, a key of `_PARTS`."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import operator
-import warnings
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from rans.display import Settings
 from rans.errors import ConfigError
@@ -43,28 +42,6 @@ class Task(Settings, metaclass=AcceptsFormerNames):
 
     The same object serves the plane and space, and every engine. Tasks do not truncate episodes; engines do.
     """
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "next_goal" in vars(cls):
-            warnings.warn(
-                f"{cls.__name__}.next_goal is deprecated and will not be called by the next version: "
-                "write later(goal, time) for the motion of the goal, and remember(goal, state) for what its "
-                "notes record of the spacecraft.",
-                DeprecationWarning,
-                stacklevel=2,
-            )
-        own: Any = cls
-        if "sight" in vars(cls):
-            warnings.warn(
-                f"{cls.__name__}.sight is deprecated and will not be called by the next version: "
-                "name it observation_terms.",
-                DeprecationWarning,
-                stacklevel=2,
-            )
-            own.observation_terms = vars(cls)["sight"]
-        elif "observation_terms" in vars(cls):
-            own.sight = vars(cls)["observation_terms"]  # for `super().sight` in tasks of users
 
     @classmethod
     def expected(cls, task: Task, purpose: str) -> Self:
@@ -283,9 +260,6 @@ class SingleTask(Prices, Task):
 
 def goal_after(task: Task, goal: State, state: State, time: Field) -> State:
     """Goal a time (s) later, with its memory updated for the state at that time."""
-    old = getattr(task, "next_goal", None)  # plug-ins written for an earlier version
-    if old is not None:
-        return old(goal, state, time)
     return task.remember(task.later(goal, time), state)
 
 

@@ -131,11 +131,7 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
 def goal_stands_still(task: Task) -> bool:
     """Whether the goal is constant over an episode: the task defines neither `later` nor `remember`."""
     kind = type(task)
-    return (
-        kind.later is Task.later
-        and kind.remember is Task.remember
-        and not hasattr(kind, "next_goal")
-    )
+    return kind.later is Task.later and kind.remember is Task.remember
 
 
 class _Noted(tuple[Field, ...]):

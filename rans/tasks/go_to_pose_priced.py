@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
@@ -63,16 +62,6 @@ class GoToPosePriced(GoToPose):
     def held_trade_off(self) -> float | None:
         """Fixed trade-off; None if episodes draw it."""
         return None if self.draws_trade_off else self.trade_off[0]
-
-    @property
-    def is_held(self) -> bool:
-        """Deprecated: whether `held_trade_off` is a number."""
-        warnings.warn(
-            "GoToPosePriced.is_held is deprecated and will be removed in the next version: use draws_trade_off.",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return not self.draws_trade_off
 
     def with_trade_off(self, trade_off: float) -> GoToPosePriced:
         """The task with a fixed trade-off from 0 (fast) to 1 (thrifty)."""

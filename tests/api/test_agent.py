@@ -89,19 +89,6 @@ def test_what_only_trained_agents_do() -> None:
         controller.export("anywhere")
 
 
-def test_the_tuple_of_before_still_unpacks_with_a_warning() -> None:
-    agent = rans.load_agent("go-to-pose-2d")
-    with pytest.warns(FutureWarning, match="use its attributes controller, craft, task"):
-        controller, craft, task, timing, conditions = agent
-    assert (controller, craft, task, timing, conditions) == (
-        agent.controller,
-        agent.craft,
-        agent.task,
-        agent.timing,
-        None,
-    )
-
-
 @pytest.mark.slow
 def test_conditions_of_an_agent_are_those_it_is_compared_under() -> None:
     robust = rans.load_agent("go-to-pose-2d").under("lab")

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -235,28 +233,6 @@ class Comparison(NotebookRepr):
             self.notes.append(
                 f"No start has all bounds of the front after {seconds:g} s: give it more, as in --front 900."
             )
-
-
-def fill(comparison: Comparison, *arguments: Any, **options: Any) -> None:
-    """Deprecated: call `Comparison.fly`."""
-    warnings.warn(
-        "rans.evaluation.compare.run.fill is deprecated and goes with the next version: call "
-        "comparison.fly(...) in place of fill(comparison, ...).",
-        DeprecationWarning,
-        stacklevel=2,
-    )
-    comparison.fly(*arguments, **options)
-
-
-def trace(comparison: Comparison, *arguments: Any, **options: Any) -> None:
-    """Deprecated: call `Comparison.trace`."""
-    warnings.warn(
-        "rans.evaluation.compare.run.trace is deprecated and goes with the next version: call "
-        "comparison.trace(...) in place of trace(comparison, ...).",
-        DeprecationWarning,
-        stacklevel=2,
-    )
-    comparison.trace(*arguments, **options)
 
 
 def _nothing_claimed(contest: Contest) -> str:

@@ -16,7 +16,7 @@ from rans.evaluation.fly.flights_file import is_flights_file
 from rans.evaluation.fly.lookahead import PREFIX
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import missing_agents, present_agent, pretrained_folder, pretrained_names
+from rans.pretrained import missing_agents, pretrained_folder, pretrained_names
 from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS
 
@@ -128,8 +128,8 @@ class ContestantName:
         # Names alone: a folder, an agent, or a mistake.
         agents = (*pretrained_names(), *missing_agents())
         agent, _, craft = whole.partition("@")
-        if not _exists(agent) and present_agent(agent) in agents:
-            return cls(text, "pretrained", present_agent(agent), craft=craft, part=part)
+        if not _exists(agent) and agent in agents:
+            return cls(text, "pretrained", agent, craft=craft, part=part)
         if not _exists(whole) and (task := _task_alone(whole)):
             raise ConfigError(
                 f"{whole} is a task, and a contestant is who flies it: type {_who_flies(task, agents)}."

@@ -19,7 +19,7 @@ from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.pretrained import RECIPE_FOLDER, agent_recipes, present_agent
+from rans.pretrained import RECIPE_FOLDER, agent_recipes
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.renamed import with_present_names
@@ -51,7 +51,7 @@ def recipe(name: str, device: str) -> TrainConfig:
 
 def check_task(name: str) -> None:
     """Raise ConfigError if there is neither a task nor a recipe of this name."""
-    if name.endswith(".toml") or ":" in name or name in TASKS or present_agent(name) in RECIPES:
+    if name.endswith(".toml") or ":" in name or name in TASKS or name in RECIPES:
         return
     own = f" (did you mean {Path(name).stem}:CLASS, a class in that file?)"
     is_module = name.endswith(".py") or Path(f"{name}.py").is_file()
@@ -74,7 +74,6 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
         ConfigError: there is no such task, recipe or spacecraft, or the recipe's file is wrong.
     """
     device = device or _usual_device()
-    task = present_agent(task)
     if task in RECIPES:
         return recipe(task, device)
     if task.endswith(".toml"):

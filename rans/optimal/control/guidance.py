@@ -16,7 +16,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.linear_motion import LinearMotion
-from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights, goal_ahead
+from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
 from rans.optimal.trajectory.allocation import Allocation, inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
@@ -173,7 +173,7 @@ class VelocityToGain(ModelBased):
         first = np.zeros((self._craft.dimension, state_now.shape[1]))
         open_ = np.ones(state_now.shape[1], dtype=bool)
         for periods in self._arrivals(left):
-            goal_then = goal_ahead(self._task, goal, state, periods * self._timing.control_period)
+            goal_then = self._task.later(goal, periods * self._timing.control_period)
             whole = self._motion(periods)
             missing = np.array([*leaves(goal_then.p), *leaves(goal_then.v)]) - whole.offset[:, None]
             missing = missing - whole.matrix @ state_now

@@ -19,7 +19,6 @@ from rans.optimal.control.regulator import (
     ModelBased,
     Regulator,
     Weights,
-    goal_ahead,
     mass_share,
 )
 from rans.optimal.trajectory.allocation import inertia, rounding
@@ -119,7 +118,7 @@ class LQR(ModelBased):
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
         """The regulator's force and torque on B, (N, 3 or 6), N and N m, for the mass that is left."""
-        later = goal_ahead(self._task, goal, state, self._timing.control_period)
+        later = self._task.later(goal, self._timing.control_period)
         regulator = self._regulator
         # Force: feedback and feed-forward in W, expressed in B's axes at the start of the period.
         position, velocity = (np.array(leaves(gap)) for gap in (state.p - goal.p, state.v - goal.v))

@@ -36,7 +36,6 @@ from rans.optimal.control.regulator import (
     ModelBased,
     Regulator,
     Weights,
-    goal_ahead,
 )
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.arrival import path_margins
@@ -214,7 +213,7 @@ class MPC(ModelBased):
         size = np.shape(state.p.columns()[0])
 
         def column(time: float) -> list[np.ndarray]:
-            goal_then = goal_ahead(self._task, goal, state, time)
+            goal_then = self._task.later(goal, time)
             return [np.broadcast_to(x, size) for x in leaves(goal_then)]
 
         now: Any = column(0.0)
@@ -226,7 +225,7 @@ class MPC(ModelBased):
 
     def _holding(self, state: Any, goal: Any) -> np.ndarray:
         """Commands (N, thrusters and wheels) that keep the craft at its goal in its drift, as it is turned."""
-        later = goal_ahead(self._task, goal, state, self._timing.control_period)
+        later = self._task.later(goal, self._timing.control_period)
         push = self._regulator.holding(state, goal, later)
         force = state.attitude.to(self._identity).rotate(type(state.p)(*(self._craft.mass * push)))
         wrench = np.zeros((push.shape[1], self._craft.degrees_of_freedom))

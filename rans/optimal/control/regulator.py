@@ -23,7 +23,6 @@ from rans.optimal.trajectory.allocation import Allocation, check_aims, inertia
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.scenario import scenarios
 from rans.tasks import Task
-from rans.tasks.base import goal_after
 from rans.tasks.settings import check_settings
 
 
@@ -132,7 +131,7 @@ class Deadband:
         instants = [(state, goal)]
         for time in (0.5 * look_ahead, look_ahead):
             coasted = advance(state, shut, body, time, disturbance=acting, drift=task.drift)
-            instants.append((coasted, goal_ahead(task, goal, state, time)))
+            instants.append((coasted, task.later(goal, time)))
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
         ignored = frozenset() if can_turn(craft) else {"spin", "attitude"}
         inside = [
@@ -142,15 +141,6 @@ class Deadband:
             if name not in ignored
         ]
         return np.logical_and.reduce(inside)
-
-
-def goal_ahead(task: Task, goal: Any, state: Any, time: float) -> Any:
-    """Goal of a task after a time, s, as `Task.later` says.
-
-    Plug-ins of earlier versions, which have ``next_goal`` instead, are asked for it with the state of now.
-    """
-    old = hasattr(task, "next_goal")
-    return goal_after(task, goal, state, time) if old else task.later(goal, time)
 
 
 def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any) -> np.ndarray:

@@ -17,7 +17,7 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.afterwards import Afterwards
-from rans.optimal.control.regulator import Deadband, ModelBased, goal_ahead
+from rans.optimal.control.regulator import Deadband, ModelBased
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import ThrusterPatterns, check_thrusters_alone
 from rans.tasks.base import Task
@@ -185,7 +185,7 @@ class MPPI(ModelBased):
             pattern, size = bits[:, k - 1], sizes[:, k - 1]
             applied = wrench(self._craft, tuple((pattern * size[:, None]).T))
             state = advance(state, applied, self._body, self._period, drift=drift)
-            goal_then = goal_ahead(self._task, goal, state, k * self._period)
+            goal_then = self._task.later(goal, k * self._period)
             left = left + self._value.time_left(state, goal_then) / PERIODS
             for margin in self._task.constraints(state, goal_then).values():
                 left = left + np.where(margin < 0.0, _VIOLATED - _VIOLATION * margin, 0.0)

@@ -22,7 +22,6 @@ from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import (
     Deadband,
     ModelBased,
-    goal_ahead,
     holding,
     mass_share,
 )
@@ -250,7 +249,7 @@ class Switching(ModelBased):
         middle = advance(state, shut, body, 0.5 * time, drift=drift).attitude
         pull = _pull(self._motion, self._task, self._period, state, goal)
         lighter = 1.0 / mass_share(self._craft, state)
-        return _Gap.between(end, goal_ahead(self._task, goal, state, time), middle, pull, lighter)
+        return _Gap.between(end, self._task.later(goal, time), middle, pull, lighter)
 
     def _wheel_help(
         self, coast: _Gap, scales: np.ndarray, state: Any, rest: np.ndarray
@@ -448,7 +447,7 @@ def _to_curve(
 
 def _pull(motion: LinearMotion, task: Task, period: float, state: Any, goal: Any) -> np.ndarray:
     """Accelerations, (N,) m/s^2, that it takes to stay at goals in a task's drift for a period, s."""
-    later = goal_ahead(task, goal, state, period)
+    later = task.later(goal, period)
     held = "position" in task.tolerances()
     return np.linalg.norm(holding(motion, held, state, goal, later), axis=0)
 

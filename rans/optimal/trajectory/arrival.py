@@ -55,11 +55,6 @@ def check_goal(task: Task) -> None:
             f"optimal trajectories are for goals that are known beforehand, and {name} remembers what the "
             "spacecraft did (`remember`)."
         )
-    if hasattr(task, "next_goal"):
-        raise ConfigError(
-            f"optimal trajectories are for goals whose motion is known beforehand; write {name}.next_goal as "
-            "later(goal, time)."
-        )
 
 
 def moves_goal(task: Task) -> bool:

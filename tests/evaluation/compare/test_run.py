@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -385,21 +384,3 @@ def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) ->
     assert [entry.name for entry in found.entries] == ["LQR", "lqr:go-to-pose-2d@floating-platform"]
     assert len(found.curve) == len(SWEEP)
     assert found.failures == []
-
-
-@pytest.mark.parametrize("name", ["fly", "trace"])
-def test_functions_of_an_earlier_version_still_work_and_warn(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr(Comparison, name, lambda _, *given, **named: asked.append((given, named)))
-    old = {"fly": run.fill, "trace": run.trace}[name]
-    with pytest.warns(DeprecationWarning, match=rf"comparison\.{name}"):
-        old(Comparison(CONTEST), {}, workers=1)
-    assert asked == [(({},), {"workers": 1})]
-
-
-def test_the_earlier_name_of_a_module_still_works_and_warns() -> None:
-    with pytest.warns(DeprecationWarning, match="entrants"):
-        from rans.evaluation.compare import roster
-    assert roster.contest_of is contest_of
