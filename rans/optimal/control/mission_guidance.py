@@ -57,10 +57,10 @@ class MissionGuidance(ModelBased):
     (`rans.optimal.control.afterwards`): in a simulator that does not end it flies on for ever.
 
     With known errors it estimates position, velocity and a constant force by a Kalman filter, gives no correction
-    below two standard deviations, expects the mean command delay, stays farther below speed limits, and arrives at
-    a hold point four control periods sooner. Once it stays it balances the force. Burns of pulsed thrusters are
-    rounded down to whole pulses, except by missions that brake at the arrival. What is missing is given once it has
-    grown to a pulse.
+    below two standard deviations, expects the mean command delay, and stays farther below speed limits. A mission
+    without a brake it plans again with that speed in its first control period; at a hold point it arrives four
+    control periods sooner. Once it stays it balances the force. Burns of pulsed thrusters are rounded down to whole
+    pulses, except by missions that brake at the arrival. What is missing is given once it has grown to a pulse.
 
     Args:
         craft: by name, TOML file or as such; it has one throttled or pulsed thruster either way along each axis.
@@ -109,6 +109,8 @@ class MissionGuidance(ModelBased):
         self._expect(Conditions() if conditions is None else conditions)
         self._past: np.ndarray | None = None
         """Burn of the last period in W, m/s, (N, d)."""
+        self._sooner: Field | None = None
+        """Time by which its own plan arrives before that of the mission, s; None: it has not planned yet."""
 
     def _expect(self, conditions: Conditions) -> None:
         """Set the filter and the reserve below speed limits for known errors."""
@@ -186,6 +188,7 @@ class MissionGuidance(ModelBased):
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets estimates."""
         self._past = None
+        self._sooner = None
         self._afterwards.reset(count)
         if self._filter is not None:
             self._filter.reset()
@@ -195,6 +198,8 @@ class MissionGuidance(ModelBased):
         small: Any = 0.0
         if self._filter is not None:
             state, small = self._estimated(self._filter, state, self._mission.arrival(goal))
+            if not self._mission.brakes:
+                goal = self._planned(state, goal)
         goal = self._afterwards.goal(state, goal, exact=self._filter is None)
         left = self._mission.arrival(goal) - self._early
         change = self._mission.recommended(state, goal, left) - state.v
@@ -215,6 +220,17 @@ class MissionGuidance(ModelBased):
             self._filter.burn((1.0 - self._late) * burn + self._late * past)
             self._past = burn
         return command
+
+    def _planned(self, state: Any, goal: Any) -> Any:
+        """Goal with the arrival that is cheapest with its own reserve below speed limits.
+
+        With the mission's smaller reserve a craft is up to 3 s late, which can be after the deadline.
+        """
+        deadline, arrival, *others = goal.notes
+        if self._sooner is None:
+            own = self._mission.plan(state, goal, deadline)
+            self._sooner = arrival - self._mission.arrival(own)
+        return replace(goal, notes=(deadline, arrival - self._sooner, *others))
 
     def _estimated(
         self, navigation: NavigationFilter, state: Any, left: Any

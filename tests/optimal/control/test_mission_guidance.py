@@ -24,6 +24,7 @@ from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.randomization.conditions import (
+    BodyConditions,
     Conditions,
     DisturbanceConditions,
     SensorConditions,
@@ -31,7 +32,7 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.reference.flight import fly_in_drake
-from rans.scenario import draws, scenarios
+from rans.scenario import EVALUATION_SEED, draws, scenarios
 from rans.tasks import Dock, Hold, Rendezvous
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
@@ -121,6 +122,35 @@ def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
         )
     # Searches for the best arrival are exact to the root of the rounding only.
     np.testing.assert_allclose(commands[0], commands[1], rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_craft_that_is_slower_for_its_errors_docks_before_the_deadline() -> None:
+    """The mission plans these arrivals in the last ten seconds, for a craft 3.5 % nearer to the speed limit."""
+    task = Dock().for_evaluation()
+    expected = Conditions(
+        thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+        ),
+        disturbances=DisturbanceConditions(force=(0.0, 1e-4)),
+    )
+    met = replace(
+        expected,
+        body=BodyConditions(mass=(0.95, 1.05)),
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05, bias=(0.0, 0.05)),
+            velocity=SensorConditions(noise=0.001, bias=(0.0, 0.001)),
+        ),
+    )
+    for number in (293, 2461):
+        starts = scenarios(task, DEPUTY, EVALUATION_SEED, 1, number)
+        guidance = MissionGuidance(DEPUTY, task, conditions=expected)
+        luck = draws(EVALUATION_SEED, 1, number)
+        flight = fly(DEPUTY, task, guidance, starts, coarse(task), conditions=met, draws=luck)
+        assert flight.done is not None
+        assert flight.done.all()
+        assert not flight.violated().any()
 
 
 @pytest.mark.slow
