@@ -27,8 +27,6 @@ SELECTION_SEED = 2024
 """Seed of the selection of agents during training."""
 TUNING_SEED = 2025
 """Seed on which controllers without training are tuned."""
-FAILURES_SEED = 2027
-"""Seed in which trainings search failures of the agent, to start episodes there."""
 ASSURANCE_SEED = 2026
 """Seed of `rans assure`, which training, selection, tuning and evaluation do not use."""
 

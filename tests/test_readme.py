@@ -27,7 +27,7 @@ from rans.display import meanings
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.algorithms import with_algorithm
-from rans.fast.learn.config import Failures, FilterSettings, MemorySettings, PPOSettings
+from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
 from rans.fast.learn.recipes import training
 from rans.flight import fly
 from rans.model.fields import Vec2, map_leaves
@@ -374,12 +374,11 @@ def test_the_pages_of_training_have_the_settings_with_their_defaults() -> None:
     of: dict[str, Any] = {
         "": training("go-to-pose", device="cpu"),
         "ppo": PPOSettings(),
-        "failures": Failures(),
         "ppo.memory": MemorySettings(),
         "ppo.filters": FilterSettings(),
     }
     docs = ROOT / "docs"
-    tables = {"training.md": 2, "memory.md": 1}
+    tables = {"training.md": 1, "memory.md": 1}
     listed = [
         row
         for page, count in tables.items()

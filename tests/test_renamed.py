@@ -11,7 +11,7 @@ import pytest
 import rans
 from rans.errors import ConfigError
 from rans.fast.learn.changes import change_entry
-from rans.fast.learn.config import Failures, from_table, to_table
+from rans.fast.learn.config import from_table, to_table
 from rans.fast.learn.recipes import training
 from rans.structure import structure
 from tests.support.switching import SwitchingGoToPose
@@ -44,8 +44,6 @@ def test_a_former_keyword_changes_the_present_value_alone() -> None:
 
 
 def test_a_former_key_of_a_table_is_read() -> None:
-    with pytest.warns(DeprecationWarning, match="name it searches"):
-        assert structure({"looks": 3}, Failures, "failures") == Failures(searches=3)
     former = {"verge_weight": 2.0, "arrived_squarings": 3, "arrived": {"weight": 6.0}}
     with pytest.warns(DeprecationWarning, match="name it") as warned:
         read = structure(former, rans.GoToPose, "settings")
@@ -112,3 +110,11 @@ def test_a_former_entry_is_changed() -> None:
     assert from_table(table) == before
     with pytest.raises(ConfigError, match="no longer a setting"):
         change_entry(table, "settings.speed_weight", 0.2)
+
+
+def test_a_config_with_failures_of_the_version_before() -> None:
+    config = training("go-to-pose", device="cpu")
+    failures = {"share": 0.0, "begin": 0.5, "searches": 8, "flights": 65_536}
+    assert from_table(to_table(config) | {"failures": failures}) == config
+    with pytest.raises(ConfigError, match=r"failures\.share is no longer a setting, got 0\.25"):
+        from_table(to_table(config) | {"failures": failures | {"share": 0.25}})

@@ -29,7 +29,6 @@ from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.config import (
     ExplorationSettings,
-    Failures,
     FilterSettings,
     MemorySettings,
     PPOSettings,
@@ -300,7 +299,6 @@ def settings_page() -> str:
         ("Exploration", "ppo.exploration.", ExplorationSettings),
         ("Memory", "ppo.memory.", MemorySettings),
         ("Kalman filters", "ppo.filters.", FilterSettings),
-        ("Resampling of failures", "failures.", Failures),
         ("Time", "timing.", Timing),
     ]
     lines = [

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rans.errors import ConfigError, brief
-from rans.fast.learn.config import Failures, PPOSettings
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.learners import complete
 from rans.model.timing import Timing
 from rans.registry import typed
@@ -109,7 +109,7 @@ def _present(table: dict[str, Any], name: str, value: Any, is_known: bool) -> st
     Raises:
         ConfigError: the entry is a constant now, and the value is another.
     """
-    owners: dict[str, type] = {"ppo": PPOSettings, "timing": Timing, "failures": Failures}
+    owners: dict[str, type] = {"ppo": PPOSettings, "timing": Timing}
     owners |= {"settings": TASKS[table["task"]]} if table.get("task") in TASKS else {}
     part, _, last = name.rpartition(".")
     for owner, kind in owners.items():

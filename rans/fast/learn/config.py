@@ -392,30 +392,6 @@ MOST_TRANSITIONS = 2**28
 """Largest number of transitions of a rollout: with about 200 bytes each they fill 54 GB."""
 
 
-@renamed(looks="searches")
-@dataclass(frozen=True)
-class Failures:
-    """Training from states of failed flights of the agent.
-
-    Raises:
-        ConfigError: a number is out of its range.
-    """
-
-    share: float = 0.0
-    """Share of the environments whose episodes begin at states of failed flights. 0: none, and failures are not
-    searched for."""
-    begin: float = 0.5
-    """Share of all steps before the first search; earlier agents fail too often."""
-    searches: int = 8
-    """Number of searches, equally spaced over the remaining steps."""
-    flights: int = 65_536
-    """Number of flights of a search, with the agent's deterministic actions."""
-
-    def __post_init__(self) -> None:
-        require_bounds(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
-        require_bounds(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "searches", "flights")
-
-
 @dataclass(frozen=True)
 class TrainConfig:
     """Configuration of one training; equal configurations give equal agents, bit for bit on a CPU.
@@ -441,8 +417,6 @@ class TrainConfig:
     """Domain randomization, disturbances, faults and sensors of the episodes; by default everything is nominal."""
     curriculum: tuple[Ramp, ...] = ()
     """Settings of the task that change during training, from an easier value to their own."""
-    failures: Failures = field(default_factory=Failures)
-    """Episodes that begin at states of failed flights instead of the task's starts."""
     seed: int = 0
     """Seed of starts, goals, weights and actions."""
     device: str = "cpu"
@@ -524,7 +498,7 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
             'a training must name its task: task = "go-to-pose" in a recipe, "task": "go-to-pose" in a '
             "config.json."
         )
-    table = _with_learner(table)
+    table = _of_now(table)
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
     timing = table.get("timing", {})
     if isinstance(timing, dict):  # missing values are those of the task
@@ -536,13 +510,24 @@ _LEARNERS_BEFORE = ("gradient", "imitation")
 """Algorithms whose settings were tables of their names in the version before."""
 
 
-def _with_learner(table: dict[str, Any]) -> dict[str, Any]:
-    """Table whose settings of an algorithm are its ``learner``, where the version before had tables of their own.
+def _of_now(table: dict[str, Any]) -> dict[str, Any]:
+    """Table without what only the version before had.
 
-    Those of algorithms that the training does not use, which every config of that version has, are left out.
+    Settings of an algorithm were in a table of its name and are its ``learner``; those of algorithms that the
+    training does not use are left out. Episodes could begin where flights had failed.
+
+    Raises:
+        ConfigError: they did.
     """
-    result = {key: value for key, value in table.items() if key not in _LEARNERS_BEFORE}
+    before = (*_LEARNERS_BEFORE, "failures")
+    result = {key: value for key, value in table.items() if key not in before}
     algorithm = table.get("algorithm")
     if algorithm in _LEARNERS_BEFORE and algorithm in table and "learner" not in table:
         result["learner"] = table[algorithm]
+    failures = table.get("failures")
+    if isinstance(failures, dict) and failures.get("share"):
+        raise ConfigError(
+            f"failures.share is no longer a setting, got {brief(failures['share'])}: episodes begin at the "
+            "task's starts. Leave failures out."
+        )
     return result

@@ -18,7 +18,6 @@ from rans.fast.engine import Engine
 from rans.fast.learn.any_craft import imitate, teacher
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
-from rans.fast.learn.failures import FailedStarts
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.loggers import Events
@@ -117,7 +116,7 @@ class Trainer:
             device=device,
             processes=processes,
             conditions=first.conditions.or_none,
-            remember=first.ppo.privileged_critic or first.failures.share > 0.0,
+            remember=first.ppo.privileged_critic,
             guard=guard,
             plain=plain,
         )
@@ -134,7 +133,6 @@ class Trainer:
             )
             if self._teacher is None:
                 begin_from(self.learner.network, first.begin_from)
-        self.failures = FailedStarts(configs, self.engine, self.learner)
         self.selection = Selection(
             self.learner.network,
             craft,
@@ -288,7 +286,6 @@ class Trainer:
     def _iterate(self) -> None:
         """Run one iteration of the learner."""
         self.curriculum.move_to(self.steps)
-        self.failures.begin(self.steps)
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
         losses = self.learner.learn().tolist()
         self.steps += self._rollout
@@ -324,7 +321,6 @@ class Trainer:
                 "seconds": round(self.seconds, 3),
                 "steps_per_s": round(rate),
                 **judged[number],
-                **self.failures.log[number],
                 **self._statistics[number],
             }
             member.note(row, result[number] if due else None)
@@ -367,7 +363,6 @@ class Trainer:
             "steps": self.steps,
             "seconds": self.seconds,
             "members": members,
-            "failures": self.failures.state(),
         }
 
     def _network(self) -> str:
@@ -406,7 +401,6 @@ class Trainer:
             self.learner.load(saved["learner"])
             if saved["cuda_generator"] is not None:
                 torch.cuda.set_rng_state(saved["cuda_generator"].cpu())
-            self.failures.load(saved["failures"])
             self.steps = saved["steps"]
             self.seconds = saved["seconds"]
             for member, state in zip(self.members, saved["members"], strict=True):

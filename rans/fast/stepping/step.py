@@ -16,9 +16,8 @@ from rans.errors import ConfigError, brief, whole
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
-from rans.model.fields import leaves, map_leaves
+from rans.model.fields import map_leaves
 from rans.model.random import Draws, seed_words
-from rans.model.timing import Timing
 from rans.tasks.base import goal_after
 from rans.tasks.rewards import paid
 
@@ -259,33 +258,6 @@ def restoring(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
             buffer.copy_(torch.where(held, old, buffer))
         elif isinstance(buffer, np.ndarray):
             np.copyto(buffer, old, where=held.numpy())
-
-
-def varying(episode: Episode, like: Episode) -> list[Tensor]:
-    """Values of N episodes for `begin_as`: those that vary in episodes like ``like``, (N,) each."""
-    zero = leaves(episode.state)[0] * 0.0
-    remembered = replace(
-        episode, parameters=episode.parameters if like.parameters is not None else None
-    )
-    return [
-        torch.as_tensor(x + zero if isinstance(x, int | float) else x)
-        for x, own in zip(_own(remembered), _own(like), strict=True)
-        if not isinstance(own, int | float)
-    ]
-
-
-def begin_as(running: Episode, timing: Timing, rows: Tensor, others: Sequence[Tensor]) -> None:
-    """Begin episodes in some rows of running ones with the values of as many others from `varying`."""
-    buffers = [torch.as_tensor(x) for x in _own(running) if not isinstance(x, int | float)]
-    for buffer, values in zip(buffers, others, strict=True):
-        buffer[rows] = values.to(buffer.dtype)
-    clock = torch.as_tensor(running.clock)
-    clock[rows] -= torch.as_tensor(timing.step(running.clock))[rows]
-
-
-def _own(episode: Episode) -> tuple[Any, ...]:
-    """All values of an episode but the spacecraft and its number."""
-    return leaves(replace(episode, body=None, clock=0.0))
 
 
 def snapshot(
