@@ -100,49 +100,19 @@ def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditio
 
 
 def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
+    group = "Valves"
     yield Effect(
-        group="Valves",
-        name="latency",
-        unit="s",
-        nominal=0.0,
-        sizes=(0.025, 0.05, 0.1, 0.2, 0.3),
-        make=_only("thrusters", "latency"),
+        group, "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency")
     )
-    yield Effect(
-        group="Valves",
-        name="rise",
-        unit="s",
-        nominal=0.0,
-        sizes=(0.05, 0.1, 0.2, 0.4),
-        make=_only("thrusters", "rise"),
-    )
+    yield Effect(group, "rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters", "rise"))
     # A throttle has no on-time.
     if not craft.actuators.is_continuous:
-        periods = tuple(round(k * timing.control_period, 6) for k in (2, 3, 4, 5))
-        yield Effect(
-            group="Valves",
-            name="least on-time",
-            unit="s",
-            nominal=timing.control_period,
-            sizes=periods,
-            make=_only("thrusters", "least_on"),
-        )
-    yield Effect(
-        group="Valves",
-        name="thrust of each off by",
-        unit="%",
-        nominal=0.0,
-        sizes=(10.0, 25.0, 50.0, 75.0),
-        make=_uneven,
-    )
-    yield Effect(
-        group="Valves",
-        name="one thruster weaker by",
-        unit="%",
-        nominal=0.0,
-        sizes=(25.0, 50.0, 75.0, 100.0),
-        make=_weak,
-    )
+        period = timing.control_period
+        periods = tuple(round(k * period, 6) for k in (2, 3, 4, 5))
+        make = _only("thrusters", "least_on")
+        yield Effect(group, "least on-time", "s", period, periods, make)
+    yield Effect(group, "thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _uneven)
+    yield Effect(group, "one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak)
 
 
 def _uneven(percent: float) -> Conditions:
@@ -158,27 +128,13 @@ def _weak(percent: float) -> Conditions:
 
 
 def _of_body() -> Iterator[Effect]:
-    more = (1.25, 1.5, 2.0, 3.0)
-    less = (0.8, 0.65, 0.5, 0.35)
+    group = "Body"
     for quantity in ("mass", "inertia"):
-        for name, factors in ((f"more {quantity}", more), (f"less {quantity}", less)):
-            yield Effect(
-                group="Body",
-                name=name,
-                unit="times",
-                nominal=1.0,
-                sizes=factors,
-                make=_only("body", quantity),
-            )
+        make = _only("body", quantity)
+        yield Effect(group, f"more {quantity}", "times", 1.0, (1.25, 1.5, 2.0, 3.0), make)
+        yield Effect(group, f"less {quantity}", "times", 1.0, (0.8, 0.65, 0.5, 0.35), make)
     centre = _only("body", "centre", 0.01)
-    yield Effect(
-        group="Body",
-        name="centre of mass",
-        unit="cm",
-        nominal=0.0,
-        sizes=(1.0, 2.0, 3.0, 5.0, 8.0),
-        make=centre,
-    )
+    yield Effect(group, "centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0), centre)
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
@@ -196,58 +152,28 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
             for fraction in (0.1, 0.2, 0.3, 0.5, 0.7)
             if largest > 0.0
         )
-        yield Effect(
-            group="Disturbances",
-            name=name,
-            unit=unit,
-            nominal=0.0,
-            sizes=sizes,
-            make=_only("disturbances", name),
-        )
+        yield Effect("Disturbances", name, unit, 0.0, sizes, _only("disturbances", name))
 
 
 def _readings() -> Iterator[Effect]:
-    yield Effect(
-        group="Readings",
-        name="readings late by",
-        unit="periods",
-        nominal=0.0,
-        sizes=(1.0, 2.0, 3.0),
-        make=_only("sensors", "delay"),
-    )
+    group = "Readings"
+    late = _only("sensors", "delay")
+    yield Effect(group, "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), late)
     # Noise of each quantity, in units that a datasheet has.
-    sizes = (1.0, 2.0, 3.0, 5.0)
     for quantity, unit, factor in (
         ("position", "cm", 0.01),
         ("attitude", "degrees", radians(1.0)),
         ("velocity", "cm/s", 0.01),
         ("spin", "degrees/s", radians(1.0)),
     ):
-        yield Effect(
-            group="Readings",
-            name=f"noise of {quantity}",
-            unit=unit,
-            nominal=0.0,
-            sizes=sizes,
-            make=partial(_noisy, quantity, factor),
-        )
+        noisy = partial(_noisy, quantity, factor)
+        yield Effect(group, f"noise of {quantity}", unit, 0.0, (1.0, 2.0, 3.0, 5.0), noisy)
     for quantity in ("position", "attitude", "velocity", "spin", "all"):
-        yield Effect(
-            group="Readings",
-            name=f"missed readings of {quantity}",
-            unit="%",
-            nominal=0.0,
-            sizes=(3.0, 10.0, 30.0, 50.0),
-            make=partial(_missed, quantity),
-        )
-    yield Effect(
-        group="Readings",
-        name="outages every 5 s of",
-        unit="s",
-        nominal=0.0,
-        sizes=(0.4, 1.0, 2.0),
-        make=_only("sensors", "outage"),
-    )
+        missed = partial(_missed, quantity)
+        name = f"missed readings of {quantity}"
+        yield Effect(group, name, "%", 0.0, (3.0, 10.0, 30.0, 50.0), missed)
+    outage = _only("sensors", "outage")
+    yield Effect(group, "outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), outage)
 
 
 def _noisy(quantity: str, factor: float, size: float) -> Conditions:
