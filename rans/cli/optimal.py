@@ -81,9 +81,6 @@ class Optimal:
     zones: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R...")] = ()
     """Keep-out zones for the centre of mass: centre and radius of each, such as 1.5,0.2,0.4, in space x,y,z,r, in
     m."""
-    refine: int = 0
-    """Solve again this many times, each time with half the control period, and print cost, estimated error
-    and defect of every mesh."""
     certify: bool = False
     """Also compute what no controller can beat: certified for on/off thrusters where that is possible, else for
     thrusters of any kind and wheels. Craft without optimal trajectories, as with wheels, have bounds only. A number
@@ -121,12 +118,6 @@ class Optimal:
         """Print a table of the starts."""
         from rans.evaluation.compare.bounds import no_certificate
         from rans.evaluation.compare.optima import optima, optima_table, write
-        from rans.evaluation.compare.refinement import (
-            Mesh,
-            refined_objectives,
-            refinement_json,
-            refinement_table,
-        )
         from rans.optimal.trajectory.allocation import check_aims, check_relaxation
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
@@ -143,21 +134,11 @@ class Optimal:
             return self._mission(craft, cast("OrbitalMission", task))
         if task.optimal_problem == "landing":
             return self._land(craft, cast("Land", task))
-        # Objective, also on finer meshes; starts, limits and initial guesses.
+        # Objective, starts, limits and initial guesses.
         self._refuse_unused()
         objective = objective_of(
             self.objective, self.horizon, self.control_period, ending, self.intervals
         )
-        finer = []
-        if self.refine:
-            finer = refined_objectives(
-                self.objective,
-                self.refine,
-                self.horizon,
-                self.control_period,
-                ending,
-                self.intervals,
-            )[1:]
         starts = self._starts(task, craft)
         limits = self._limits(craft.dimension)
         usual = max(usual_guesses(craft, task, objective), 3 if self.zones or self.keep_out else 1)
@@ -188,15 +169,12 @@ class Optimal:
             return self._bounds_alone(craft, task, objective, starts, name, about, reason)
         folder = ready_folder(self.output or Path("runs") / name)
 
-        def solved(objective: Objective, title: str) -> list[Optimum]:
-            return self._with_progress(
-                title,
-                lambda step: optima(
-                    craft, task, objective, starts, guesses, self.workers, step, limits=limits
-                ),
-            )
-
-        answers = solved(objective, "optimal trajectories")
+        answers = self._with_progress(
+            "optimal trajectories",
+            lambda step: optima(
+                craft, task, objective, starts, guesses, self.workers, step, limits=limits
+            ),
+        )
         Terminal().print(
             optima_table(
                 f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
@@ -210,17 +188,6 @@ class Optimal:
             folder / "optimal.svg",
             svg(optimal_figure(answers, () if limits is None else limits.keep_out)),
         )
-        if finer:
-            meshes = [Mesh.of(answers)]
-
-            def write_meshes() -> None:
-                Terminal().print(refinement_table(objective.measure, meshes))
-                about["meshes"] = refinement_json(meshes)
-                write(folder, about, answers, craft, starts)
-
-            with writing_at_end(write_meshes):
-                for number, mesh in enumerate(finer, 1):
-                    meshes.append(Mesh.of(solved(mesh, f"control period / {2**number}")))
         if self.certify:
             bounds: list[Bound] = []
 
