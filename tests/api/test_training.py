@@ -36,7 +36,7 @@ def test_settings_by_keyword(tmp_path: Path) -> None:
         ({"learning_rat": 1e-3}, r"\(did you mean ppo\.learning_rate\?\)"),
         ({"thrust_wieght": 1.0}, r"\(did you mean settings\.thrust_weight\?\)"),
         ({"control_periods": 0.1}, r"\(did you mean timing\.control_period\?\)"),
-        ({"begin": 0.1, "scale": 3}, r"no 'scale'"),
+        ({"threads": 1, "scale": 3}, r"no 'scale'"),
         ({"gamma": 2.0}, r"gamma must be in \(0, 1\], got 2.0"),
         ({"log": "wandb"}, r'log takes several names, as in log=\["wandb"\]'),
     ],
