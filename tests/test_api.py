@@ -162,7 +162,7 @@ def test_planar_thrusters_that_are_none(rows: Any) -> None:
 
 
 def test_a_direction_needs_a_length() -> None:
-    with pytest.raises(ConfigError, match="a zero direction has none"):
+    with pytest.raises(ConfigError, match="a zero vector has none"):
         rans.Spacecraft.planar("slider", 5.0, 0.1, [((0.0, 0.0), (0.0, 0.0), 1.0)])
 
 

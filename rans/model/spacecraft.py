@@ -434,30 +434,19 @@ def check_spacecraft(craft: Spacecraft) -> None:
             f"spacecraft {craft.name!r} has nothing that takes commands: it needs at least one thruster or "
             "reaction wheel."
         )
-    _require(
-        len(craft.thrusters) <= MOST_THRUSTERS,
-        craft,
-        "thruster",
-        len(craft.thrusters),
-        f"at most {MOST_THRUSTERS} thrusters",
-    )
-    _require(
-        len(craft.solids) <= MOST_SOLIDS,
-        craft,
-        "solid",
-        len(craft.solids),
-        f"at most {MOST_SOLIDS} solids",
-    )
+    for key, parts, most in (
+        ("thruster", craft.thrusters, MOST_THRUSTERS),
+        ("solid", craft.solids, MOST_SOLIDS),
+        ("wheel", craft.wheels, MOST_WHEELS),
+    ):
+        _require(len(parts) <= most, craft, key, len(parts), f"at most {most} {key}s")
     _check_inertia(craft)
     _check_wheels(craft)
     _check_propellant(craft)
     _check_slosh(craft)
     for index, thruster in enumerate(craft.thrusters):
-        _check_thruster(
-            craft,
-            index,
-            checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster),
-        )
+        checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster)
+        _check_thruster(craft, index, thruster)
     supplies = len(craft.supplies)
     _require(
         craft.thrust_sharing == "none" or supplies == 1,
@@ -509,6 +498,14 @@ def _triple(vector: tuple[float, ...]) -> bool:
     return isinstance(vector, tuple) and len(vector) == 3 and all(_number(x) for x in vector)
 
 
+def _check_unit(craft: Spacecraft, key: str, vector: tuple[float, ...]) -> None:
+    """Reject what is no unit vector."""
+    _require(_triple(vector), craft, key, vector, _TRIPLE)
+    length = math.hypot(*vector)
+    bound = f"a unit vector (its length is {length:.4g}; a zero vector has none)"
+    _require(abs(length - 1) < 1e-9, craft, key, vector, bound)
+
+
 def _check_inertia(craft: Spacecraft) -> None:
     """Reject tensors of no rigid body: principal moments must be > 0, and none above the sum of the others."""
 
@@ -541,52 +538,25 @@ def _check_inertia(craft: Spacecraft) -> None:
 def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
     key = f"thruster {index} "
     _require(_triple(thruster.position), craft, key + "position", thruster.position, f"{_TRIPLE} m")
-    _require(_triple(thruster.direction), craft, key + "direction", thruster.direction, _TRIPLE)
-    length = math.hypot(*thruster.direction)
-    _require(
-        abs(length - 1) < 1e-9,
-        craft,
-        key + "direction",
-        thruster.direction,
-        f"a unit vector (its length is {length:.4g}; a zero direction has none)",
-    )
+    _check_unit(craft, key + "direction", thruster.direction)
     _require(_positive(thruster.force), craft, key + "force", thruster.force, f"{_POSITIVE} N")
     whole = type(thruster.supply) is int and 0 <= thruster.supply < MOST_THRUSTERS
     bound = f"a whole number from 0 to {MOST_THRUSTERS - 1}"
     _require(whole, craft, key + "supply", thruster.supply, bound)
     if craft.dimension == 2:
         height = craft.centre_of_mass[2]
+        line = thruster.position, thruster.direction
+        bound = f"in the plane of the centre of mass (z = {height:g} m) when dimension = 2"
         off = max(abs(thruster.position[2] - height), abs(thruster.direction[2]))
-        _require(
-            off <= _PLANE_TOLERANCE,
-            craft,
-            key.strip(),
-            (thruster.position, thruster.direction),
-            f"in the plane of the centre of mass (z = {height:g} m) when dimension = 2",
-        )
+        _require(off <= _PLANE_TOLERANCE, craft, key.strip(), line, bound)
 
 
 def _check_wheels(craft: Spacecraft) -> None:
     """Refuse wheels whose numbers are out of range, or that do not turn a planar craft in its plane."""
-    _require(
-        len(craft.wheels) <= MOST_WHEELS,
-        craft,
-        "wheel",
-        len(craft.wheels),
-        f"at most {MOST_WHEELS} wheels",
-    )
     for index, wheel in enumerate(craft.wheels):
         key = f"wheel {index} "
         checked(f"spacecraft {craft.name!r}: wheel {index}", wheel, Wheel)
-        _require(_triple(wheel.axis), craft, key + "axis", wheel.axis, _TRIPLE)
-        length = math.hypot(*wheel.axis)
-        _require(
-            abs(length - 1) < 1e-9,
-            craft,
-            key + "axis",
-            wheel.axis,
-            f"a unit vector (its length is {length:.4g}; a zero axis has none)",
-        )
+        _check_unit(craft, key + "axis", wheel.axis)
         # Limits of its motor, its store and its inertia.
         for name, unit in (
             ("max_torque", "N m"),
@@ -624,23 +594,12 @@ def _check_slosh(craft: Spacecraft) -> None:
         )
     _require(_positive(slosh.length), craft, "slosh length", slosh.length, f"{_POSITIVE} m")
     _require(_triple(slosh.hinge), craft, "slosh hinge", slosh.hinge, f"{_TRIPLE} m")
-    _require(_triple(slosh.direction), craft, "slosh direction", slosh.direction, _TRIPLE)
-    length = math.hypot(*slosh.direction)
-    _require(
-        abs(length - 1) < 1e-9,
-        craft,
-        "slosh direction",
-        slosh.direction,
-        f"a unit vector (its length is {length:.4g}; a zero direction has none)",
-    )
-    off = max(abs(slosh.hinge[2] - craft.centre_of_mass[2]), abs(slosh.direction[2]))
-    _require(
-        craft.dimension == 3 or off <= _PLANE_TOLERANCE,
-        craft,
-        "slosh hinge and direction",
-        (slosh.hinge, slosh.direction),
-        f"in the plane of the centre of mass (z = {craft.centre_of_mass[2]:g} m)",
-    )
+    _check_unit(craft, "slosh direction", slosh.direction)
+    height = craft.centre_of_mass[2]
+    off = max(abs(slosh.hinge[2] - height), abs(slosh.direction[2]))
+    bound = f"in the plane of the centre of mass (z = {height:g} m)"
+    flat = craft.dimension == 3 or off <= _PLANE_TOLERANCE
+    _require(flat, craft, "slosh hinge and direction", (slosh.hinge, slosh.direction), bound)
     calm = _number(slosh.damping) and slosh.damping >= 0.0
     _require(calm, craft, "slosh damping", slosh.damping, f"a number from 0 to {_LARGEST:g} N m s")
     below = f"a number from {_SMALLEST:g} kg to less than the craft's mass, {craft.mass:g} kg"

@@ -7,9 +7,10 @@ every engine. The defaults are nominal: nothing is drawn, stored or computed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import accumulate, product
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
@@ -254,30 +255,22 @@ class Conditions(NamedArguments, Settings):
 
     def __post_init__(self) -> None:
         _check(self, "")
-        _require(
-            fits(self.weight, lambda x: 0 < x < math.inf),
-            "weight",
-            self.weight,
-            "a finite number > 0",
-        )
         for component in self.others:
             checked("others", component, Conditions)
             _require(
                 not component.others, "others", "others of others", "without others of their own"
             )
             _check_alike(self, component, "")
-        # Bounds other than "finite and not negative" of single ranges.
-        _check_body(self.body)
-        _check_thrusters(self.thrusters)
-        _require(
-            self.delay <= 30.0,
-            "thrusters.latency and command_delay",
-            self.delay,
-            "together at most 30 s",
-        )
+        # Bounds other than "finite and not negative": of single settings, then of several together.
+        for names, holds, bound in _BOUNDS:
+            for name in names.split():
+                value = attrgetter(name)(self)
+                _require(holds(value), name, value, bound)
+        name = "thrusters.latency and command_delay"
+        _require(self.delay <= 30.0, name, self.delay, "together at most 30 s")
         _check_faults(self.faults)
         _check_disturbances(self.disturbances, is_mixture=bool(self.others))
-        _check_sensors(self.sensors)
+        _check_outages(self.sensors)
         _check_layouts(self)
 
     def met(self, chance: Field) -> Conditions:
@@ -541,133 +534,83 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
     return result
 
 
-def _check_body(body: BodyConditions) -> None:
-    """Reject a body without mass or inertia."""
-    for name in ("mass", "inertia", "slosh_mass", "stretch"):
-        values = getattr(body, name)
-        _require(bounds(values)[0] > 0, f"body.{name}", values, "> 0")
-
-
-def _check_thrusters(thrusters: ThrusterConditions) -> None:
-    """Reject thrusters without force, and errors of thrust and valves that are out of range."""
-    for name in ("thrust", "pressure"):
-        value = getattr(thrusters, name)
-        _require(
-            largest(value) > 0,
-            f"thrusters.{name}",
-            value,
-            "above 0 at its upper bound, a factor",
-        )
-    _require(
-        largest(thrusters.least_on) <= 30 and largest(thrusters.least_off) <= 30,
-        "thrusters.least_on and least_off",
-        (thrusters.least_on, thrusters.least_off),
-        "at most 30 s",
-    )
-    _require(
-        largest(thrusters.noise) <= 1,
-        "thrusters.noise",
-        thrusters.noise,
-        "at most 1, all of the force",
-    )
-    _require(
-        largest(thrusters.on_off) <= 1,
-        "thrusters.on_off",
-        thrusters.on_off,
-        "a probability, at most 1",
-    )
-    _require(
-        largest(thrusters.misalignment) <= math.pi / 2,
-        "thrusters.misalignment",
-        thrusters.misalignment,
-        "at most pi / 2 rad",
-    )
+_BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
+    ("weight", lambda x: fits(x, lambda weight: 0 < weight < math.inf), "a finite number > 0"),
+    ("body.mass body.inertia body.slosh_mass body.stretch", lambda x: bounds(x)[0] > 0, "> 0"),
+    (
+        "thrusters.thrust thrusters.pressure",
+        lambda x: largest(x) > 0,
+        "above 0 at its upper bound, a factor",
+    ),
+    ("thrusters.least_on thrusters.least_off", lambda x: largest(x) <= 30, "at most 30 s"),
+    ("thrusters.noise", lambda x: largest(x) <= 1, "at most 1, all of the force"),
+    ("thrusters.on_off", lambda x: largest(x) <= 1, "a probability, at most 1"),
+    ("thrusters.misalignment", lambda x: largest(x) <= math.pi / 2, "at most pi / 2 rad"),
+    (
+        "faults.kinds",
+        lambda kinds: kinds and all(kind in get_args(FaultKind) for kind in kinds),
+        f"among {', '.join(get_args(FaultKind))}",
+    ),
+    (
+        "faults.thrusters",
+        lambda named: (
+            isinstance(named, tuple)
+            and all(type(k) is int and k >= 0 for k in named)
+            and len({*named}) == len(named) <= MOST_FAULTS
+        ),
+        f"at most {MOST_FAULTS} different numbers of thrusters, from 0",
+    ),
+    ("faults.share", lambda x: largest(x) <= 1, "at most 1"),
+    ("disturbances.slow_period", lambda x: bounds(x)[0] > 0, "> 0 s"),
+    ("disturbances.kicks", lambda kicks: 0 <= kicks <= 8, "a whole number from 0 to 8"),
+    (
+        "sensors.delay",
+        lambda x: largest(x) <= MOST_DELAY,
+        f"at most {MOST_DELAY:,} control periods, which are all remembered",
+    ),
+    (
+        "sensors.position.dropout sensors.attitude.dropout sensors.velocity.dropout sensors.spin.dropout",
+        lambda x: largest(x) < 1,
+        "below 1",
+    ),
+    (
+        "sensors.field_of_view",
+        lambda x: bounds(x)[0] > 0 and largest(x) <= math.pi,
+        "above 0 and at most pi rad, half of the cone",
+    ),
+    ("sensors.outage_every", lambda x: bounds(x)[0] > 0, "> 0 s"),
+)
+"""Names of settings, with the bound that each must keep."""
 
 
 def _check_faults(faults: FaultConditions) -> None:
-    """Reject unknown kinds, and thrusters that cannot be chosen so."""
+    """Reject thrusters that cannot be chosen so."""
+    one_of("faults.among", faults.among, get_args(FaultChoice))
     limit = MOST_FAULTS if faults.among == "any" else 2
+    bound = f'at most {limit} with faults.among = "{faults.among}"'
+    _require(largest(faults.count) <= limit, "faults.count", faults.count, bound)
     _require(
-        largest(faults.count) <= limit,
-        "faults.count",
-        faults.count,
-        f'at most {limit} with faults.among = "{faults.among}"',
-    )
-    _require(
-        all(kind in get_args(FaultKind) for kind in faults.kinds) and faults.kinds,
-        "faults.kinds",
-        faults.kinds,
-        f"among {', '.join(get_args(FaultKind))}",
-    )
-    named = faults.thrusters
-    _require(
-        isinstance(named, tuple)
-        and all(type(k) is int and k >= 0 for k in named)
-        and len(named) <= MOST_FAULTS
-        and len({*named}) == len(named),
-        "faults.thrusters",
-        named,
-        f"at most {MOST_FAULTS} different numbers of thrusters, from 0",
-    )
-    _require(
-        not named or (faults.count == 0.0 and faults.among == "any"),
+        not faults.thrusters or (faults.count == 0.0 and faults.among == "any"),
         "faults.count and faults.among",
         (faults.count, faults.among),
         "left out where faults.thrusters are named",
     )
-    _require(largest(faults.share) <= 1, "faults.share", faults.share, "at most 1")
-    one_of("faults.among", faults.among, get_args(FaultChoice))
 
 
 def _check_disturbances(disturbances: DisturbanceConditions, is_mixture: bool) -> None:
-    """Reject impulses without a number of them, and waves without a period.
-
-    In a mixture other conditions may have the number.
-    """
-    _require(
-        bounds(disturbances.slow_period)[0] > 0,
-        "disturbances.slow_period",
-        disturbances.slow_period,
-        "> 0 s",
-    )
-    kicks = disturbances.kicks
-    _require(0 <= kicks <= 8, "disturbances.kicks", kicks, "a whole number from 0 to 8")
+    """Reject impulses without a number of them; in a mixture other conditions may have it."""
+    bound = "left out, or disturbances.kicks, the number of impulses, at least 1"
     for name in ("kick", "kick_spin"):
         value = getattr(disturbances, name)
-        _require(
-            largest(value) == 0 or kicks > 0 or is_mixture,
-            f"disturbances.{name}",
-            value,
-            "left out, or disturbances.kicks, the number of impulses, at least 1",
-        )
+        possible = largest(value) == 0 or disturbances.kicks > 0 or is_mixture
+        _require(possible, f"disturbances.{name}", value, bound)
 
 
-def _check_sensors(sensors: SensorsConditions) -> None:
-    """Reject readings that are too late, never come, or are hidden all the time."""
-    _require(
-        largest(sensors.delay) <= MOST_DELAY,
-        "sensors.delay",
-        sensors.delay,
-        f"at most {MOST_DELAY:,} control periods, which are all remembered",
-    )
-    names = ("position", "attitude", "velocity", "spin")
-    for name, sensor in zip(names, sensors.each(), strict=True):
-        _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
-    view = sensors.field_of_view
-    _require(
-        bounds(view)[0] > 0 and largest(view) <= math.pi,
-        "sensors.field_of_view",
-        view,
-        "above 0 and at most pi rad, half of the cone",
-    )
-    every = sensors.outage_every
-    _require(bounds(every)[0] > 0, "sensors.outage_every", every, "> 0 s")
-    _require(
-        largest(sensors.outage) < bounds(every)[0],
-        "sensors.outage",
-        sensors.outage,
-        f"below the least of sensors.outage_every, {bounds(every)[0]:g} s",
-    )
+def _check_outages(sensors: SensorsConditions) -> None:
+    """Reject readings that are hidden all the time."""
+    least = bounds(sensors.outage_every)[0]
+    bound = f"below the least of sensors.outage_every, {least:g} s"
+    _require(largest(sensors.outage) < least, "sensors.outage", sensors.outage, bound)
 
 
 def _check_layouts(conditions: Conditions) -> None:
@@ -679,43 +622,25 @@ def _check_layouts(conditions: Conditions) -> None:
         ("fewest", 4, 1000),
     ):
         value = getattr(layouts, name)
-        _require(
-            type(value) is int and least <= value <= most,
-            f"layouts.{name}",
-            value,
-            f"a whole number from {least} to {most:,}",
-        )
+        bound = f"a whole number from {least} to {most:,}"
+        _require(type(value) is int and least <= value <= most, f"layouts.{name}", value, bound)
     if not layouts.count:
         # A forgotten count would train on the designed thrusters without a word.
-        _require(
-            layouts == LayoutConditions(),
-            "layouts.count",
-            layouts.count,
-            "1 or more where layouts.seed or layouts.fewest is set: it is the number of random layouts",
-        )
+        bound = "1 or more where layouts.seed or layouts.fewest is set: it is the number of random layouts"
+        _require(layouts == LayoutConditions(), "layouts.count", layouts.count, bound)
         return
+    random = "with random layouts (layouts.count)"
     for part in (conditions, *conditions.others):
         for name in ("misalignment", "position"):
             value = getattr(part.thrusters, name)
-            _require(
-                largest(value) == 0.0,
-                f"thrusters.{name}",
-                value,
-                "left out with random layouts (layouts.count), whose thrusters have no designed position",
-            )
+            bound = f"left out {random}, whose thrusters have no designed position"
+            _require(largest(value) == 0.0, f"thrusters.{name}", value, bound)
         droop = part.thrusters.droop
-        _require(
-            droop is None or largest(droop) == 0.0,
-            "thrusters.droop",
-            droop,
-            "left out with random layouts (layouts.count): its model needs thrusters of equal force",
-        )
-        _require(
-            part.faults.among == "any",
-            "faults.among",
-            part.faults.among,
-            '"any" with random layouts (layouts.count): which sets can be spared differs between them',
-        )
+        bound = f"left out {random}: its model needs thrusters of equal force"
+        _require(droop is None or largest(droop) == 0.0, "thrusters.droop", droop, bound)
+        among = part.faults.among
+        bound = f'"any" {random}: which sets can be spared differs between them'
+        _require(among == "any", "faults.among", among, bound)
 
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:

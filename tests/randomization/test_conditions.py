@@ -60,7 +60,7 @@ from rans.tasks import GoToPose
         ),
         (
             lambda: Conditions(thrusters=Thrusters(least_on=31.0)),
-            r"least_on and least_off must be at most 30 s",
+            r"thrusters\.least_on must be at most 30 s, got 31",
         ),
         (
             lambda: Conditions(faults=Faults(thrusters=(1, 1))),
