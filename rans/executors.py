@@ -218,11 +218,11 @@ def _job(version: str, state: bytes, content: bytes) -> tuple[Any, Exception | N
         if state != _latest.content:
             _latest.content = b""
             make, arguments = _unpickled(state)
-            _use_one_thread()
+            use_one_thread()
             _latest.value = make(*arguments)
             _latest.content = state
         function, arguments = _unpickled(content)
-        _use_one_thread()  # torch may have been imported since
+        use_one_thread()  # torch may have been imported since
         return function(_latest.value, *arguments), None
     except Exception as error:
         error.add_note(f"on the worker {socket.gethostname()}:\n{traceback.format_exc()}")
@@ -242,8 +242,8 @@ def _unpickled(content: bytes) -> Any:
         ) from error
 
 
-def _use_one_thread() -> None:
-    """Limit torch, if it is imported, to one thread, as in processes of one machine: sums keep their order."""
+def use_one_thread() -> None:
+    """Limit torch, if it is imported, to one thread, as there is a process for every processor."""
     if torch := sys.modules.get("torch"):
         torch.set_num_threads(1)
 

@@ -19,7 +19,7 @@ from typing import Any, Generic, TypeVar
 import cloudpickle
 
 from rans.errors import RansError
-from rans.executors import answers, chosen_executor
+from rans.executors import answers, chosen_executor, use_one_thread
 
 Answer = TypeVar("Answer")
 State = TypeVar("State")
@@ -211,15 +211,9 @@ _state: list[Any] = []
 
 
 def _make_state(make: Callable[..., object], arguments: tuple[Any, ...]) -> None:
-    _use_one_thread()
+    use_one_thread()
     _state[:] = [make(*arguments)]
-    _use_one_thread()  # torch may have been imported by `make`
-
-
-def _use_one_thread() -> None:
-    """Limit torch, if it is imported, to one thread, because there is one process per processor."""
-    if torch := sys.modules.get("torch"):
-        torch.set_num_threads(1)
+    use_one_thread()  # torch may have been imported by `make`
 
 
 def _with_state(function: Callable[..., Answer], *job: Any) -> Answer:

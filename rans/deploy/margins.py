@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import radians
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -119,7 +120,10 @@ def margins_around(
     grids = dict[str, list[float]]()
     ranges = dict[str, tuple[float, float]]()
     for margin in QUANTITIES:
-        pairs = [bounds(_setting(part, margin.path)) for part in (conditions, *conditions.others)]
+        pairs = [
+            bounds(attrgetter(".".join(margin.path))(part))
+            for part in (conditions, *conditions.others)
+        ]
         low = min(pair[0] for pair in pairs) / margin.factor
         high = max(pair[1] for pair in pairs) / margin.factor
         ranges[margin.name] = low, high
@@ -218,12 +222,6 @@ def _around(middle: int, values: Sequence[float], held: Sequence[float]) -> list
 def _rounded(value: float) -> float:
     """A value that two ways of computing it agree on."""
     return float(f"{value:.6g}")
-
-
-def _setting(conditions: Any, path: Sequence[str]) -> Any:
-    for name in path:
-        conditions = getattr(conditions, name)
-    return conditions
 
 
 def _changed(conditions: Conditions, path: Sequence[str], value: float) -> Conditions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import Any
+from operator import attrgetter
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def implausible(conditions: Conditions, craft: Spacecraft) -> list[str]:
     every = (conditions, *conditions.others)
     result = []
     for path, edge, unit, cause in _EDGES:
-        size = max(largest(_setting(part, path.split(".")) or 0.0) for part in every)
+        size = max(largest(attrgetter(path)(part) or 0.0) for part in every)
         if size > edge:
             result.append(
                 f"conditions have {path} up to {size:g} {unit}; above {edge:g} the usual cause is {cause}"
@@ -105,9 +105,3 @@ def warn_of_implausible(conditions: Conditions, craft: Spacecraft) -> None:
     """Warn of each of the `implausible`."""
     for doubt in implausible(conditions, craft):
         warnings.warn(f"{doubt}.", stacklevel=3)
-
-
-def _setting(conditions: Any, path: Sequence[str]) -> Any:
-    for name in path:
-        conditions = getattr(conditions, name)
-    return conditions

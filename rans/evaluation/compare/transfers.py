@@ -166,7 +166,6 @@ def judged_transfers(
     deadline: float,
     seed: int,
     episodes: int,
-    engine: str = "fast",
     progress: Progress | None = None,
 ) -> TransferTable:
     """Fly contestants and the optima from the same starts with one deadline.
@@ -178,19 +177,17 @@ def judged_transfers(
         deadline: deadline, s.
         seed: seed of the starts.
         episodes: number of starts.
-        engine: "fast", or "drake".
         progress: reports bounds.
     """
     task = replace(mission, deadline=(deadline, deadline))
     starts = scenarios(task, craft, seed, episodes)
-    flying = fly_in_drake if engine == "drake" else fly
     answers = transfer_bounds(craft, task, starts, deadline, progress)
     rows = []
     with warnings.catch_warnings():
         # The table shows that it does not know the limits.
         warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
         for name, make_controller in contestants.items():
-            flight = flying(craft, task, make_controller(task), starts, task.timing)
+            flight = fly(craft, task, make_controller(task), starts, task.timing)
             rows.append(row_of(name, flight))
     replayed = optimum(craft, task, starts, answers)
     lower = np.array([answer.lower for answer in answers])

@@ -409,9 +409,13 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
     return away @ multiplier - constant + meeting.saved(multiplier, last)
 
 
-def rendezvous(
-    meeting: Meeting, start: np.ndarray, deadline: float, within: float = 0.002, limit: int = 300
-) -> Answer:
+_WITHIN = 0.002
+"""Relative distance between the lower bound and a flight without limits at which a search ends."""
+_INSTANTS = 300
+"""Instants at which the bound is sharpened at most."""
+
+
+def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
     """Least impulse with which a spacecraft meets by a deadline, bounded from both sides.
 
     Branch and bound over the instants of the meeting: multipliers bound all of them at once, and where the bound
@@ -421,8 +425,6 @@ def rendezvous(
         meeting: what is to be done.
         start: (2 d,) position and velocity in W.
         deadline: s.
-        within: relative distance between the lower bound and a flight without limits at which the search ends.
-        limit: instants at which the bound is sharpened at most.
 
     Raises:
         SolverFailed: no meeting by the deadline is possible.
@@ -445,10 +447,10 @@ def rendezvous(
 
     for check in np.unique(np.linspace(last, 1, 24).astype(int)):
         sharpen(int(check))
-    for _ in range(limit):
+    for _ in range(_INSTANTS):
         # A flight at the best of the instants whose bound is sharp.
         sharpest = min(sharp, key=lambda check: bounds[check])
-        if sharpest not in flights and bounds[sharpest] < (1.0 - within) * cheapest:
+        if sharpest not in flights and bounds[sharpest] < (1.0 - _WITHIN) * cheapest:
             result = least_impulse(meeting, start, sharpest)
             if result is None:
                 bounds[sharpest] = np.inf
@@ -456,7 +458,7 @@ def rendezvous(
             flights[sharpest] = result
             cheapest = min(cheapest, result.impulse)
         weakest = int(np.argmin(bounds))
-        if bounds[weakest] >= (1.0 - within) * cheapest or weakest in flights:
+        if bounds[weakest] >= (1.0 - _WITHIN) * cheapest or weakest in flights:
             break
         sharpen(weakest)
     if not flights:
@@ -468,7 +470,7 @@ def rendezvous(
         result = within_limits(meeting, start, begun)
         if result is not None and (best is None or result.impulse < best.impulse):
             best = result
-        if best is not None and best.impulse < (1.0 + within) * order[0].impulse:
+        if best is not None and best.impulse < (1.0 + _WITHIN) * order[0].impulse:
             break
     return Answer(lower, np.inf if best is None else best.impulse, best, order[0])
 

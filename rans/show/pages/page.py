@@ -169,21 +169,25 @@ class Page:
 
     def html(self) -> str:
         """The page."""
-        environment = Environment(
-            loader=PackageLoader("rans.show.pages", "."),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        environment.filters["show"] = show
-        environment.filters["interval"] = _interval
         written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-        return environment.get_template("page.html.j2").render(page=self, written=written)
+        return filled("page.html.j2", page=self, written=written)
 
     def write(self, file: Path) -> None:
         """Write the page: readers see the old or the new one; `ConfigError` if it cannot be written."""
         write_text(file, self.html())
+
+
+def filled(template: str, **values: Any) -> str:
+    """The text of a template of this folder, filled with values, of which all must be there."""
+    environment = Environment(
+        loader=PackageLoader("rans.show.pages", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"show": show, "interval": _interval}
+    return environment.get_template(template).render(**values)
 
 
 def show(value: Any) -> str:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rans.compile.javascript import JAVASCRIPT, activations, function, substep_functions
 from rans.compile.substeps import Substeps
@@ -46,6 +45,7 @@ from rans.policy.traced import parameters, policy_program
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
 from rans.scenario import EVALUATION_SEED
+from rans.show.pages.page import filled
 from rans.show.scene.interactive import FRAME, interactive_world, may_move_goal, noise_scale
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
@@ -81,15 +81,8 @@ class Playground:
 
     def html(self) -> str:
         """The page, which fetches nothing."""
-        environment = Environment(
-            loader=PackageLoader("rans.show.pages", "."),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        template = environment.get_template("playground.html.j2")
-        return template.render(
+        return filled(
+            "playground.html.j2",
             title=self.title,
             bits=self.data.get("bits"),
             is_agent=self.is_agent,
