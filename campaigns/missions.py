@@ -20,6 +20,7 @@ import tyro
 from campaigns import standings
 from campaigns.command import ended
 from campaigns.markdown import Table
+from campaigns.zones import least_to_stay
 from rans.errors import ConfigError, SolverFailed
 from rans.evaluation.compare.transfers import transfer_bounds
 from rans.evaluation.fly.contestants import contestant
@@ -46,7 +47,6 @@ from rans.tasks import TASKS, Avoid, DockPort, Task
 from rans.tasks.land import Land
 from rans.tasks.orbital import OrbitalMission
 from rans.terminal import Terminal
-from rans.verdict import last_fifth
 
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]
 
@@ -421,21 +421,6 @@ def _unit(mission: str) -> str:
 def _mission_of(name: str) -> str:
     """The mission of an agent that comes with RANS, from its name such as dock-port-2d-atmos."""
     return name.partition("-2d")[0].partition("-3d")[0]
-
-
-def least_to_stay(craft: Spacecraft, task: Task, one: Scenario, timing: Timing) -> float:
-    """Impulse below which no flight is within the position tolerance over the last fifth, N s; zones are left out.
-
-    Whoever is near the goal at both ends of the last fifth has braked.
-    """
-    steps = timing.episode_steps
-    goal: Any = one.goal
-    place = np.array(goal.p.columns(), float)
-    near = task.tolerances()["position"]
-    ends = timing.control_period * np.array([steps + 1 - last_fifth(steps), steps])
-    points = [hull.Waypoint(t, t, place, near) for t in ends.tolist()]
-    start: Any = one.start
-    return hull.least_impulse_through(craft, start, points)
 
 
 def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:

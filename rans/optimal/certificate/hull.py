@@ -259,7 +259,7 @@ def least_fuel(
 
 
 class Waypoint(NamedTuple):
-    """Ball, or a part of one, in which a flight is at some instant."""
+    """Ball, or a part of one, in which a flight is at some instant of a span."""
 
     first: float
     """Earliest instant, s."""
@@ -273,6 +273,8 @@ class Waypoint(NamedTuple):
     """(d,) unit vector: positions are ahead of a plane across it. None: anywhere in the ball."""
     behind: float = 0.0
     """How far this plane is behind the centre, m."""
+    level: np.ndarray | None = None
+    """(d,) unit vector: positions are in the plane through the centre across it. None: anywhere."""
 
 
 def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[Waypoint]) -> float:
@@ -324,12 +326,20 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
         if point.ahead is not None:
             planes[k] = point.ahead
     behind = np.array([point.behind for point in waypoints]) + farther
+    # What measures a multiplier, over the radius. A disc that a velocity at the start thickens lies
+    # in an ellipsoid with sqrt(2) times its radius and thickness.
+    shapes = np.tile(axes, (count, 1, 1))
+    for k, point in enumerate(waypoints):
+        if point.level is not None:
+            thin = farther[k] / radii[k] if farther[k] else 0.0
+            radii[k] *= math.sqrt(2.0) if farther[k] else 1.0
+            shapes[k] -= (1.0 - thin) * np.outer(point.level, point.level)
     width = count * (size + 2)
     rest = np.zeros((count, 1 + size, width))
     for k in range(count):
         rest[k, 0, count * size + k] = 1.0
-        rest[k, 1:, k * size : (k + 1) * size] = axes
-        rest[k, 1:, count * (size + 1) + k] = -planes[k]
+        rest[k, 1:, k * size : (k + 1) * size] = shapes[k]
+        rest[k, 1:, count * (size + 1) + k] = -shapes[k] @ planes[k]
     pull = np.zeros((len(weights), 1 + size, width))
     for k, row in enumerate(weights):
         pull[k, 1:, : count * size] = np.kron(row, axes)
@@ -354,7 +364,8 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
     multipliers = multipliers / shorter
     of_planes = np.maximum(answer[count * (size + 1) :], 0.0) / shorter
     gained = float(np.sum(multipliers * ways))
-    left = np.linalg.norm(multipliers - of_planes[:, None] * planes, axis=1)
+    apart = multipliers - of_planes[:, None] * planes
+    left = np.linalg.norm(np.einsum("kij,kj->ki", shapes, apart), axis=1)
     spared = float(radii @ left + behind @ of_planes)
     sizes = np.abs(centres) + np.abs(place) + spans[:, 1:] * np.abs(speed)
     terms = float(np.sum(np.abs(multipliers) * sizes) + np.abs(behind) @ of_planes + radii @ left)

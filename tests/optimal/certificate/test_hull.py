@@ -442,9 +442,15 @@ def test_impulse_through_balls_by_hand() -> None:
     assert hull.least_impulse_through(PLATFORM, moving, early) == 0.0
     early = [hull.Waypoint(9.0, 11.0, np.array((2.7, 0.0)), 5.0, np.array((-1.0, 0.0)))]
     assert hull.least_impulse_through(PLATFORM, moving, early) == 0.0
+    early = [hull.Waypoint(9.0, 11.0, np.array((2.7, 0.0)), 5.0, level=np.array((1.0, 0.0)))]
+    assert hull.least_impulse_through(PLATFORM, moving, early) == 0.0
     # Half of a ball: the craft comes to the plane, 1.5 m from the centre.
     half = [hull.Waypoint(10.0, 10.0, np.array((5.0, 0.0)), 3.0, np.array((1.0, 0.0)), 1.5)]
     assert hull.least_impulse_through(PLATFORM, start, half) == pytest.approx(mass * 0.35, rel=1e-6)
+    # Across the line x = 3 m, at least 4 m aside of where the start's velocity leads.
+    x, y = np.eye(2)
+    line = [hull.Waypoint(10.0, 10.0, np.array((3.0, 9.0)), 8.0, y, 5.0, x)]
+    assert hull.least_impulse_through(PLATFORM, start, line) == pytest.approx(mass * 0.5, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -506,5 +512,15 @@ def test_no_flight_through_balls_beats_their_bound(craft: Spacecraft) -> None:
                 place = np.array(now.p.columns()) + off
                 early, late = random.uniform(0.0, 0.1, 2)
                 radius = float(np.linalg.norm(off)) + 1e-3
-                balls.append(hull.Waypoint(step * 0.2 - early, step * 0.2 + late, place, radius))
+                span = step * 0.2 - early, step * 0.2 + late
+                ball = hull.Waypoint(*span, place, radius)
+                if step == 10:
+                    # A disc through the ball, ahead of where the craft is.
+                    level = random.normal(size=craft.dimension)
+                    level /= np.linalg.norm(level)
+                    place = place - level * float(level @ off)
+                    ahead = -off / np.linalg.norm(off)
+                    behind = float(ahead @ (place - np.array(now.p.columns())))
+                    ball = hull.Waypoint(*span, place, radius, ahead, behind, level)
+                balls.append(ball)
                 assert hull.least_impulse_through(craft, start, balls) <= spent * (1.0 + 1e-9)

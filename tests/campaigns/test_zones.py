@@ -1,0 +1,211 @@
+"""Bound of flights among zones: numbers by hand, and attacks by flights that may change their velocity at once."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import rans
+from campaigns.zones import Search, least_to_stay
+from rans.model.fields import Vec2
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.certificate import hull
+from rans.scenario import scenario
+from rans.tasks import Avoid
+from rans.tasks.shapes import Ball
+
+CRAFT = {2: load_spacecraft("floating-platform"), 3: load_spacecraft("free-flyer")}
+TASK: Any = Avoid().for_evaluation()
+TIMING = Timing(control_period=0.2, episode_steps=125, checks=4)
+BRAKED, LAST = 20.2, 25.0
+
+
+def _columns(vector: Any) -> np.ndarray:
+    return np.array([float(x) for x in vector.columns()])
+
+
+def test_who_stays_has_braked() -> None:
+    """At 20.2 and at 25 s within 5 cm of the goal, d away at first: 2 d / 20.2 s, less what both balls spare.
+
+    With q = 1 at first and -1 at 20.2 s the multipliers are 29.8 / (4.8 * 20.2) and -1 / 4.8 per second.
+    """
+    one: Any = scenario(TASK, 2, 2023, 0)
+    one = replace(one, goal=replace(one.goal, notes=()))
+    away = float((one.goal.p - one.start.p).norm())
+    by_hand = 2.0 * away / BRAKED - 0.05 * (29.8 / (4.8 * BRAKED) + 1.0 / 4.8)
+    bound = least_to_stay(CRAFT[2], TASK, one, TIMING)
+    assert bound == pytest.approx(CRAFT[2].mass * by_hand, rel=1e-6)
+
+
+def _among(*zones: tuple[float, float, float, float]) -> Any:
+    """From rest 4 m along x to the origin; zones by x, y, velocity along y, and radius."""
+    one: Any = scenario(TASK, 2, 2023, 0)
+    notes = tuple(Ball(Vec2(x, y), Vec2(0.0, v), r) for x, y, v, r in zones)
+    start = replace(one.start, p=Vec2(4.0, 0.0))
+    return replace(one, start=start, goal=replace(one.goal, p=Vec2(0.0, 0.0), notes=notes))
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.03])
+def test_two_zones_are_passed_on_the_cheapest_sides_and_instants(speed: float) -> None:
+    """Every pair of sides, and instants a quarter of a second apart: the bound is just below the cheapest."""
+    zones = ((2.6, 0.25, -speed, 0.4), (1.2, -0.2, speed, 0.5))
+    one = _among(*zones)
+    craft = CRAFT[2]
+    ends = [hull.Waypoint(t, t, np.zeros(2), 0.05) for t in (BRAKED, LAST)]
+    x = np.array([1.0, 0.0])
+    cheapest = np.inf
+    for sides in itertools.product((-1.0, 1.0), repeat=2):
+        for early, late in itertools.combinations(np.arange(4.0, 18.0, 0.5), 2):
+            way = [
+                hull.Waypoint(
+                    t, t, np.array([px, py + v * t + s * r]), 9.0, np.array([0.0, s]), 0.0, x
+                )
+                for t, s, (px, py, v, r) in zip((early, late), sides, zones, strict=True)
+            ]
+            cheapest = min(cheapest, hull.least_impulse_through(craft, one.start, [*way, *ends]))
+    bound = least_to_stay(craft, TASK, one, TIMING)
+    assert 0.96 * cheapest <= bound <= cheapest
+    assert bound > 1.1 * least_to_stay(craft, TASK, _among(), TIMING)
+
+
+def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
+    """Beside the way, behind the start, and one that moves along it, which is left out."""
+    free = least_to_stay(CRAFT[2], TASK, _among(), TIMING)
+    for zone in ((2.0, 1.0, 0.0, 0.5), (5.0, 0.0, 0.0, 0.5), (-1.0, 0.0, 0.0, 0.5)):
+        bound = least_to_stay(CRAFT[2], TASK, _among(zone), TIMING)
+        assert bound == pytest.approx(free, rel=1e-3)
+    one = _among((2.0, 0.0, 0.0, 0.4))
+    drifting = replace(one.goal.notes[0], v=Vec2(-0.05, 0.0))
+    one = replace(one, goal=replace(one.goal, notes=(drifting,)))
+    assert least_to_stay(CRAFT[2], TASK, one, TIMING) == pytest.approx(free, rel=1e-9)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("episode", range(2))
+def test_no_change_of_velocity_passes_below_the_bound(
+    dimension: Literal[2, 3], episode: int
+) -> None:
+    """The cheapest of flights with three changes of velocity on the way, found from eight guesses.
+
+    At every check they are outside all zones. None is below the bound, and the best is not far above it.
+    """
+    craft = CRAFT[dimension]
+    one: Any = scenario(TASK, dimension, 2023, episode)
+    start, goal = _columns(one.start.p), _columns(one.goal.p)
+    centres, speeds = (
+        np.array([_columns(x) for x in vectors])
+        for vectors in ([z.centre for z in one.goal.notes], [z.v for z in one.goal.notes])
+    )
+    radii = np.array([float(zone.radius) for zone in one.goal.notes])
+    checks = np.arange(0.05, LAST + 1e-9, 0.05)
+    random = np.random.default_rng(episode)
+
+    def path(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        kinks = np.cumsum(np.abs(x[:4]) + 0.01)
+        kinks *= BRAKED / kinks[-1]
+        times = np.array([0.0, *kinks, LAST])
+        aside = x[4:].reshape(3, dimension)
+        places = np.array(
+            [
+                start,
+                *(
+                    start + (goal - start) * t / BRAKED + a
+                    for t, a in zip(kinks, aside, strict=False)
+                ),
+                goal,
+                goal,
+            ]
+        )
+        return times, places
+
+    def spent(x: np.ndarray) -> float:
+        times, places = path(x)
+        speed = np.diff(places, axis=0) / np.diff(times)[:, None]
+        changes = np.diff(np.vstack([0.0 * start, speed]), axis=0)
+        return craft.mass * float(np.linalg.norm(changes, axis=1).sum())
+
+    def inside(x: np.ndarray) -> float:
+        times, places = path(x)
+        at = np.stack([np.interp(checks, times, p) for p in places.T], axis=1)
+        away = np.linalg.norm(at[:, None] - centres - checks[:, None, None] * speeds, axis=2)
+        return float(np.maximum(radii - away, 0.0).max())
+
+    bound = least_to_stay(craft, TASK, one, TIMING)
+    cheapest = np.inf
+    for _ in range(8):
+        first = np.concatenate(
+            [random.uniform(0.5, 1.0, 4), random.normal(size=3 * dimension) * 0.4]
+        )
+        found = minimize(
+            lambda x: spent(x) + 30.0 * inside(x),
+            first,
+            method="Nelder-Mead",
+            options={"maxfev": 1500, "adaptive": True},
+        )
+        if inside(found.x) < 1e-6:
+            cheapest = min(cheapest, spent(found.x))
+    assert bound <= cheapest
+    assert bound >= 0.75 * cheapest
+
+
+def test_no_optimal_trajectory_is_below_the_bound() -> None:
+    """Of thrusters that open partly, from the third start; it turns too, which the bound leaves out."""
+    one = scenario(TASK, 2, 2023, 2)
+    found = rans.optimal_trajectory("avoid", start=2, horizon=BRAKED, ending="set")
+    bound = least_to_stay(CRAFT[2], TASK, one, TIMING)
+    assert 0.8 * found.trajectory.cost <= bound <= found.trajectory.cost
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_every_split_keeps_every_flight(dimension: Literal[2, 3]) -> None:
+    """Points at zones or farther out, as the zones are at instants in order, through random splits.
+
+    One part of every split has their instants and directions, and its waypoints have the points. In the plane they
+    are on the edge.
+    """
+    random = np.random.default_rng(dimension)
+    for episode in range(20):
+        one: Any = scenario(TASK, dimension, 7, episode)
+        ahead = _columns(one.goal.p) - _columns(one.start.p)
+        ahead /= np.linalg.norm(ahead)
+        zones = sorted(one.goal.notes, key=lambda zone: float(_columns(zone.centre) @ ahead))
+        search = Search(CRAFT[dimension], TASK, one, TIMING)
+        instants = np.sort(random.uniform(5.0, BRAKED, len(zones)))
+        points = []
+        outwards = []
+        for t, zone in zip(instants, zones, strict=True):
+            aside = random.normal(size=dimension)
+            aside -= ahead * (aside @ ahead)
+            outwards.append(aside / np.linalg.norm(aside))
+            away = float(zone.radius) * random.choice([1.0, 1.0, 1.3])
+            points.append(_columns(zone.centre) + t * _columns(zone.v) + away * outwards[-1])
+        branch: Any = (None,) * len(zones)
+        tightest = np.inf
+        while splits := list(search.splits(branch)):
+            kept = []
+            for part in splits[random.integers(len(splits))]:
+                known = [(k, passing) for k, passing in enumerate(part) if passing is not None]
+                waypoints = search.waypoints(part)
+                if all(
+                    passing.first <= instants[k] <= passing.last
+                    and np.arccos(np.clip(waypoint.ahead @ outwards[k], -1.0, 1.0))
+                    <= passing.half + 1e-7
+                    for (k, passing), waypoint in zip(known, waypoints, strict=True)
+                ):
+                    kept.append(part)
+                    for (k, _), waypoint in zip(known, waypoints, strict=True):
+                        off = points[k] - waypoint.position
+                        beyond = waypoint.behind + float(off @ waypoint.ahead)
+                        assert beyond >= -1e-9
+                        assert np.linalg.norm(off) <= waypoint.radius
+                        assert abs(float(off @ waypoint.level)) <= 1e-9
+                        tightest = min(tightest, beyond)
+            assert kept
+            branch = kept[random.integers(len(kept))]
+        assert dimension == 3 or tightest < 0.01
