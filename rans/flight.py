@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.display import NotebookRepr, figure_of
+from rans.effectors.wheels import wheel_speeds
 from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, counted
 from rans.files import write_text
@@ -151,16 +152,19 @@ class Flight(NotebookRepr):
     def to_csv(self, file: str | Path, episode: int = 0) -> Path:
         """Write one episode as a table with a row for each instant, and return the file.
 
-        The columns are the time, the state, and the commands that are held from then on, zero at the end; the
-        heading has their units.
+        The columns are the time, the state, the speeds of reaction wheels relative to the body (``s_0``, ...), and
+        the commands that are held from then on, zero at the end; the heading has their units. `rans.identify` reads
+        such a table.
 
         Raises:
             ConfigError: there is no such episode, or the disk refused.
         """
         self._check_episode(episode)
-        states = replace(self.states, notes=(), stores=())
-        columns = np.stack([np.asarray(x)[:, episode] for x in leaves(states)], axis=1)
-        write_text(Path(file), table(self.times, columns, self.commands[:, episode]))
+        states = leaves(replace(self.states, notes=(), stores=()))
+        speeds = wheel_speeds(self.craft, self.states)
+        columns = np.stack([np.asarray(x)[:, episode] for x in (*states, *speeds)], axis=1)
+        further = tuple(f"s_{k} (rad/s)" for k in range(len(speeds)))
+        write_text(Path(file), table(self.times, columns, self.commands[:, episode], further))
         return Path(file)
 
     def rewards(self) -> dict[str, np.ndarray]:
@@ -265,17 +269,19 @@ _COLUMNS = {
 """Headings of a state's numbers, by how many there are."""
 
 
-def table(times: np.ndarray, states: np.ndarray, commands: np.ndarray) -> str:
+def table(
+    times: np.ndarray, states: np.ndarray, commands: np.ndarray, further: tuple[str, ...] = ()
+) -> str:
     """Text of comma-separated values: a row for each instant, with the commands that are held from then on.
 
     Args:
         times: (T + 1,) s.
-        states: (T + 1, k) position in W, heading or quaternion R_WB, velocity in W and spin; further columns have
-            numbers for headings.
+        states: (T + 1, k) position in W, heading or quaternion R_WB, velocity in W and spin, and further columns.
         commands: (T, commands); zeros in the last row.
+        further: headings of the further columns; empty: they have numbers.
     """
     width = max(size for size in _COLUMNS if size <= states.shape[1])
-    further = [f"x_{k}" for k in range(width, states.shape[1])]
+    further = further or tuple(f"x_{k}" for k in range(width, states.shape[1]))
     names = [f"u_{k}" for k in range(commands.shape[1])]
     header = ",".join(["t (s)", _COLUMNS[width], *further, *names])
     held = np.vstack([commands, np.zeros(commands.shape[1])])

@@ -10,8 +10,9 @@ from typing import Any
 
 from rans.effectors.effector import Action, Begun, Effector, Push, times
 from rans.model.actuators import Wheel
+from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3, where
-from rans.model.spacecraft import CommandRange, Store
+from rans.model.spacecraft import CommandRange, Spacecraft, Store
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,26 @@ def motor_torques(
         torque = where(torque < largest, torque, largest)
         torques.append(where(torque > least, torque, least))
     return tuple(torques)
+
+
+def wheel_speeds(craft: Spacecraft, state: State) -> tuple[Any, ...]:
+    """Speed of each reaction wheel about its axis relative to the body, rad/s, as its encoder reads it.
+
+    It is momentum / inertia - w . axis, of the wheel's absolute momentum (`rans.model.actuators.Wheel`).
+
+    Args:
+        craft: spacecraft.
+        state: its state, with stores.
+    """
+    # Propellant has the first entry of the stores if there is any.
+    first = 0 if craft.propellant is None else 1
+    momenta = state.stores[first : first + craft.wheel_count]
+    spin = state.spin()
+    speeds = []
+    for wheel, momentum in zip(craft.wheels, momenta, strict=True):
+        about = sum(a * w for a, w in zip(wheel.axis[3 - len(spin) :], spin, strict=True))
+        speeds.append(momentum / wheel.inertia - about)
+    return tuple(speeds)
 
 
 def along_axes(wheels: ReactionWheels, amounts: Sequence[Field]) -> Any:

@@ -12,6 +12,7 @@ from rans.deploy.robot.frames import Motion, rotated, swapped
 from rans.deploy.robot.messages import (
     FLOATS,
     INTEGERS,
+    JOINTS,
     ODOMETRY,
     POSE,
     PX4_MODE,
@@ -33,6 +34,8 @@ from rans.errors import ConfigError, brief
 
 RobotName = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
 PX4_MOTOR_COUNT = 12
+WHEELS_TOPIC = "joint_states"
+"""Topic on which a robot may publish the speeds of its reaction wheels, as robot_state_publisher expects joints."""
 
 
 class Message(NamedTuple):
@@ -352,6 +355,30 @@ class Pingu(Poses):
         if len(row) != 15:
             raise ValueError(f"the message has {len(row)} numbers, but must have 15")
         return self.checked(np.array([*row[2:10], row[14]])[: self.commands])
+
+
+def wheels_message(speeds: Sequence[float], now: int) -> Message:
+    """Speeds of the reaction wheels relative to the body, rad/s, in the spacecraft's order, at a time, ns."""
+    message = make(
+        JOINTS,
+        header=message_header(now, ""),
+        name=[f"wheel_{k}" for k in range(len(speeds))],
+        position=np.zeros(0),
+        velocity=np.array(speeds, dtype=float),
+        effort=np.zeros(0),
+    )
+    return Message(WHEELS_TOPIC, JOINTS, pack(JOINTS, message))
+
+
+def read_wheels(data: bytes, count: int) -> np.ndarray:
+    """Speeds of so many wheels in a message of `WHEELS_TOPIC`; `ValueError` if it has another number of joints."""
+    speeds = np.asarray(unpack(JOINTS, data).velocity, dtype=float)
+    if speeds.shape != (count,) or not np.isfinite(speeds).all():
+        raise ValueError(
+            f"the message must have {count} finite velocities, one a wheel in the order of the spacecraft, got "
+            f"{brief(speeds.tolist())}"
+        )
+    return speeds
 
 
 _KINDS: dict[str, type[Interface]] = {

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rans.deploy.robot.bag import bag_entries
-from rans.deploy.robot.interfaces import RobotName, interface
+from rans.deploy.robot.interfaces import WHEELS_TOPIC, RobotName, interface, read_wheels
 from rans.deploy.robot.messages import TEXT, unpack
 from rans.deploy.robot.node import FLIGHT_TOPIC
 from rans.errors import ConfigError
@@ -19,7 +19,8 @@ from rans.model.spacecraft import Spacecraft
 def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> FlightLog:
     """Log of an MCAP bag, of `rans fly` or of ``ros2 bag record``.
 
-    Messages have the times at which they were recorded, by one clock.
+    Messages have the times at which they were recorded, by one clock. Speeds of reaction wheels are those of
+    ``joint_states``, a sensor_msgs/JointState with one velocity a wheel.
 
     Args:
         file: the bag; it may end anywhere.
@@ -29,7 +30,9 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
     Raises:
         ConfigError: the file is no bag, or none of its messages is a pose or a command of this kind of robot.
     """
-    # Readings and commands by the time at which they were recorded, ns; parts that no message had are NaN.
+    # Readings and commands by the time at which they were recorded, ns; parts that no message had are NaN. Rows are
+    # position, attitude, velocity, spin and speeds of wheels.
+    sizes = (3, 4, 3, 3, craft.wheel_count)
     kind: RobotName = robot or "ros"
     poses: dict[int, list[np.ndarray]] = {}
     commands: dict[int, np.ndarray] = {}
@@ -49,11 +52,14 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
                     commands[entry.time] = command
             elif entry.topic in ends.inputs:
                 reading = ends.read(entry.topic, entry.data)
-                columns = poses.setdefault(entry.time, [np.full(k, np.nan) for k in (3, 4, 3, 3)])
+                columns = poses.setdefault(entry.time, [np.full(k, np.nan) for k in sizes])
                 parts = reading.position, reading.attitude, reading.velocity, reading.spin
                 for j, part in enumerate(parts):
                     if part is not None:
                         columns[j] = np.asarray(part, dtype=float)
+            elif entry.topic == WHEELS_TOPIC and craft.wheels:
+                columns = poses.setdefault(entry.time, [np.full(k, np.nan) for k in sizes])
+                columns[4] = read_wheels(entry.data, craft.wheel_count)
         except ValueError as error:  # a message that the robot's node would refuse too
             refused = refused or f"; {entry.topic}: {error}"
     if not poses or not commands:
@@ -71,7 +77,9 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
     begin = min(*poses, *commands)
     times = np.array(sorted(poses))
     readings = [poses[time] for time in sorted(poses)]
-    position, attitude, velocity, spin = (np.array([row[j] for row in readings]) for j in range(4))
+    position, attitude, velocity, spin, speeds = (
+        np.array([row[j] for row in readings]) for j in range(5)
+    )
     given = np.array(sorted(commands))
     return log_in_space(
         file,
@@ -80,6 +88,7 @@ def read_bag(file: Path, craft: Spacecraft, robot: RobotName | None = None) -> F
         np.array([commands[time] for time in sorted(commands)]),
         (times - begin) * 1e-9,
         (position, attitude, velocity, spin),
+        None if np.isnan(speeds).all() else speeds,
     )
 
 
@@ -90,8 +99,12 @@ def log_in_space(
     commands: np.ndarray,
     times: np.ndarray,
     readings: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    wheel_speeds: np.ndarray | None = None,
 ) -> FlightLog:
-    """Log of readings in space (M, 3), (M, 4), (M, 3), (M, 3), of which a planar craft has its plane."""
+    """Log of readings in space (M, 3), (M, 4), (M, 3), (M, 3), of which a planar craft has its plane.
+
+    Speeds of wheels are (M, W), or None if none was measured.
+    """
     position, attitude, velocity, spin = readings
     flat = craft.dimension == 2
     return FlightLog(
@@ -103,4 +116,5 @@ def log_in_space(
         2.0 * np.arctan2(attitude[:, 3], attitude[:, 0]) if flat else attitude,
         velocity[:, :2] if flat else velocity,
         spin[:, 2] if flat else spin,
+        wheel_speeds,
     )

@@ -21,7 +21,7 @@ import numpy as np
 from rans.deploy.robot.bag import BagMessage, Recorder, bag_entries
 from rans.deploy.robot.bus import Bus
 from rans.deploy.robot.frames import Motion
-from rans.deploy.robot.interfaces import Message
+from rans.deploy.robot.interfaces import WHEELS_TOPIC, Message
 from rans.deploy.robot.messages import TEXT, text_message, unpack
 from rans.deploy.robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash
 from rans.deploy.robot.validator import LARGEST_MESSAGE, announced
@@ -313,10 +313,8 @@ class Inbox:
         self._kinds = pilot.inputs
         # Not `queue.SimpleQueue`: its `get` waits forever if its time is over before it begins to wait.
         self._queue: queue.Queue[ReceivedMessage] = queue.Queue()
-        rates = {
-            topic: _MOST_STATES if topic in pilot.interface.inputs else _MOST_OTHERS
-            for topic in self._kinds
-        }
+        states = (*pilot.interface.inputs, WHEELS_TOPIC)
+        rates = {topic: _MOST_STATES if topic in states else _MOST_OTHERS for topic in self._kinds}
         self._most = {topic: math.ceil(rate * pilot.period) for topic, rate in rates.items()}
         self._rates = rates
         self._room = dict(self._most)

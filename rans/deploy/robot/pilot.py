@@ -19,6 +19,7 @@ from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_t
 from rans.deploy.export import write_agent
 from rans.deploy.robot.frames import Motion, heading_of, quaternion_of
 from rans.deploy.robot.interfaces import (
+    WHEELS_TOPIC,
     Interface,
     Message,
     RobotName,
@@ -26,7 +27,7 @@ from rans.deploy.robot.interfaces import (
     point_numbers,
     wxyz,
 )
-from rans.deploy.robot.messages import POSE, TEXT, text_message, unpack
+from rans.deploy.robot.messages import JOINTS, POSE, TEXT, text_message, unpack
 from rans.deploy.robot.validator import Validator, command, description, finite_vector, unit
 from rans.deploy.robot.velocity import VelocityFilter
 from rans.effectors.commands import command_bounds
@@ -219,6 +220,8 @@ class MessagePilot:
             plan.robot, self.craft.command_count, self.craft.thruster_count
         )
         self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
+        if self.craft.wheels:  # recorded for `rans identify`; nothing is decided by them
+            self.inputs[WHEELS_TOPIC] = JOINTS
         # The goal, and what filters commands and readings.
         self._task = _with_trade_off(task, plan.trade_off)
         self._goal = _goal(self.craft, self._task, plan)
@@ -252,7 +255,7 @@ class MessagePilot:
                 self._check_craft(data)
             elif topic == GOAL_TOPIC:
                 self._take_goal(data, now)
-            else:
+            elif topic in self._parts:
                 self._take_state(topic, data, now)
         except ValueError as error:
             end = "" if str(error).endswith("?") else "."

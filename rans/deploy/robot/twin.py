@@ -15,10 +15,11 @@ import numpy as np
 
 from rans.deploy.robot.bus import Bus
 from rans.deploy.robot.frames import Motion
-from rans.deploy.robot.interfaces import Interface, RobotName, interface
+from rans.deploy.robot.interfaces import Interface, RobotName, interface, wheels_message
 from rans.deploy.robot.messages import FLOATS, TEXT, array, pack, text_message
 from rans.deploy.robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
 from rans.effectors.commands import command_bounds
+from rans.effectors.wheels import wheel_speeds
 from rans.episode import Setup, World, step
 from rans.errors import ConfigError, is_finite, positive, whole
 from rans.evaluation.fly.episodes import EngineName
@@ -132,6 +133,10 @@ class Craft:
             return None
         self._published = values
         return motion_of(state)
+
+    def wheel_speeds(self) -> tuple[float, ...]:
+        """Speeds of the reaction wheels relative to the body, rad/s, as their encoders read them: exactly."""
+        return tuple(map(float, wheel_speeds(self.plan.craft, self._now.state)))
 
     def hold(self, command: np.ndarray) -> None:
         """Hold a command from now on: what the craft cannot do of it, it does not."""
@@ -287,7 +292,10 @@ def run_twin(
         given = craft.advance()
         measured = craft.measured()
         if measured is not None:
-            for message in ends.state(measured, time.time_ns()):
+            stamp = time.time_ns()
+            if plan.craft.wheels:
+                bus.publish(*wheels_message(craft.wheel_speeds(), stamp))
+            for message in ends.state(measured, stamp):
                 bus.publish(*message)
         if now >= next_valves or not np.array_equal(given > 0.0, shown > 0.0):
             shown = given

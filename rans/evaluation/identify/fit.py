@@ -62,6 +62,9 @@ _MOST_DAMPING = 1e8
 """Damping at which a step is too small to matter."""
 _SHORT = 1.0
 """s: length of the windows of the first fits."""
+_FAINT = 10.0
+"""Deviation of a faint prior of windows' starts, m, rad, m/s, rad/s and largest speeds of a wheel: it decides what
+nothing measured and nothing shows."""
 _FEW = 5
 """Steps after which the best of several beginnings goes on alone."""
 _FIRST_LATENCIES = (0.02, 0.1, 0.25)
@@ -207,6 +210,10 @@ class _Problem:
         self.planar = craft.dimension == 2
         self.width = (6 if self.planar else 12) + craft.wheel_count
         """Entries of a residual, and of the change of a start."""
+        largest = [wheel.max_momentum / wheel.inertia for wheel in craft.wheels]
+        units = np.array([1.0] * (self.width - craft.wheel_count) + largest)
+        self.faint = 1.0 / (_FAINT * units) ** 2
+        """Information of the prior of each entry of a start."""
         self.groups: list[_Group] = []
         for number, log in enumerate(logs):
             windows = windows_of(log, window)
@@ -313,10 +320,17 @@ class _Group:
         self.readings = np.stack([columns[part] for part in windows])
         starts = self.readings[:, 0].copy()
         if craft.wheels:
-            # Wheels begin at rest where their speeds were not measured; their motors as designed turn them.
-            full = np.array([wheel.max_torque / wheel.inertia for wheel in craft.wheels])
-            speeds = starts[:, -craft.wheel_count :]
-            speeds[:] = np.where(np.isnan(speeds), thrusts.spun(self.begin) * full, speeds)
+            # Wheels whose speeds were not measured begin the log at rest, and motors as designed turn them; the fit
+            # moves what a window begins with.
+            full = np.array([[wheel.max_torque for wheel in craft.wheels]])
+            about = np.array([[wheel.inertia for wheel in craft.wheels]])
+            spun = thrusts.motors.spun(self.begin[None], full, about)
+            starts[:, -craft.wheel_count :] = spun[0] / about
+            for k, speeds in enumerate(parts[-1].T if log.wheel_speeds is not None else ()):
+                read = np.isfinite(speeds)
+                if read.any():
+                    column = k - craft.wheel_count
+                    starts[:, column] = np.interp(self.begin, log.times[read], speeds[read])
         # Where no velocity was measured, windows begin at rest; the fit moves them.
         starts[np.isnan(starts)] = 0.0
         self.starts = starts
@@ -421,9 +435,16 @@ class _Normal:
     """
 
     def __init__(
-        self, rows: Sequence[np.ndarray], rests: Sequence[np.ndarray], prior: np.ndarray
+        self,
+        rows: Sequence[np.ndarray],
+        rests: Sequence[np.ndarray],
+        prior: np.ndarray,
+        faint: np.ndarray,
     ) -> None:
-        """From weighed derivatives (W, N, P + width) and residuals (W, N) of each group, and of the prior (P,)."""
+        """From weighed derivatives (W, N, P + width) and residuals (W, N) of each group, and of the prior (P,).
+
+        ``faint`` (width,) is the information about each entry of a start before the readings.
+        """
         count = len(prior)
         self.rows = [np.split(jacobian, [count], axis=-1) for jacobian in rows]
         """Derivatives by values and by starts, of each group."""
@@ -439,8 +460,7 @@ class _Normal:
             blocks.append(of_starts.mT @ of_starts)
             rights.append((of_starts.mT @ rest[..., None])[..., 0])
         self.sides = np.concatenate(sides)
-        # A start whose velocity nothing measured and nothing shows keeps a faint prior of 10 m, rad, m/s.
-        self.blocks = np.concatenate(blocks) + 1e-2 * np.eye(self.sides.shape[-1])
+        self.blocks = np.concatenate(blocks) + np.diag(faint)
         self.rights = np.concatenate(rights)
 
     def solved(self, damping: float, at_least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -601,7 +621,7 @@ class _Solver:
             jacobian *= (np.isfinite(residual) * weights)[..., None]
             rows.append(jacobian.reshape(len(path), -1, jacobian.shape[-1]))
             rests.append(np.nan_to_num(residual * weights).reshape(len(path), -1))
-        return _Normal(rows, rests, -self._from_prior(self.values))
+        return _Normal(rows, rests, -self._from_prior(self.values), problem.faint)
 
     def _estimate_noise(self, normal: _Normal) -> float:
         """Set standard deviations to those of the residuals, and return the largest relative change.

@@ -197,6 +197,8 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     commands = columns(inputs)
     has_command = ~np.isnan(commands).any(axis=1)
     measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
+    if speeds is not None:
+        measured |= ~np.isnan(speeds).all(axis=1)
     time = columns(["time"])[:, 0]
     return FlightLog(
         str(file),

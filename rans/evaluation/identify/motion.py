@@ -47,6 +47,64 @@ class Physics(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Motors:
+    """Commands of the motors of reaction wheels, and where the wheels begin."""
+
+    times: np.ndarray
+    """(T,), s: instants of commands, which motors follow at once."""
+    commands: np.ndarray
+    """(T, W): shares of full torque that were commanded."""
+    period: float
+    """Control period, s."""
+    limits: np.ndarray
+    """(W,), N m s: largest momenta, at which motors give no more torque."""
+    speeds: np.ndarray
+    """(W,), rad/s: first measured speed of each wheel; 0 where none was measured."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft, log: FlightLog) -> Motors:
+        """Commands of a log of a spacecraft."""
+        count = craft.wheel_count
+        speeds = np.zeros(count)
+        if log.wheel_speeds is not None:
+            for k, column in enumerate(log.wheel_speeds.T):
+                measured = column[np.isfinite(column)]
+                speeds[k] = measured[0] if len(measured) else 0.0
+        commands = log.commands[:, craft.thruster_count :][:, :count]
+        limits = np.array([wheel.max_momentum for wheel in craft.wheels])
+        return cls(log.command_times, commands, log.period, limits, speeds)
+
+    def spun(self, t: np.ndarray, torques: np.ndarray, inertias: np.ndarray) -> np.ndarray:
+        """Momentum that motors gave wheels up to times (K, S): (K, S, W), N m s.
+
+        Args:
+            t: s.
+            torques: (K, W), N m at full command.
+            inertias: (K, W), kg m^2, of the wheels about their axes.
+        """
+        # Few of the K are different: each parameter is changed in all windows at once.
+        count = len(self.limits)
+        rows, which = np.unique(np.hstack([torques, inertias]), axis=0, return_inverse=True)
+        full, about = rows[:, :count], rows[:, count:]
+        given = np.zeros((len(rows), *self.commands.shape))
+        gained = np.zeros_like(given)
+        momenta = about * self.speeds
+        begun = momenta
+        held = np.diff(self.times, append=self.times[-1] + self.period)
+        for k, command in enumerate(self.commands):
+            # A motor gives less where the momentum would leave its limit by the end of the period.
+            gained[:, k] = momenta - begun
+            largest = np.maximum((self.limits - momenta) / self.period, 0.0)
+            least = np.minimum((-self.limits - momenta) / self.period, 0.0)
+            given[:, k] = np.clip(command * full, least, largest)
+            momenta = momenta + given[:, k] * held[k]
+        index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
+        since = np.maximum(t - self.times[index], 0.0)[..., None]
+        row = which.reshape(-1, 1)
+        return gained[row, index] + given[row, index] * since
+
+
+@dataclass(frozen=True)
 class Thrust:
     """Forces that thrusters of designed strength would give at once: steps in time, and their integrals."""
 
@@ -58,12 +116,8 @@ class Thrust:
     """(E, n): integral of that, s^2."""
     shares: np.ndarray
     """(E, n): shares of full force from each instant on."""
-    motor_times: np.ndarray
-    """(T,), s: instants at which motors of wheels change their torque."""
-    motors: np.ndarray
-    """(T, W): their shares of full torque from each instant on, within the limits of the wheels' momenta."""
-    turned: np.ndarray
-    """(T, W): integral of these shares up to each instant, s."""
+    motors: Motors
+    """Commands of the motors of wheels."""
 
     @classmethod
     def of(cls, craft: Spacecraft, log: FlightLog) -> Thrust:
@@ -88,17 +142,7 @@ class Thrust:
         second = np.zeros_like(u)
         first[1:] = np.cumsum(u[:-1] * steps, axis=0)
         second[1:] = np.cumsum(first[:-1] * steps + 0.5 * u[:-1] * steps**2, axis=0)
-        motors = _motors(craft, log)
-        held = np.diff(log.command_times)[:, None]
-        turned = np.zeros_like(motors)
-        turned[1:] = np.cumsum(motors[:-1] * held, axis=0)
-        return cls(t, first, second, u, log.command_times, motors, turned)
-
-    def spun(self, t: np.ndarray) -> np.ndarray:
-        """Integral of the motors' shares up to times of any shape: (..., W), s; they follow commands at once."""
-        index = np.clip(np.searchsorted(self.motor_times, t, side="right") - 1, 0, None)
-        since = np.maximum(t - self.motor_times[index], 0.0)[..., None]
-        return self.turned[index] + self.motors[index] * since
+        return cls(t, first, second, u, Motors.of(craft, log))
 
     def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First and second integral at times of any shape: (..., n) each."""
@@ -120,26 +164,6 @@ class Thrust:
         _, before = self._integrals(late - rise[:, None])
         ramp = np.maximum(rise, 1e-6)[:, None, None]
         return np.where(rise[:, None, None] > 1e-6, (second - before) / ramp, first)
-
-
-def _motors(craft: Spacecraft, log: FlightLog) -> np.ndarray:
-    """Shares (T, W) of full torque of motors of the designed strength, which stop at the largest momentum."""
-    wheels = craft.wheels
-    commands = log.commands[:, craft.thruster_count :][:, : len(wheels)].copy()
-    torques = np.array([wheel.max_torque for wheel in wheels])
-    limits = np.array([wheel.max_momentum for wheel in wheels])
-    speeds = log.wheel_speeds
-    measured = speeds is not None and len(wheels) > 0 and np.isfinite(speeds[0]).all()
-    momenta = np.zeros(len(wheels))
-    if measured and speeds is not None:
-        momenta = np.array([wheel.inertia for wheel in wheels]) * speeds[0]
-    period = log.period
-    for command in commands:
-        largest = (limits - momenta) / (torques * period)
-        least = (-limits - momenta) / (torques * period)
-        command[:] = np.clip(command, least, largest)
-        momenta = momenta + torques * period * command
-    return commands
 
 
 def check_identifiable(craft: Spacecraft) -> None:
@@ -212,11 +236,15 @@ def predicted(
     fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
     wrenches = fractions @ craft.wrenches
 
-    motors = np.diff(thrusts.spun(grid), axis=1) / step[..., None]
+    turns = np.zeros((*step.shape, craft.wheel_count))
+    if craft.wheels:
+        torques = _stacked(physics.wheel_torques)
+        inertias = _stacked(physics.wheel_inertias)
+        turns = np.diff(thrusts.motors.spun(grid, torques, inertias), axis=1) / step[..., None]
     if craft.dimension == 2:
-        path = _planar(craft, physics, start, wrenches, step, motors)
+        path = _planar(craft, physics, start, wrenches, step, turns)
     else:
-        path = _spatial(craft, physics, start, wrenches, step, motors)
+        path = _spatial(craft, physics, start, wrenches, step, turns)
 
     return path[:, np.cumsum(counts)]
 
@@ -227,7 +255,7 @@ def _planar(
     start: np.ndarray,
     wrench: np.ndarray,
     step: np.ndarray,
-    motors: np.ndarray,
+    turns: np.ndarray,
 ) -> np.ndarray:
     """States (K, S + 1, 6 + W) in the plane, as cumulative sums with the heading at the middle of each step.
 
@@ -239,11 +267,8 @@ def _planar(
     push = physics.disturbance
     torque = wrench[..., 2] - (x * force[..., 1] - y * force[..., 0])
     axes = [wheel.axis[2] for wheel in craft.wheels]
-    turns = [
-        np.asarray(full)[:, None] * motors[..., k] for k, full in enumerate(physics.wheel_torques)
-    ]
-    for axis, turn in zip(axes, turns, strict=True):
-        torque = torque - axis * turn
+    for k, axis in enumerate(axes):
+        torque = torque - axis * turns[..., k]
     rate = (torque + np.asarray(push.torque)[:, None]) / np.asarray(physics.body.inertia[0])[
         :, None
     ]
@@ -266,9 +291,9 @@ def _planar(
     (x, vx), (y, vy) = columns
     # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
     speeds = []
-    for k, (axis, turn) in enumerate(zip(axes, turns, strict=True)):
+    for k, axis in enumerate(axes):
         about = np.asarray(physics.wheel_inertias[k])[:, None]
-        absolute = _summed(start[:, 6 + k] + axis * start[:, 5], turn * h / about)
+        absolute = _summed(start[:, 6 + k] + axis * start[:, 5], turns[..., k] * h / about)
         speeds.append(absolute - axis * spin)
     return np.stack([x, y, heading, vx, vy, spin, *speeds], axis=-1)
 
@@ -286,7 +311,7 @@ def _spatial(
     start: np.ndarray,
     wrench: np.ndarray,
     step: np.ndarray,
-    motors: np.ndarray,
+    turns: np.ndarray,
 ) -> np.ndarray:
     """States (K, S + 1, 13 + W) in space, by the midpoint rule."""
     body = physics.body
@@ -301,11 +326,9 @@ def _spatial(
 
     # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
     axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
-    turns = motors
     momenta = np.zeros((len(start), wrench.shape[1] + 1, len(axes)))
     about = np.ones((len(start), len(axes)))
     if craft.wheels:
-        turns = motors * _stacked(physics.wheel_torques)[:, None]
         about = _stacked(physics.wheel_inertias)
         momenta[:, 0] = about * (start[:, 13:] + start[:, 10:13] @ axes.T)
         momenta[:, 1:] = momenta[:, :1] + np.cumsum(turns * step[..., None], axis=1)

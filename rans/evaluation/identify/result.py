@@ -230,13 +230,26 @@ class Identification:
         silent = [row.name for row in self.rows() if not row.is_identifiable]
         if "latency" in silent and self.delay_deviation < 0.05:
             silent.remove("latency")
+        rotors = [name for name in silent if name.startswith("rotor")]
+        motors = [name for name in silent if name.startswith("motor")]
+        is_measured = "wheel speed" in self.fit.noise
+        if not is_measured:
+            silent = [name for name in silent if name not in rotors]
         if silent:
             result.append(
                 f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; fire "
                 "thrusters that the flight did not fire, one at a time and in both directions."
             )
-        if any(name.startswith("rotor") for name in silent):
-            result.append("Only measured speeds of wheels determine the inertia of their rotors.")
+        if motors:
+            result.append(
+                "Wheels that turn a craft determine motors only in proportion to the moments of inertia; thrusters "
+                "that turn it determine both."
+            )
+        if rotors and not is_measured:
+            result.append(
+                "No log has the speeds of the wheels, which alone determine the inertia of their rotors: a CSV "
+                "file has them in the columns s0, s1, ... (rad/s), a bag on the topic joint_states."
+            )
         coloured = [channel for channel in self.channels() if not channel.is_white]
         if coloured:
             names = ", ".join(f"{pair.name} ({pair.correlation:+.2f})" for pair in coloured)
