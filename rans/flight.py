@@ -19,7 +19,7 @@ from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, counted
 from rans.files import write_text
 from rans.model.accuracy import chosen, fastest
-from rans.model.body import Body
+from rans.model.body import Body, check_liquid
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
@@ -311,6 +311,8 @@ def fly(
     _check_starts(checked("starts", starts, Scenario), craft)
     _check_controller(controller, craft)
     checked("timing", timing, Timing)
+    if body is not None:
+        check_liquid(craft, body)
     how = chosen(craft, timing, body) if conditions is None else timing
     world = World(Setup(craft, task, how, conditions, guard))
     now = world.begin(starts.start, starts.goal, 0, draws, body)

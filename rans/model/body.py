@@ -122,6 +122,58 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
     return result
 
 
+def check_liquid(craft: Spacecraft, body: Body) -> None:
+    """Refuse bodies of a craft with a sloshing liquid that leave no rigid craft around it.
+
+    Args:
+        craft: any; one without `Spacecraft.slosh` has no liquid to scale.
+        body: of numbers, or of arrays or tensors (N,).
+
+    Raises:
+        ConfigError: as much liquid swings as the craft has mass, or more; the liquid at rest has all of the
+            inertia; or the craft has no liquid, and the body a factor on it.
+    """
+    slosh = craft.slosh
+    if slosh is None:
+        if body.slosh_mass is not None or body.slosh_damping is not None:
+            raise ConfigError(
+                f"the body has a factor on the slosh mass or its damping, and {craft.name!r} has no [slosh]: leave "
+                "it out, or write [slosh] into the spacecraft's file."
+            )
+        return
+    # As in the check of the spacecraft, with what each body has of mass, liquid, inertia and centre of mass.
+    mass = numbers(body.mass)
+    factor = numbers(1.0 if body.slosh_mass is None else body.slosh_mass)
+    fraction = factor * slosh.mass / craft.mass
+    if (most := float(np.max(fraction))) > 1.0 - 1e-3:
+        raise ConfigError(
+            f"the body's factor on the slosh mass, {float(np.max(factor)):g}, lets {most:.1%} of the mass of "
+            f"{craft.name!r} swing: its file has {slosh.mass:g} of {craft.mass:g} kg, and 99.9 % is the most."
+        )
+    offsets = body.centre or (0.0,) * craft.dimension
+    away = [
+        point - centre - numbers(offset)
+        for point, centre, offset in zip(
+            slosh.point(), craft.centre_of_mass, (*offsets, 0.0)[:3], strict=True
+        )
+    ]
+    adds = fraction * mass * sum(x**2 for x in away) / (1.0 - fraction)
+    tensor = np.stack(np.broadcast_arrays(*(numbers(x) for x in body.inertia)), axis=-1)
+    moment = tensor[..., 0]
+    if craft.dimension == 3:
+        moments = np.linalg.eigvalsh(tensor[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))])
+        moment = 0.5 * moments.sum(axis=-1) - moments[..., -1]
+    adds, moment = np.broadcast_arrays(adds, moment)
+    wrong = np.atleast_1d(adds > moment * (1.0 - 1e-3))
+    if wrong.any():
+        first = np.flatnonzero(wrong)[0]
+        raise ConfigError(
+            f"the body leaves no inertia to {craft.name!r} without its sloshing liquid: at rest that adds "
+            f"{np.atleast_1d(adds)[first]:.4g} kg m^2 of {np.atleast_1d(moment)[first]:.4g} kg m^2. Give it less "
+            "mass or slosh mass, or more inertia."
+        )
+
+
 def _mountings_in_memory(
     mountings: tuple[Mounting, ...], thrusters: int, count: int, field: Callable[[Any], Any]
 ) -> tuple[Mounting, ...]:

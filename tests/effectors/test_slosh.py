@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import leaves
 from rans.model.random import Draws
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.certificate.goal_set import check_certifiable
@@ -36,7 +38,7 @@ from tests.support.host_kernels import (
     on_host,  # noqa: F401  (a fixture)
 )
 from tests.support.pairs import FallingInThePlane, InOrbit
-from tests.support.slosh import SLOSH, SLOSHING, sums
+from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING, sums
 
 WHEELED = replace(SLOSHING, wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
 UNEVEN = Conditions(
@@ -260,6 +262,11 @@ def test_liquids_that_a_craft_cannot_have_are_refused(
         ({"slosh_mass": 0.0}, "slosh mass must be finite and > 0, got 0.0"),
         ({"slosh_damping": -1.0}, "slosh damping must be finite and >= 0, got -1.0"),
         ({"slosh_mass": np.ones(3)}, r"one for each of 2 spacecraft, got an array of shape \(3,\)"),
+        # 1.064 of 5.32 kg swing as designed: a fifth.
+        ({"slosh_mass": 5.0}, "lets 100.0% of the mass of 'sloshing' swing"),
+        ({"slosh_mass": np.array([1.0, 6.0])}, "slosh mass, 6, lets 120.0%"),
+        ({"inertia": (1e-4,)}, "leaves no inertia to 'sloshing' without its sloshing liquid"),
+        ({"inertia": (np.array([0.1, 1e-4]),)}, "leaves no inertia"),
     ],
 )
 def test_an_engine_refuses_impossible_liquids_of_a_body(
@@ -267,6 +274,39 @@ def test_an_engine_refuses_impossible_liquids_of_a_body(
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
         rans.Engine(SLOSHING, "go-to-pose", 2, body=replace(Body.of(SLOSHING), **liquid))
+
+
+@pytest.mark.parametrize("craft", [SLOSHING, IN_SPACE])
+def test_the_heaviest_liquid_of_a_body_is_that_of_a_spacecraft(craft: Spacecraft) -> None:
+    """A body is refused where a craft with that much liquid in its file is, and no earlier."""
+    slosh = craft.slosh
+    assert slosh is not None
+
+    def is_possible(of: Callable[[], object]) -> bool:
+        try:
+            of()
+        except ConfigError:
+            return False
+        return True
+
+    found = []
+    for factor in np.linspace(0.5, 6.0, 50):
+        heavy = replace(slosh, mass=float(factor) * slosh.mass)
+        body = replace(Body.of(craft), slosh_mass=float(factor))
+        found.append(is_possible(lambda heavy=heavy: replace(craft, slosh=heavy)))
+        assert (
+            is_possible(lambda body=body: rans.Engine(craft, "go-to-pose", 1, body=body))
+            == found[-1]
+        )
+    assert any(found)
+    assert not all(found)
+
+
+def test_a_factor_on_a_liquid_that_is_not_there_is_refused() -> None:
+    craft = replace(SLOSHING, slosh=None)
+    body = replace(Body.of(craft), slosh_mass=np.array([1.0, 0.5]))
+    with pytest.raises(ConfigError, match=r"has no \[slosh\]"):
+        rans.Engine(craft, "go-to-pose", 2, body=body)
 
 
 def test_drawn_liquids_swing_as_such_craft() -> None:
