@@ -193,8 +193,8 @@ def _check_is_task(name: str, word: str) -> None:
     )
 
 
-_TAKE_A_SPACECRAFT = ("faults", "twin")
-"""Commands whose word is a spacecraft."""
+_TAKE_A_SPACECRAFT = ("benchmark", "faults", "twin")
+"""Commands whose first word is a spacecraft."""
 _OF_A_SPACECRAFT = ("--spacecraft", "--excite")
 """Options whose value is a spacecraft."""
 

@@ -99,17 +99,26 @@ class Prove:
         keep = named_numbers(self.property, ("speed", "spin"), "--property", are_all_needed=True)
         start = named_numbers(self.start, ("speed", "spin"), "--from", are_all_needed=True)
         off = named_numbers(self.off, ("mass", "thrust", "velocity", "spin", "delay"), "--off")
-        if not all(0.0 < keep[key] <= 10.0 and 0.0 <= start[key] <= keep[key] for key in keep):
-            raise ConfigError(
-                "limits must be above 0 and at most 10, and --from within --property."
-            )
+        for key, limit in keep.items():
+            if not 0.0 < limit <= 10.0:
+                raise ConfigError(
+                    f"--property {key} must be above 0 and at most 10, got {limit:g}."
+                )
+            if not 0.0 <= start[key] <= limit:
+                raise ConfigError(
+                    f"--from {key} must be from 0 to the {limit:g} of --property, got {start[key]:g}."
+                )
         # The closed loop of the agent.
-        folder = ContestantName.parse(agent).folder
+        contestant = ContestantName.parse(agent)
+        folder = contestant.folder
         run = load_policy(folder)
         files = _files(folder)
         config = parse_json(files["config.json"], folder / "config.json")
         if config.get("task") != "track-velocity":
-            raise ConfigError(f"{agent} flies {type(run.task).__name__}; known is track-velocity.")
+            raise ConfigError(
+                f"{agent} flies {config.get('task')}, and rans prove proves agents that track velocities in the "
+                "plane, such as track-velocity-2d: name one, or FILE.onnx with a --problem."
+            )
         loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
         begun = time.monotonic()
         terminal = Terminal()
@@ -145,7 +154,7 @@ class Prove:
             )
             return 1
         # The certificate, beside the agent or, of a shipped one, in the current folder.
-        shipped = agent.startswith("pretrained:")
+        shipped = contestant.kind == "pretrained"
         default_file = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
         output = self.output or default_file
         digest = traps.write_trap(

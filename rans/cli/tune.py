@@ -80,6 +80,7 @@ class Tune:
         check_count("--starts", self.starts)
         # Task, spacecraft and control period: of the name, of options, or of a contestant.
         name, setup_text = _parts(self.controller)
+        _check_is_controller(name)
         within = ranges(typed(name))
         like = self.like or self.contestant
         if like is not None and (setup_text or self.task or self.spacecraft):
@@ -147,12 +148,26 @@ class Tune:
             f"Written to {file}."
             if staying is None
             else f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
-            "cost no more on the same starts; --output FILE writes the new ones anyway."
+            "cost no more on the same starts."
         )
         if result.candidates < self.candidates and result.seconds < self.seconds:
             raise KeyboardInterrupt
         Terminal().suggest(shlex.join(again))
         return 0
+
+
+def _check_is_controller(name: str) -> None:
+    """Raise ConfigError with what to type for an agent or a task in place of a controller."""
+    from rans.pretrained import missing_agents, pretrained_names
+    from rans.tasks import TASKS
+
+    if name.startswith("pretrained:") or name in (*pretrained_names(), *missing_agents()):
+        raise ConfigError(
+            "`rans tune` searches settings of a controller without training, and an agent has none: tune one for "
+            "the agent's task as in `rans tune lqr pretrained:NAME`, or a training's by `rans sweep`."
+        )
+    if name.removesuffix("-2d").removesuffix("-3d") in TASKS:
+        raise ConfigError(f"{name} is a task: name a controller before it, as in lqr:{name}.")
 
 
 def _of_contestant(name: str) -> tuple[Task, Spacecraft, Timing]:

@@ -74,8 +74,9 @@ class Uncertainty:
     """Thrusters open and shut at most this much later than commanded, s."""
 
     def __post_init__(self) -> None:
-        if not all(0.0 <= value < 1.0 for value in asdict(self).values()):
-            raise ConfigError(f"uncertainties must be from 0 to below 1, got {asdict(self)}.")
+        for name, value in asdict(self).items():
+            if not 0.0 <= value < 1.0:
+                raise ConfigError(f"--off {name} must be from 0 to below 1, got {value:g}.")
 
     def push(self) -> tuple[float, float]:
         """Bounds of thrust over mass, as parts of the nominal one."""

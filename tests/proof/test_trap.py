@@ -363,7 +363,10 @@ def test_a_contract_has_the_proof(table: dict[str, Any], tmp_path: Path) -> None
     [
         (["--property", "speed=0.16,spin=1.5"], "name the --property"),
         (["--property", "speed=0.16", "--from", "speed=0.1,spin=0.1"], "--property takes"),
-        (["--property", "speed=0.16,spin=1", "--from", "speed=0.2,spin=0.1"], "within --property"),
+        (
+            ["--property", "speed=0.16,spin=1", "--from", "speed=0.2,spin=0.1"],
+            "--from speed must be",
+        ),
         (["--property", "speed=1,spin=1", "--from", "speed=x,spin=0.1"], "--from takes"),
     ],
 )
@@ -374,10 +377,22 @@ def test_a_wrong_property_is_a_sentence(
     assert sentence in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.slow
+def test_a_certificate_of_a_shipped_agent_is_not_written_into_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the agent's name stands alone."""
+    monkeypatch.chdir(tmp_path)
+    limits = ["--property", "speed=0.16,spin=1.52", "--from", "speed=0.14,spin=0.15"]
+    assert main(["prove", "track-velocity-2d", *limits]) == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["track-velocity-2d.certificate.json"]
+    assert not (pretrained_folder("track-velocity-2d") / "proof.json").exists()
+
+
 def test_an_agent_of_another_task_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     limits = ["--property", "speed=0.16,spin=1.5", "--from", "speed=0.1,spin=0.1"]
     assert main(["prove", "pretrained:go-to-pose-2d", *limits]) != 0
-    assert "known is track-velocity" in " ".join(capsys.readouterr().err.split())
+    assert "agents that track velocities" in " ".join(capsys.readouterr().err.split())
 
 
 def test_late_thrusters_are_in_the_errors(loop: Loop, trap: Trap) -> None:
