@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from campaigns.guard import MISSIONS, begun, noise_and_delay, setup_of
 from rans.episode import Setup, World, step
 from rans.errors import one_of
 from rans.fast.stepping.step import Backend
+from rans.files import read_json, write_json
 from rans.guard.ahead import Ahead
 from rans.guard.expected import Expected
 from rans.model.fields import map_leaves, where
@@ -48,6 +50,50 @@ _LEAST_CHANCE = 0.05
 """Bounds of the chance that a thruster is open, so that every generation tries something."""
 Commands = Callable[[int, Any, Any], tuple[Any, ...]]
 """Commands in a control period, by its number, the state and the goal."""
+
+
+class Counts(NamedTuple):
+    """Flights of an attack from safe starts, and how many of them violated a constraint."""
+
+    flights: int
+    """Number of flights behind the filter."""
+    unfiltered: int | None
+    """Violations without the filter; None: none were flown."""
+    filtered: int
+    """Violations behind the filter."""
+    least: float
+    """Least margin behind the filter, m or m/s."""
+    expected: int
+    """Number of flights whose readings were never off by more than the reserve."""
+    filtered_expected: int
+    """Violations among these."""
+
+    @classmethod
+    def of(cls, unfiltered: Flights | None, filtered: Flights) -> Counts:
+        """Counts of flights without the filter, if there are any, and behind it."""
+        least = filtered.least[filtered.safe]
+        expected = filtered.beyond[filtered.safe] <= 0.0
+        return cls(
+            len(least),
+            None if unfiltered is None else int((unfiltered.least[unfiltered.safe] < 0.0).sum()),
+            int((least < 0.0).sum()),
+            float(least.min(initial=np.inf)),
+            int(expected.sum()),
+            int((least[expected] < 0.0).sum()),
+        )
+
+    @classmethod
+    def together(cls, parts: list[Counts]) -> Counts:
+        """Counts of several jobs."""
+        flights, unfiltered, filtered, least, expected, filtered_expected = zip(*parts, strict=True)
+        return cls(
+            sum(flights),
+            None if None in unfiltered else sum(unfiltered),
+            sum(filtered),
+            min(least),
+            sum(expected),
+            sum(filtered_expected),
+        )
 
 
 class Flights(NamedTuple):
@@ -97,6 +143,13 @@ class Plan(NamedTuple):
     """Number of control periods of a flight; None: the whole episode."""
     generations: int = 6
     """Number of generations of the cross-entropy method."""
+    unfiltered: bool = True
+    """Whether the attack is flown without the filter too."""
+
+    @property
+    def ways(self) -> tuple[bool, ...]:
+        """Whether flights are filtered: first those that are not."""
+        return (False, True) if self.unfiltered else (True,)
 
     def steps(self, setup: Setup) -> int:
         """Number of control periods of a flight."""
@@ -155,27 +208,27 @@ def _tensor(x: Any, size: int) -> torch.Tensor:
 
 
 def by_gradients(
-    _: int, mission: str, conditions: Conditions | None, plan: Plan, first: int, count: int
+    mission: str, conditions: Conditions | None, plan: Plan, first: int, count: int
 ) -> tuple[Flights, ...]:
-    """Flights without and with the filter from so many starts; a job of a worker."""
+    """Flights from so many starts, without the filter if the plan says so, and with it."""
     torch.set_num_threads(1)
     setup = setup_of(mission, conditions)
     numbers = np.arange(first, first + count)
     return tuple(
-        flown(setup, plan, numbers, filtered, GradientAttack(setup)) for filtered in (False, True)
+        flown(setup, plan, numbers, filtered, GradientAttack(setup)) for filtered in plan.ways
     )
 
 
 def by_search(
-    _: int, mission: str, conditions: Conditions | None, plan: Plan, first: int, count: int
+    mission: str, conditions: Conditions | None, plan: Plan, first: int, count: int
 ) -> tuple[Flights, ...]:
-    """Flights of all generations from so many starts, without and with the filter; a job of a worker."""
+    """Flights of all generations from so many starts, without the filter if the plan says so, and with it."""
     setup = setup_of(mission, conditions)
     period = -(-plan.steps(setup) // _KNOTS)
     numbers = np.repeat(np.arange(first, first + count), _POPULATION)
     thrusters = len(setup.craft.commands)
     result = []
-    for filtered in (False, True):
+    for filtered in plan.ways:
         random = np.random.default_rng(first)
         chances = np.full((_KNOTS, thrusters, count), 0.5)
         flights = []
@@ -203,6 +256,12 @@ def by_search(
 ATTACKS = {"gradient": by_gradients, "cem": by_search}
 
 
+def counted(_: int, attack: str, *job: Any) -> Counts:
+    """Counts of an attack with these arguments; a job of a worker."""
+    *unfiltered, filtered = ATTACKS[attack](*job)
+    return Counts.of(unfiltered[0] if unfiltered else None, filtered)
+
+
 @dataclass(frozen=True)
 class Attack:
     """Attack the filter of missions, and print a row of each."""
@@ -227,6 +286,11 @@ class Attack:
     """Starts that a process attacks together; on a GPU all of them."""
     workers: int | None = None
     """Number of processes; None: one per processor."""
+    unfiltered: bool = True
+    """Whether the attacks are flown without the filter too."""
+    record: Path | None = None
+    """JSON file to which the counts of each finished job are written, and from which they are read: an attack that
+    was interrupted goes on with the next job. By default there is none."""
 
     def run(self) -> int:
         """Attack and print."""
@@ -234,34 +298,42 @@ class Attack:
             one_of("a mission", mission, MISSIONS)
         for attack in self.attacks:
             one_of("an attack", attack, ATTACKS)
-        plan = Plan(self.device, self.periods, self.generations)
+        plan = Plan(self.device, self.periods, self.generations, self.unfiltered)
+        known: dict[str, Any] = {}
+        if self.record is not None and self.record.exists():
+            known = read_json(self.record)
         for mission in self.missions:
             conditions = noise_and_delay(mission, self.noise, self.delay)
             for attack in self.attacks:
                 jobs = [
-                    (mission, conditions, plan, first, min(self.job, self.starts - first))
+                    (attack, mission, conditions, plan, first, min(self.job, self.starts - first))
                     for first in range(0, self.starts, self.job)
                 ]
-                parts = [
-                    *Workers(int, (), self.workers, "flew attacks").ordered(ATTACKS[attack], jobs)
-                ]
-                Terminal().say(_line(mission, attack, parts))
+                left = [job for job in jobs if self._name(*job) not in known]
+                workers = Workers(int, (), self.workers, "flew attacks")
+                for job, counts in zip(left, workers.ordered(counted, left), strict=True):
+                    known[self._name(*job)] = counts._asdict()
+                    if self.record is not None:
+                        write_json(self.record, known)
+                counts = Counts.together([Counts(**known[self._name(*job)]) for job in jobs])
+                Terminal().say(_line(mission, attack, counts))
         return 0
 
+    def _name(self, attack: str, mission: str, _: Any, plan: Plan, first: int, count: int) -> str:
+        """Name of a job in the record: all that its counts depend on but the device."""
+        return (
+            f"{mission}, {attack}, noise {self.noise}, delay {self.delay}, periods {plan.periods}, generations "
+            f"{plan.generations}, unfiltered {plan.unfiltered}, starts {first} to {first + count - 1}"
+        )
 
-def _line(mission: str, attack: str, parts: list[tuple[Flights, ...]]) -> str:
+
+def _line(mission: str, attack: str, counts: Counts) -> str:
     """Counts of all jobs, of the starts from which the filter holds."""
-    free, filtered = (
-        Flights(*(np.concatenate(x) for x in zip(*flights, strict=True)))
-        for flights in zip(*parts, strict=True)
-    )
-    least = filtered.least[filtered.safe]
-    expected = filtered.beyond[filtered.safe] <= 0.0
+    free = "" if counts.unfiltered is None else f"{counts.unfiltered:,} unfiltered, "
     return (
-        f"{mission:13} {attack:9} {len(least):,} flights from safe starts: violated "
-        f"{int((free.least[free.safe] < 0.0).sum()):,} unfiltered, {int((least < 0.0).sum()):,} filtered "
-        f"(least margin {least.min():.4f}); of {int(expected.sum()):,} whose readings were never off by more than "
-        f"the reserve {int((least[expected] < 0.0).sum()):,}"
+        f"{mission:13} {attack:9} {counts.flights:,} flights from safe starts: violated {free}"
+        f"{counts.filtered:,} filtered (least margin {counts.least:.4f}); of {counts.expected:,} whose readings "
+        f"were never off by more than the reserve {counts.filtered_expected:,}"
     )
 
 

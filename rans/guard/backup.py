@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from rans.episode import Command, World
@@ -14,6 +14,8 @@ from rans.guard.replacing import Predicting
 from rans.guard.rows import (
     copied,
     count,
+    lesser,
+    like,
     repeated,
     row_indices,
     stacked,
@@ -22,12 +24,10 @@ from rans.guard.rows import (
     where_true,
 )
 from rans.guard.straight_line import few
-from rans.model.fields import Field
+from rans.model.fields import Field, where
 
 _FEW = 2
 """Number of manoeuvres that are tried after commands near the desired one."""
-_PARTS = (0.75, 0.5, 0.25, 0.0)
-"""Parts of the reserve that backups keep where readings are so pessimistic that none keeps all of it."""
 _BLENDS = (0.25, 0.5, 0.75)
 """Shares of a manoeuvre in commands of pulsed valves near the desired one."""
 
@@ -46,8 +46,8 @@ class FlownBackup(Predicting):
 
     A command that does not pass is replaced by the first of these that does: commands that differ from it in one
     thruster (for pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and the first
-    command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is flown that
-    passes with the largest part of the reserve; without any the first manoeuvre.
+    command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is flown whose
+    least margin is largest.
     """
 
     horizon: float | None = None
@@ -109,14 +109,6 @@ class _Search:
             guard.periods,
             guard.slack,
         )
-
-    @property
-    def with_less_reserve(self) -> Iterator[_Search]:
-        """Searches that keep only a part of the reserve, the largest part first; none where there is no reserve."""
-        for part in _PARTS if self.ahead.reserve else ():
-            reserve = tuple((name, part * margin) for name, margin in self.ahead.reserve)
-            ahead = Ahead.of(self.world, reserve)
-            yield replace(self, ahead=ahead, coasting=replace(self.coasting, ahead=ahead))
 
     def safe(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
         """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
@@ -216,10 +208,13 @@ class _Search:
                 replaced = replaced | passed
             open_ = open_[~replaced]
 
-        # All shut, then manoeuvres; if readings are worse than expected, those that keep most of the reserve.
-        for search in (self, *self.with_less_reserve):
-            if len(open_):
-                open_ = search.backups(admitted, state, goal, open_)
+        # All shut, then manoeuvres.
+        if len(open_):
+            open_ = self.backups(admitted, state, goal, open_)
+        if len(open_):
+            best = self.best(taken(state, open_), taken(goal, open_))
+            for x, y in zip(admitted, best, strict=True):
+                x[open_] = y
         return tuple(admitted)
 
     def backups(self, admitted: list[Any], state: Any, goal: Any, open_: Any) -> Any:
@@ -242,6 +237,33 @@ class _Search:
                 for x, y in zip(admitted, tried, strict=True):
                     x[open_[rows]] = y
         return open_[~done]
+
+    def best(self, state: Any, goal: Any) -> Command:
+        """Commands of the backups whose least margin is largest: coasting, or a manoeuvre and then coasting."""
+        size = count(state)
+        kept = self.coasting.least(state, goal)
+        result = tuple(like(state, size) for _ in self.world.craft.commands)
+        again = stacked([row_indices(state, size)] * len(self.ways))
+        manoeuvre = repeated(state, self.ways, size)
+        state, goal = taken((state, goal), again)
+        first = self.command(manoeuvre, state, goal)
+        command = first
+        least = like(state, len(again), math.inf)
+        most = -least
+        for _ in range(self.periods):
+            arrival = self.ahead.fly(state, goal, command)
+            state, goal = arrival.state, arrival.goal
+            least = lesser(least, arrival.least)
+            then = lesser(least, self.coasting.least(state, goal))
+            most = where(then > most, then, most)
+            command = self.command(manoeuvre, state, goal)
+        rows = most.reshape(len(self.ways), size)
+        commands = [x.reshape(len(self.ways), size) for x in first]
+        for k in range(len(self.ways)):
+            better = rows[k] > kept
+            kept = where(better, rows[k], kept)
+            result = tuple(where(better, x[k], y) for x, y in zip(commands, result, strict=True))
+        return result
 
     def _near(self, command: Command, first: Command) -> list[Command]:
         """Commands near the desired ones."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rans.guard.ahead import Ahead
-from rans.guard.rows import grid, is_array, like
+from rans.guard.rows import grid, is_array, least_row, lesser, like
 from rans.guard.straight_line import few
 from rans.model.drift import FREE
 from rans.model.fields import Field, absolute, at_least, map_leaves
@@ -37,15 +37,19 @@ class Coasting:
 
     def safe(self, state: Any, goal: Any) -> Field:
         """Whether coasting from states (N,) with goals (N,) of arrays or tensors is safe, (N,) bool."""
+        return self.least(state, goal) >= self.slack
+
+    def least(self, state: Any, goal: Any) -> Field:
+        """Least margin of coasting from states (N,) with goals (N,), less the largest reserve, (N,)."""
         balls = self._balls(goal)
-        if balls is not None:
-            result = None
-            least = self.slack + max((reserve for _, reserve in self.ahead.reserve), default=0.0)
-            for ball in balls:
-                clear = _closest(ball, state) >= least
-                result = clear if result is None else result & clear
-            return result
-        return self._sampled(state, goal)
+        if balls is None:
+            return self._sampled(state, goal)
+        result = None
+        for ball in balls:
+            margin = _closest(ball, state)
+            result = margin if result is None else lesser(result, margin)
+        assert result is not None
+        return result - max((reserve for _, reserve in self.ahead.reserve), default=0.0)
 
     def _balls(self, goal: Any) -> tuple[Ball, ...] | None:
         """Balls of the constraints; None if there are other constraints or a drift."""
@@ -63,7 +67,7 @@ class Coasting:
         period = self.ahead.world.timing.control_period
         size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
         chunk = max(4, _CHUNK // size)
-        result = like(state, size) >= 0.0
+        result = like(state, size, math.inf)
         # Consecutive chunks share two instants, so that every instant has a second difference.
         for begin in range(0, self.horizon, chunk):
             last = min(self.horizon, begin + chunk + 2)
@@ -77,9 +81,8 @@ class Coasting:
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend
                 # The ends use the second difference of their neighbours.
-                result = result & (margin[1:-1] - sag >= self.slack).all(0)
-                result = result & (margin[:-2] - sag >= self.slack).all(0)
-                result = result & (margin[2:] - sag >= self.slack).all(0)
+                for part in (margin[1:-1], margin[:-2], margin[2:]):
+                    result = lesser(result, least_row(part - sag))
             if last == self.horizon:
                 break
         return result

@@ -93,6 +93,16 @@ def grid(tree: Any, values: list[float]) -> Any:
     return first.new_tensor(column)
 
 
+def least_row(x: Any) -> Any:
+    """Least entry of each column of an array or a tensor (T, N), (N,)."""
+    return x.min(0) if isinstance(x, np.ndarray) else x.amin(0)
+
+
+def lesser(a: Any, b: Any) -> Any:
+    """Lesser entries of two arrays or tensors (N,); NaN where one is."""
+    return np.minimum(a, b) if isinstance(a, np.ndarray) else sys.modules["torch"].minimum(a, b)
+
+
 def repeated(tree: Any, values: Sequence[Any], size: int) -> Any:
     """Tree that repeats each of several trees of numbers ``size`` times, concatenated.
 

@@ -2,22 +2,56 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
-from campaigns.attack import GradientAttack, Plan, by_search, flown
+from campaigns import attack
+from campaigns.attack import Attack, GradientAttack, Plan, by_search, flown
 from rans.episode import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import load_task
 
 
 def test_a_search_counts_every_flight_of_its_generations() -> None:
-    free, filtered = by_search(0, "avoid-2d", None, Plan(periods=2, generations=2), 5, 1)
+    free, filtered = by_search("avoid-2d", None, Plan(periods=2, generations=2), 5, 1)
     assert free.least.shape == filtered.least.shape == (128,)
     assert filtered.safe.all()
     # From one start, and with other commands, of which a later generation has the worse ones.
     assert len(np.unique(free.least)) > 16
     assert free.least[64:].mean() <= free.least[:64].mean()
+
+
+def test_an_interrupted_attack_goes_on_with_the_next_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begun: list[int] = []
+
+    def search(mission: str, conditions: Any, plan: Plan, first: int, count: int) -> Any:
+        begun.append(first)
+        return by_search(mission, conditions, plan, first, count)
+
+    monkeypatch.setitem(attack.ATTACKS, "cem", search)
+    record = tmp_path / "record.json"
+    results = []
+    for file, counts in ((record, (2, 3)), (None, (3,))):
+        for starts in counts:
+            Attack(
+                ("avoid-2d",),
+                ("cem",),
+                starts,
+                periods=2,
+                generations=1,
+                job=1,
+                workers=1,
+                record=file,
+            ).run()
+            results.append(capsys.readouterr().out.splitlines()[-1])
+    assert begun == [0, 1, 2, 0, 1, 2]
+    assert results[1] == results[2] != results[0]
+    assert "192 flights" in results[1]
 
 
 @pytest.mark.slow

@@ -149,6 +149,18 @@ def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() 
     assert plain.safe(world, reached.state, reached.goal)[some].all()
 
 
+@pytest.mark.parametrize("speed", [0.0, 0.1])
+def test_within_the_reserve_of_a_zone_a_craft_retreats(speed: float) -> None:
+    """0.2 m away coasting keeps two thirds of the reserve. Four nozzles push away, and give 0.106 m/s in 0.2 s."""
+    task, here, goal = heading_for(0.2, 0.0)
+    here = replace(here, v=Vec2(0.0, speed))
+    world = World(Setup(PLATFORM, task, task.timing))
+    given, changed = FlownBackup(reserve=(("zone 1", 0.3),)).admitted(world, here, goal, (0.0,) * 8)
+    assert changed
+    reached = Ahead.of(world).fly(*map_leaves(lambda x: np.full(1, x), (here, goal)), given)
+    assert reached.state.v.x[0] < -0.09
+
+
 def test_one_spacecraft_of_numbers_is_filtered_as_in_a_batch_and_in_torch() -> None:
     task = Avoid()
     world = World(Setup(PLATFORM, task, task.timing))

@@ -38,9 +38,13 @@ def test_coasting_past_balls_is_judged_as_by_small_steps(xs: list[float], radius
     world = World(Setup(PLATFORM, task, task.timing))
     times = np.linspace(0.0, 60.0, 4001)
     gaps = ball.later(times).gap(p + v.scale(times))
-    found = bool(Coasting(Ahead(world), 0.0, 3).safe(state, goal)[0])
+    coasting = Coasting(Ahead(world), 0.0, 3)
+    found = bool(coasting.safe(state, goal)[0])
     # Between two instants a gap falls by half of the way at most, and what is later than 60 s is not seen.
     step = 0.5 * 60.0 / 4000 * float(np.hypot(vx - 0.05 * ux, vy - 0.05 * uy))
+    least = float(coasting.least(state, goal)[0])
+    assert least <= gaps.min() + 1e-9
+    assert least >= gaps.min() - step - 1e-9 or gaps.argmin() == 4000
     if gaps.min() < 0.0:
         assert not found
     elif gaps.min() > step and gaps.argmin() < 4000:
