@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.tasks import Hold
+from rans.tasks import Hold, TargetOrbit
 from rans.terminal import Terminal
 
 _DAY = 86_400.0
@@ -47,10 +47,12 @@ class StationKeeping:
         "all",
     ] = "none"
     """Error of sensors, thrusters or craft, a row of docs/missions/errors.md; mission guidance expects it."""
+    orbit: TargetOrbit = field(default_factory=TargetOrbit)
+    """Orbit of the target, which mission guidance knows; by default a circle."""
 
     def run(self) -> int:
         """Fly and print."""
-        usual = Hold()
+        usual = Hold(orbit=self.orbit)
         orbit = 2.0 * math.pi / usual.mean_motion
         seconds = self.orbits * orbit
         period = usual.timing.control_period

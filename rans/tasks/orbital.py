@@ -436,6 +436,8 @@ class OrbitalMission(SingleTask):
     def staying(self, state: Any, goal: Any, acceleration: Any = None) -> Any:
         """Velocity in W, m/s, with which a craft that has arrived stays at the goal, however long.
 
+        Thrust balances a drag that is part of the drift.
+
         Args:
             state: state.
             goal: goal.
@@ -444,6 +446,11 @@ class OrbitalMission(SingleTask):
         drift = self.drift_at(goal)
         period = self.timing.control_period
         tolerances = self.position_tolerance, self.velocity_tolerance
+        if isinstance(drift, PerturbedOrbit) and drift.drag:
+            zero = 0.0 * state.p.x
+            dragged = type(state.p)(zero, zero - drift.drag, *(zero for _ in state.p.columns()[2:]))
+            acceleration = dragged if acceleration is None else acceleration + dragged
+            drift = replace(drift, drag=0.0)
         if acceleration is None:
             return staying_velocity(drift, state, goal, period, *tolerances)
         return balancing_velocity(drift, state, goal, period, *tolerances, acceleration)
