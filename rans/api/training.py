@@ -147,7 +147,7 @@ def changed(config: TrainConfig, settings: Mapping[str, Any]) -> TrainConfig:
     Raises:
         ConfigError: there is no such entry, several are called so, or its value is of another type.
     """
-    from rans.fast.learn.changes import change_entry
+    from rans.fast.learn.changes import change_entry, check_memory
     from rans.fast.learn.config import from_table, to_table
 
     if not settings:
@@ -155,6 +155,7 @@ def changed(config: TrainConfig, settings: Mapping[str, Any]) -> TrainConfig:
     table = json.loads(json.dumps(to_table(config)))
     for name, value in settings.items():
         change_entry(table, name, value)
+    check_memory(table, settings)
     return from_table(table)
 
 

@@ -200,6 +200,7 @@ class Train:
     def resolved(self) -> TrainConfig:
         """Config of a preset or of another run, with the changes of the options."""
         from rans.fast.learn.algorithms import with_algorithm
+        from rans.fast.learn.changes import check_memory
         from rans.fast.learn.config import from_table, to_table
         from rans.fast.learn.recipes import training, training_of_quality
         from rans.fast.learn.run_folder import read_config
@@ -245,6 +246,7 @@ class Train:
         for change in self.set:
             if change.partition("=")[0] != "algorithm":
                 _change(table, change)
+        check_memory(table, keys)
         config = from_table(table)
         if file is not None and self.spacecraft is None and config.spacecraft == begun.spacecraft:
             _check_unchanged(config.spacecraft, file)

@@ -53,6 +53,8 @@ from rans.structure import structure
         ("tune pretrained:go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),
         ("tune dock-3d", "as in lqr:dock-3d"),
         ("benchmark go-to-pose-2d", "rans benchmark floating-platform"),
+        ("train go-to-pose --set ppo.memory.history=8", "set ppo.memory.kind=history too"),
+        ("train go-to-pose --set memory.units=8", "set ppo.memory.kind=recurrent too"),
         ("train", "say what to train"),
         ("train --resume runs/nowhere", "runs/nowhere is not a run folder"),
         ("train go-to-pose --quality god", "did you mean good?"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rans.errors import ConfigError, brief
@@ -101,6 +101,27 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     inner[last] = _typed(value)
     if result[0] == "algorithm":  # whose own settings are others
         table["learner"] = complete(table["algorithm"], {})
+
+
+def check_memory(table: Mapping[str, Any], changes: Iterable[str]) -> None:
+    """Refuse changes of a memory that the network does not have: they would change nothing.
+
+    Args:
+        table: config with the changes.
+        changes: names of the entries that were changed, full or their last parts.
+
+    Raises:
+        ConfigError: a history's length or a recurrent memory's units were changed, and the memory is another.
+    """
+    memory = table["ppo"]["memory"]
+    kind = memory["kind"] if isinstance(memory, Mapping) else memory
+    for entry, kinds in (("history", ("history", "commands")), ("units", ("recurrent",))):
+        names = {f"ppo.memory.{entry}", f"memory.{entry}", entry}
+        if kind not in kinds and not names.isdisjoint(changes):
+            raise ConfigError(
+                f"ppo.memory.{entry} is of {' or '.join(map(repr, kinds))} memories, and this one is {kind!r}: set "
+                f"ppo.memory.kind={kinds[0]} too."
+            )
 
 
 def _present(table: dict[str, Any], name: str, value: Any, is_known: bool) -> str | None:

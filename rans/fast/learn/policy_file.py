@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from rans.fast.learn.learner import Learner
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.architecture import EXTRACTOR
 from rans.policy.network import Network
-from rans.pretrained import agent_path
+from rans.pretrained import agent_path, missing_agents, pretrained_names
 
 _SETTLED = 1e12
 """Number of observations assigned to loaded statistics, so that training does not change them."""
@@ -88,16 +89,21 @@ def begin_from(network: Network, agent: str) -> None:
     """
     run = RunFolder(agent_path(agent))
     if not run.agent_file.exists():
+        is_shipped = agent in (*pretrained_names(), *missing_agents())
+        hint = f" (did you mean pretrained:{agent}?)" if is_shipped else ""
         raise ConfigError(
-            f"begin_from is {agent!r}, which has no agent: name a run folder, or pretrained:NAME."
+            f"begin_from is {agent!r}, which has no agent{hint}: name a run folder, or pretrained:NAME."
         )
+    same = (
+        f"`rans train {shlex.quote(str(run.path / 'config.json'))}` has the settings of the agent"
+    )
     saved = read_policy(run.agent_file).network
     loaded = saved.architecture
     present = network.architecture
     if loaded.layout != present.layout or set(saved.tensors) != set(network.tensors):
         raise ConfigError(
             f"begin_from is {agent!r}, whose network observes or commands something else than this training's; the "
-            "usual cause is another task, spacecraft, head or memory."
+            f"usual cause is another task, spacecraft, head or memory, and {same}."
         )
     statistics = [EXTRACTOR + statistic for statistic in present.statistics()]
     for key, tensor in network.tensors.items():
@@ -105,7 +111,7 @@ def begin_from(network: Network, agent: str) -> None:
         if values.shape != tensor.shape[-values.dim() or len(tensor.shape) :]:
             raise ConfigError(
                 f"begin_from is {agent!r}, whose {key} has the shape {tuple(values.shape)} and not that of this "
-                "training; the usual cause is other ppo.layers."
+                f"training; the usual cause is other ppo.layers or another ppo.memory, and {same}."
             )
         tensor.copy_(values.expand_as(tensor))
     network.tensors[statistics[-1]].fill_(_SETTLED)
