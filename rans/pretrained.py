@@ -1,6 +1,6 @@
 """Agents that come with RANS: run folders without the files that only training needs.
 
-Six are in this package. The others are in the distribution ``rans-agents``, which the extra ``rans[agents]``
+Seven are in this package. The others are in the distribution ``rans-agents``, which the extra ``rans[agents]``
 installs.
 """
 

@@ -301,8 +301,9 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
             *comparison.mission.table(comparison.entries),
         )
     if board and (front := comparison.front):
+        bounds = counted(len(front.starts()), "start")
         console.show(
-            f"Front of time and impulse, bounds of {counted(len(front.starts()), 'start')}",
+            "Front of time and impulse" + (f", bounds of {bounds}" if front.starts() else ""),
             *front_tables.front_table(front),
         )
         for sentence in front_tables.sentences(front):

@@ -229,7 +229,7 @@ class Comparison(NotebookRepr):
                 front, seconds, cache, workers, stages("certified front", len(front.questions()))
             )
         self.failures += front.impossible()
-        if not front.starts():
+        if not front.starts() and seconds > 0.0:
             self.notes.append(
                 f"No start has all bounds of the front after {seconds:g} s: give it more, as in --front 900."
             )

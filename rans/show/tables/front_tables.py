@@ -12,9 +12,17 @@ from rans.evaluation.compare.front import Front, Point, Verdict, point
 from rans.evaluation.measure.statistics import figure
 from rans.tasks.quantities import QUANTITIES
 
+_MULTIPLES = (
+    "behind its nearest point",
+    "until there over its bound",
+    "impulse over its bound",
+)
+"""Columns of multiples of bounds."""
+
 
 def front_table(front: Front) -> tuple[list[str], list[list[str]]]:
-    """Columns, and a row for every contestant and position."""
+    """Columns, and a row for every contestant and position; multiples of bounds only if there are bounds."""
+    has_bounds = bool(front.starts())
     quantity, factor, unit = _error(front)
     rows = []
     for entry in _ordered(front):
@@ -30,7 +38,7 @@ def front_table(front: Front) -> tuple[list[str], list[list[str]]]:
             coordinates.time,
             coordinates.impulse,
             factor * coordinates.error,
-            *over,
+            *(over if has_bounds else ()),
         )
         rows.append([entry.name, *map(figure, numbers)])
     return [
@@ -39,9 +47,7 @@ def front_table(front: Front) -> tuple[list[str], list[list[str]]]:
         "time, s",
         "impulse, N s",
         f"{quantity} error, {unit}",
-        "behind its nearest point",
-        "until there over its bound",
-        "impulse over its bound",
+        *(_MULTIPLES if has_bounds else ()),
     ], rows
 
 

@@ -34,6 +34,7 @@ from rans.show.tables.comparison_tables import (
     scoreboard,
     to_json,
 )
+from rans.show.tables.front_tables import front_table
 from rans.tasks.goal_set import arrived
 from tests.support.contests import CONTEST, IDLE
 
@@ -235,11 +236,18 @@ def test_a_front_between_flights_and_proofs(
         assert 1.0 <= found.until <= found.episode
     assert told.failures == []
     assert told.notes == ["Nobody has a trade-off: the front has points, but no line."]
-    told.trace({}, seconds=0.0)
+    told.trace({}, seconds=1e-9)
     assert (
         told.notes[-1]
-        == "No start has all bounds of the front after 0 s: give it more, as in --front 900."
+        == "No start has all bounds of the front after 1e-09 s: give it more, as in --front 900."
     )
+    # None were asked for.
+    asked = replace(comparison, failures=[], notes=[])
+    asked.trace({}, seconds=0.0)
+    assert asked.front
+    assert asked.notes == ["Nobody has a trade-off: the front has points, but no line."]
+    assert len(front_table(asked.front)[0]) == len(front_table(asked.front)[1][0]) == 5
+    assert len(front_table(front)[0]) == len(front_table(front)[1][0]) == 8
     rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
     rough.trace({}, 1e3)
     assert rough.front
