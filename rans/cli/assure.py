@@ -72,8 +72,6 @@ class Assure:
         float, Former("leave it out, or call rans.assure(..., confidence=...) in Python")
     ] = 0.99
     """Confidence of every bound."""
-    plan: Annotated[bool, Former("write --episodes 0")] = False
-    """Print how many flights the campaign takes, and fly nothing."""
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""
@@ -86,7 +84,7 @@ class Assure:
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
 
-        is_plan = self.plan or self.episodes == 0
+        is_plan = self.episodes == 0
         episode_count = self.episodes or None  # 0 asks for the plan with the default number
         check_count("--episodes", episode_count)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):

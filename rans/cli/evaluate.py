@@ -98,16 +98,12 @@ class Evaluate:
     """Spacecraft for an agent for any craft."""
     plain: Annotated[bool, Former("fly at most 65,536 episodes, which are never compiled")] = False
     """Do not compile the flights."""
-    ccsds: Annotated[int, Former("write --trajectories")] = 0
-    """Number of flights that are written as CCSDS messages."""
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
         from rans.evaluation.fly.contestants import judged_separately, with_spacecraft
 
         check_count("--episodes", self.episodes)
-        if self.ccsds:
-            check_count("--ccsds", self.ccsds)
         whole = with_spacecraft(self.contestant, self.spacecraft)
         passed = [
             replace(self, contestant=spec, spacecraft=None).judge()
@@ -126,10 +122,6 @@ class Evaluate:
         run = contestant(self.contestant, self.protocol, trust=self.trust)
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
-        if self.ccsds:
-            from rans.ccsds import orbit_of
-
-            orbit_of(run.task, run.craft.dimension)  # reject other missions before the flights
         ready_folder(ContestantName.parse(self.contestant).output_folder)
         self._file(run)  # reject a symbolic link before the flights
         if self._many(run):
@@ -189,7 +181,7 @@ class Evaluate:
             self.episodes > _KEPT
             and self.engine == "fast"
             and not self.trajectories
-            and not (self.ccsds or self.start or self.goal or self.zones)
+            and not (self.start or self.goal or self.zones)
             and isinstance(run.controller, Agent)
         )
 
@@ -301,14 +293,11 @@ class Evaluate:
         """Write flights of a mission on an orbit as CCSDS messages, if asked to; returns where, for a sentence."""
         from rans.ccsds import is_on_orbit, write_ccsds
 
-        count = self.ccsds
-        if self.trajectories and is_on_orbit(run.task, run.craft.dimension):
-            count = count or _MESSAGES
-        if not count:
+        if not (self.trajectories and is_on_orbit(run.task, run.craft.dimension)):
             return ""
         folder, suffix = self._output(run)
         messages = folder / f"ccsds{suffix}"
-        for episode in range(min(count, flight.commands.shape[1])):
+        for episode in range(min(_MESSAGES, flight.commands.shape[1])):
             write_ccsds(flight, messages, episode)
         return f", and CCSDS messages to {messages}"
 

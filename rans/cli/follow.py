@@ -45,8 +45,6 @@ class Follow:
     ] = 0.25
     """Look-ahead radius, m, of the paper's planner: the commanded velocity points to the farthest point of the path
     within it."""
-    flights: Annotated[int | None, Former("write --episodes N")] = None
-    """Number of flights."""
     engine: Annotated[
         Literal["fast", "drake"],
         Former("leave it out, or call rans.follow(..., engine=...) in Python"),
@@ -62,8 +60,7 @@ class Follow:
         from rans.show.figures.path_figures import following_figure
         from rans.show.figures.svg import svg
 
-        episodes = self.episodes if self.flights is None else self.flights
-        check_count("--episodes", episodes)
+        check_count("--episodes", self.episodes)
         path = self.path or self.course
         planner = LookAhead(find_path(path), self.speed, self.look_ahead)
         contestant(self.contestant)  # reject a wrong name before a folder is created
@@ -74,7 +71,7 @@ class Follow:
             path,
             speed=self.speed,
             look_ahead=self.look_ahead,
-            flights=episodes,
+            flights=self.episodes,
             seed=self.seed,
             engine=self.engine,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -21,8 +21,13 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
 
 Answer = TypeVar("Answer")
-_TEXTS = ("inertia", "size", "centre_of_mass", "name", "actuators", "thrust_sharing")
-"""Keys of --set whose values are texts or lists."""
+_KINDS: dict[str, type] = {
+    **dict.fromkeys(("dimension", "counts"), int),
+    **dict.fromkeys(("mass", "least", "most", "radius"), float),
+    **dict.fromkeys(("name", "actuators", "thrust_sharing"), str),
+    **dict.fromkeys(("inertia", "size", "centre_of_mass"), list),
+}
+"""Kinds of the values of --set, by their keys."""
 
 
 @dataclass(frozen=True)
@@ -56,30 +61,6 @@ class Init:
     valves divide a control period), least (shortest pulse in counts, or least level of a throttle as a share of
     full force), most (largest level), radius (m, for drawings), thrust_sharing (none, or split: the open
     thrusters share the supply of one)."""
-    dimension: Annotated[int | None, Former("write --set dimension=VALUE")] = None
-    """2 or 3."""
-    mass: Annotated[float | None, Former("write --set mass=VALUE")] = None
-    """Mass, kg."""
-    inertia: Annotated[str | None, Former("write --set inertia=VALUE")] = None
-    """Moment of inertia, kg m^2."""
-    size: Annotated[str | None, Former("write --set size=VALUE")] = None
-    """Sides of a uniform box, m."""
-    name: Annotated[str | None, Former("write --set name=VALUE")] = None
-    """Name of the spacecraft."""
-    centre_of_mass: Annotated[str | None, Former("write --set centre_of_mass=VALUE")] = None
-    """Centre of mass, m."""
-    actuators: Annotated[str | None, Former("write --set actuators=VALUE")] = None
-    """Kind of thrusters."""
-    counts: Annotated[int | None, Former("write --set counts=VALUE")] = None
-    """Number of steps into which pulsed valves divide a control period."""
-    least: Annotated[float | None, Former("write --set least=VALUE")] = None
-    """Shortest pulse in counts, or least level of a throttle."""
-    most: Annotated[float | None, Former("write --set most=VALUE")] = None
-    """Largest level of a throttle."""
-    radius: Annotated[float | None, Former("write --set radius=VALUE")] = None
-    """Outer radius for drawings, m."""
-    thrust_sharing: Annotated[str | None, Former("write --set thrust_sharing=VALUE")] = None
-    """none, or split."""
     picture: Annotated[
         Path | None, Former("write `rans list FILE.toml --picture FILE`, which draws anywhere")
     ] = None
@@ -93,8 +74,6 @@ class Init:
         """Ask, check, write and draw; the exit code is 0."""
         from rans.api.drafting import check_free, check_target
 
-        if self.set:
-            return self._with_settings().run()
         picture = self.picture or self.file.with_suffix(".svg")
         check_target(self.file, self.overwrite)
         check_free(picture, self.overwrite)
@@ -109,53 +88,41 @@ class Init:
         self._show(draft, picture)
         return 0
 
-    def _with_settings(self) -> Init:
-        """The command with the values of --set as fields."""
-        kinds: dict[str, type] = {
-            **dict.fromkeys(_TEXTS, str),
-            **dict.fromkeys(("dimension", "counts"), int),
-            **dict.fromkeys(("mass", "least", "most", "radius"), float),
-        }
+    def _given(self) -> dict[str, Any]:
+        """Values of --set, by their keys."""
+        from rans.model.spacecraft_draft import numbers_of_text
+
         values: dict[str, Any] = {}
         for change in self.set:
             key, _, text = change.partition("=")
-            if key not in kinds or key in values or not text:
+            if key not in _KINDS or key in values or not text:
                 raise ConfigError(
-                    f"--set takes KEY=VALUE once for each of {', '.join(kinds)}, got {brief(change)}"
-                    f"{meant(key, kinds)}."
+                    f"--set takes KEY=VALUE once for each of {', '.join(_KINDS)}, got {brief(change)}"
+                    f"{meant(key, _KINDS)}."
                 )
+            kind = _KINDS[key]
+            if kind is list:
+                values[key] = numbers_of_text(text, key, (1, 3) if key == "inertia" else (2, 3))
+                continue
             try:
-                values[key] = kinds[key](text)
+                values[key] = kind(text)
             except ValueError:
                 raise ConfigError(
-                    f"--set {key} takes a {'whole ' * (kinds[key] is int)}number, got {brief(text)}."
+                    f"--set {key} takes a {'whole ' * (kind is int)}number, got {brief(text)}."
                 ) from None
-        return replace(self, set=(), **values)
+        return values
 
     def _drafted(self, answers: dict[str, Any]) -> Draft:
         """Draft from the options and these answers."""
         from rans.api.drafting import init_spacecraft
-        from rans.model.spacecraft_draft import numbers_of_text
 
         options: dict[str, Any] = {
+            "name": self.file.stem,
             "base": self.base,
-            "dimension": self.dimension,
-            "mass": self.mass,
-            "inertia": self.inertia and numbers_of_text(self.inertia, "inertia", (1, 3)),
-            "size": self.size and numbers_of_text(self.size, "size", (2, 3)),
-            "centre_of_mass": self.centre_of_mass
-            and numbers_of_text(self.centre_of_mass, "centre_of_mass", (2, 3)),
             "thrusters": self.thruster,
             "wheels": self.wheel,
-            "actuators": self.actuators,
-            "counts": self.counts,
-            "least": self.least,
-            "most": self.most,
-            "radius": self.radius,
-            "thrust_sharing": self.thrust_sharing,
         }
-        name = answers.pop("name", self.name or self.file.stem)
-        return init_spacecraft(name, **options | answers)
+        return init_spacecraft(**options | self._given() | answers)
 
     def _asked(self) -> Draft:
         """Ask for values without an option; a wrong answer is explained and asked for again."""
@@ -166,6 +133,7 @@ class Init:
         base = begun(self.base)
         foreign = base if isinstance(base, Foreign) else None
         start: Spacecraft | None = None if isinstance(base, Foreign) else base
+        given = self._given()
         answers: dict[str, Any] = {}
 
         def number(text: str) -> float:
@@ -174,18 +142,18 @@ class Init:
         # `input` prints past the stream: this ends the line "rans init: loading ..." before a question.
         sys.stdout.write("")
         # Mass properties; what a base or an imported file says is not asked for.
-        if self.name is None:
+        if "name" not in given:
             answers["name"] = ask("Name", str, self.file.stem)
-        dimension = start.dimension if start is not None else self.dimension
+        dimension = start.dimension if start is not None else given.get("dimension")
         if dimension is None:
             dimension = ask("Does it move in the plane (2) or in space (3)", _dimension, "2")
             answers["dimension"] = dimension
-        if self.mass is None and foreign is None:
+        if "mass" not in given and foreign is None:
             answers["mass"] = ask("Mass, kg", number, start and f"{start.mass:g}")
         has_inertia = foreign is not None and foreign.inertia is not None
-        if self.inertia is None and self.size is None and not has_inertia:
+        if not {"inertia", "size"} & given.keys() and not has_inertia:
             answers |= _ask_inertia(dimension, start)
-        if start is None and foreign is None and self.centre_of_mass is None:
+        if start is None and foreign is None and "centre_of_mass" not in given:
             zeros = ", ".join(["0"] * dimension)
             answers["centre_of_mass"] = ask(
                 "Centre of mass in the frame in which you measure thrusters, m",
@@ -193,8 +161,8 @@ class Init:
                 zeros,
             )
         # Effectors.
-        if start is None and self.actuators is None:
-            answers |= self._ask_actuators(number)
+        if start is None and "actuators" not in given:
+            answers |= _ask_actuators(number, given)
         if foreign is not None and foreign.nozzles and not self.thruster:
             answers["thrusters"] = _ask_nozzles(foreign, dimension)
         elif start is None and not self.thruster:
@@ -207,23 +175,6 @@ class Init:
             print("Reaction wheels: axis; torque (N m); momentum (N m s); inertia (kg m^2)")
             answers["wheels"] = _ask_each("Wheel", wheel_of, 0)
         return self._drafted(answers)
-
-    def _ask_actuators(self, number: Callable[[str], float]) -> dict[str, Any]:
-        """Ask for the kind of valves or engines, and for its numbers without an option."""
-        from rans.model.actuators import KINDS
-
-        kind = ask(f"Actuators: {', '.join(KINDS)}", _member(KINDS), "on-off")
-        answers: dict[str, Any] = {"actuators": kind}
-        if kind == "pulsed" and self.counts is None:
-            answers["counts"] = ask(
-                "Into how many steps do valves divide a control period",
-                lambda text: int(number(text)),
-                "100",
-            )
-            answers["least"] = ask("Shortest pulse, in these steps", number, "1")
-        if kind == "throttle" and self.least is None:
-            answers["least"] = ask("Least level, a share of full force", number, "0")
-        return answers
 
     def _show(self, draft: Draft, picture: Path) -> None:
         """Print control authority, recoverable faults, and the next commands."""
@@ -256,6 +207,24 @@ class Init:
             *([f"rans validate {self.file} --quick"] if steerable else []),
             *([f"rans train go-to-pose --spacecraft {self.file}"] if steerable else []),
         )
+
+
+def _ask_actuators(number: Callable[[str], float], given: Collection[str]) -> dict[str, Any]:
+    """Ask for the kind of valves or engines, and for its numbers that are not given."""
+    from rans.model.actuators import KINDS
+
+    kind = ask(f"Actuators: {', '.join(KINDS)}", _member(KINDS), "on-off")
+    answers: dict[str, Any] = {"actuators": kind}
+    if kind == "pulsed" and "counts" not in given:
+        answers["counts"] = ask(
+            "Into how many steps do valves divide a control period",
+            lambda text: int(number(text)),
+            "100",
+        )
+        answers["least"] = ask("Shortest pulse, in these steps", number, "1")
+    if kind == "throttle" and "least" not in given:
+        answers["least"] = ask("Least level, a share of full force", number, "0")
+    return answers
 
 
 def _spare(draft: Draft) -> str:

@@ -101,8 +101,6 @@ class Optimal:
     """Largest speed of the trajectory, m/s."""
     most_spin: Annotated[float | None, Former("write --limits spin=NUMBER")] = None
     """Largest angular speed of the trajectory, rad/s."""
-    keep_out: Annotated[tuple[str, ...], Former("write --zones X,Y,R ...")] = ()
-    """Keep-out balls for the centre of mass."""
     agents: Annotated[tuple[str, ...], Former("name them after the task")] = ()
     """Agents to compare with the bound of a mission on an orbit."""
     workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
@@ -141,7 +139,7 @@ class Optimal:
         )
         starts = self._starts(task, craft)
         limits = self._limits(craft.dimension)
-        usual = max(usual_guesses(craft, task, objective), 3 if self.zones or self.keep_out else 1)
+        usual = max(usual_guesses(craft, task, objective), 3 if self.zones else 1)
         guesses = usual if self.guesses is None else self.guesses
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         # Before anything is written: what would stop the trajectories or their bounds.
@@ -367,7 +365,7 @@ class Optimal:
         if not self._is_limited:
             return None
         limits = named_numbers(self.limits, ("speed", "spin"), "--limits")
-        zones = (*self.zones, *self.keep_out)
+        zones = self.zones
         return PathLimits(
             limits.get("speed", self.most_speed),
             limits.get("spin", self.most_spin),
@@ -376,7 +374,7 @@ class Optimal:
 
     @property
     def _is_limited(self) -> bool:
-        return bool(self.limits or self.zones or self.most_speed or self.most_spin or self.keep_out)
+        return bool(self.limits or self.zones or self.most_speed or self.most_spin)
 
     def _add_bounds(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import warnings
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_origin, get_type_hints
@@ -50,6 +51,72 @@ _WITH_NUMBER = {
 """Options after which a number may stand, with the names of the fields for it."""
 
 
+FORMER_WORDS: dict[str, dict[str, str]] = {
+    "assure": {"--plan": "--episodes 0"},
+    "follow": {"--flights N": "--episodes N"},
+    "init": {
+        f"--{key.replace('_', '-')} VALUE": f"--set {key}=VALUE"
+        for key in (
+            *("dimension", "mass", "inertia", "size", "name", "centre_of_mass", "actuators"),
+            *("counts", "least", "most", "radius", "thrust_sharing"),
+        )
+    },
+    "optimal": {"--keep-out X,Y,R": "--zones X,Y,R"},
+    "sweep": {
+        "--run FOLDER": "--output FOLDER",
+        "--config FILE": "FILE",
+        **{
+            f"--{key.replace('_', '-')} VALUE": f"--set {key}=VALUE"
+            for key in ("total_timesteps", "algorithm", "device", "spacecraft", "conditions")
+        },
+    },
+    "train": {
+        "--run FOLDER": "--output FOLDER",
+        "--config FILE": "FILE",
+        "--algorithm NAME": "--set algorithm=NAME",
+        "--guard": "--set guard=true",
+        "--plain": "--set plain=true",
+        "--terms": "--log terms",
+    },
+    "view": {
+        "--frames FILE.png": "--save FILE.png",
+        "--video FILE.mp4": "--save FILE.mp4",
+        "--page FILE.html": "--play --save FILE.html",
+    },
+}
+"""Former options of each command with their values, and the same in present words."""
+
+
+def in_present_words(name: str, arguments: Sequence[str]) -> list[str]:
+    """Arguments of a command, whose former options become present words, with a warning of each.
+
+    Raises:
+        ConfigError: a former option and its present one are both among them.
+    """
+    table = {}
+    for text, words in FORMER_WORDS.get(name, {}).items():
+        option, _, value = text.partition(" ")
+        table[option] = value, words
+    result: list[str] = []
+    rest = deque(arguments)
+    while rest:
+        word = rest.popleft()
+        option, equals, own = word.partition("=")
+        value, words = table.get(option.replace("_", "-"), ("", ""))
+        if not words or (equals and not value) or (value and not equals and not rest):
+            result.append(word)
+            continue
+        if value and not equals:
+            own = rest.popleft()
+        is_option = words.startswith("--")
+        _warn(
+            name, option, f"write {words}" if is_option else f"write rans {name} {words}", arguments
+        )
+        present = [part.replace(value, own) if value else part for part in words.split()]
+        result = [*result, *present] if is_option else [*present, *result]
+    return result
+
+
 def former(hint: Any) -> Former | None:
     """The annotation of a field by its type hint; None for a present option."""
     return next(
@@ -75,15 +142,18 @@ def warn_of_former(name: str, command: type, arguments: Sequence[str]) -> None:
     for word in arguments:
         option = word.partition("=")[0].replace("_", "-")
         if (annotation := options.get(option)) is not None:
-            if both := _present_too(annotation.advice, arguments):
-                raise ConfigError(
-                    f"{option} is the former word of {both}, and both are given: leave {option} out."
-                )
-            warnings.warn(
-                f"{option} of rans {name} {DEPRECATED}: {annotation.advice}.",
-                DeprecationWarning,
-                stacklevel=2,
-            )
+            _warn(name, option, annotation.advice, arguments)
+
+
+def _warn(name: str, option: str, advice: str, arguments: Sequence[str]) -> None:
+    """Warn of a former option, or refuse it beside its present one."""
+    if both := _present_too(advice, arguments):
+        raise ConfigError(
+            f"{option} is the former word of {both}, and both are given: leave {option} out."
+        )
+    warnings.warn(
+        f"{option} of rans {name} {DEPRECATED}: {advice}.", DeprecationWarning, stacklevel=3
+    )
 
 
 def _present_too(advice: str, arguments: Sequence[str]) -> str:

@@ -15,7 +15,6 @@ from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.cli.options import Former
 from rans.cli.train import StopGently, Train, compile_in_this_process, trust_option
 from rans.errors import ConfigError, counted
 from rans.files import command_line
@@ -51,20 +50,6 @@ class Sweep:
     """Continue the sweep in this folder from its last checkpoints."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
     """Loggers that also get the metrics of the best agent, at the end."""
-    run_folder: Annotated[Path | None, arg(name="run"), Former("write --output FOLDER")] = None
-    """Folder for the results."""
-    total_timesteps: Annotated[int | None, Former("write --set total_timesteps=N")] = None
-    """Environment steps after which each member ends."""
-    config: Annotated[Path | None, Former("name the file in place of the task")] = None
-    """config.json of a run."""
-    algorithm: Annotated[str | None, Former("write --set algorithm=NAME")] = None
-    """Learner."""
-    device: Annotated[str | None, Former("write --set device=NAME")] = None
-    """cpu or cuda; by default a GPU if there is one."""
-    spacecraft: Annotated[str | None, Former("write --set spacecraft=NAME")] = None
-    """Name of a spacecraft, or a TOML file."""
-    conditions: Annotated[str | None, Former("write --set conditions=NAME")] = None
-    """Conditions, by name or TOML file."""
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
@@ -130,11 +115,10 @@ class Sweep:
                 configs, self.resume, command, join(configs[0].device, apart=True), parts
             )
         config, *_ = configs = list(self._configs())
-        output = self.output or self.run_folder
-        if output is not None and output.exists():
-            raise ConfigError(f"{output} exists already; choose another folder with --output.")
+        if self.output is not None and self.output.exists():
+            raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
         world = join(config.device, apart=True)
-        folder = output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
+        folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
         return Trainings(configs, world.from_first(folder), command_line(), world)
 
     def _configs(self) -> Iterator[TrainConfig]:
@@ -147,7 +131,7 @@ class Sweep:
             )
         for changes in itertools.product(*map(_changes, self.set)):
             # Names of files, which the options of `rans train` read.
-            named = {"spacecraft": self.spacecraft, "conditions": self.conditions}
+            named = dict[str, str | None](spacecraft=None, conditions=None)
             for change in changes:
                 key, _, text = change.partition("=")
                 if key in named and not text.startswith("{"):  # a table of conditions has no file
@@ -161,11 +145,7 @@ class Sweep:
                     named["spacecraft"],
                     named["conditions"],
                     seed=seed,
-                    device=self.device,
-                    total_timesteps=self.total_timesteps,
                     set=changes,
-                    config=self.config,
-                    algorithm=self.algorithm,
                 ).resolved()
 
 

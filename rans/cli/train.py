@@ -21,7 +21,6 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.numbers import whole_number
-from rans.cli.options import Former
 from rans.errors import ConfigError, RansError, brief, is_installed, meant_file
 from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
@@ -86,18 +85,6 @@ class Train:
     ] = ()
     """Where metrics also go: terms (the return of each reward term, in the terminal), hparams (TensorBoard's
     table of hyper-parameters), wandb (Weights & Biases), mlflow."""
-    run_folder: Annotated[Path | None, arg(name="run"), Former("write --output FOLDER")] = None
-    """Folder for the run."""
-    config: Annotated[Path | None, Former("name the file in place of the task")] = None
-    """config.json of another run."""
-    algorithm: Annotated[str | None, Former("write --set algorithm=NAME")] = None
-    """Learner."""
-    guard: Annotated[bool, Former("write --set guard=true")] = False
-    """Train behind the safety filter."""
-    plain: Annotated[bool, Former("write --set plain=true")] = False
-    """Run the task's code without compiling it."""
-    terms: Annotated[bool, Former("write --log terms")] = False
-    """Print the return of each reward term."""
 
     def _trainer(self) -> Trainer:
         """Trainer that is ready to train; a new run folder is created after its config has been checked."""
@@ -110,7 +97,7 @@ class Train:
         if self.resume is not None:
             run = RunFolder(self.resume)
             config = run.config()
-            config = replace(config, plain=self._plain or config.plain)
+            config = replace(config, plain="plain=true" in self.set or config.plain)
             if total is not None:
                 config = replace(config, total_timesteps=total)
                 if _has_solved(config, run.metrics()):
@@ -120,7 +107,7 @@ class Train:
         else:
             config = self.resolved()
             world = join(config.device)
-            run = RunFolder(world.from_first(self.output or self.run_folder or run_path(config)))
+            run = RunFolder(world.from_first(self.output or run_path(config)))
             craft = load_spacecraft(config.spacecraft)
         trainer = Trainer(
             [config],
@@ -144,11 +131,6 @@ class Train:
         return trainer
 
     @property
-    def _plain(self) -> bool:
-        """Whether a resumed training is not compiled."""
-        return self.plain or "plain=true" in self.set
-
-    @property
     def _total(self) -> int | None:
         """Number of steps to which a resumed training goes on; None: that of its config."""
         for change in self.set:
@@ -168,8 +150,8 @@ class Train:
 
         if self.resume is not None:
             rest = tuple(x for x in self.set if x.partition("=")[0] not in _RESUMED)
-            allowed = {"view": False, "terms": False, "log": (), "plain": False, "set": rest}
-            if replace(self, resume=None, total_timesteps=None, **allowed) != Train():
+            own = replace(self, resume=None, total_timesteps=None, view=False, log=(), set=rest)
+            if own != Train():
                 raise ConfigError(
                     "--resume reads everything from the run folder but the number of steps, which "
                     "--total-timesteps N raises; give no other options. To change more, start again with "
@@ -181,16 +163,12 @@ class Train:
                     f"{self.resume} is not a run folder: there is nothing of that name{near}."
                 )
             return
-        if self.task is not None and self.config is not None:
-            raise ConfigError(
-                f"--config {self.config} says what to train; leave out {brief(self.task)}."
-            )
-        if self.task is None and self.config is None:
+        if self.task is None:
             raise ConfigError(
                 "say what to train: a task, such as go-to-pose, the config.json of a run, or --resume RUN to "
                 "train on."
             )
-        if self.task is not None and not self.task.endswith(".json"):
+        if not self.task.endswith(".json"):
             check_task(typed(self.task))
         if self.spacecraft is not None:
             load_spacecraft(typed(self.spacecraft))
@@ -206,19 +184,17 @@ class Train:
         from rans.fast.learn.run_folder import read_config
 
         self._check()
-        task = None if self.task is None else typed(self.task)
-        file = self.config
-        if task is not None and task.endswith(".json"):
-            task, file = None, Path(task)
+        task = typed(str(self.task))
+        file = Path(task) if task.endswith(".json") else None
         if file is not None:
             if self.quality is not None:
                 raise ConfigError(f"{file} says how long to train: leave out --quality.")
             begun = read_config(file)
         elif self.quality is None:
-            begun = training(str(task), typed(self.spacecraft), self.device)
+            begun = training(task, typed(self.spacecraft), self.device)
         else:
             begun = training_of_quality(
-                str(task),
+                task,
                 typed(self.spacecraft),
                 self.quality,
                 self.device,
@@ -228,7 +204,7 @@ class Train:
         algorithms = [
             change.partition("=")[2] for change in self.set if change.startswith("algorithm=")
         ]
-        for algorithm in filter(None, (self.algorithm, *algorithms)):
+        for algorithm in algorithms:
             begun = with_algorithm(begun, typed(algorithm.strip('"')))
         table = json.loads(json.dumps(to_table(begun)))
         for name in ("spacecraft", "seed", "device", "total_timesteps"):
@@ -236,10 +212,6 @@ class Train:
                 table[name] = typed(option)
         if self.conditions is not None:
             table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
-        if self.guard:
-            table["guard"] = True
-        if self.plain:
-            table["plain"] = True
         keys = [change.partition("=")[0] for change in self.set]
         if twice := [key for k, key in enumerate(keys) if key in keys[:k]]:
             raise ConfigError(f"--set {twice[0]} is given twice: leave one of them out.")
@@ -281,9 +253,7 @@ class Train:
                 trainer.train(lambda _: None, lambda: stop.requested)
             return stop.code
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
-        showing = TrainingProgress(
-            trainer.config.total_timesteps, self.terms or "terms" in self.log
-        )
+        showing = TrainingProgress(trainer.config.total_timesteps, "terms" in self.log)
         others = loggers(elsewhere, trainer.config, trainer.run.path)
         with watched, showing as progress, StopGently() as stop:
             trainer.train(

@@ -69,12 +69,6 @@ class View:
     """Whether code that files name may run, by --trust."""
     guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
     """Least margin that the safety filter keeps."""
-    frames: Annotated[Path | None, Former("write --save FILE.png")] = None
-    """Picture of ten instants of the first flight."""
-    video: Annotated[Path | None, Former("write --save FILE.mp4")] = None
-    """Film of all flights."""
-    page: Annotated[Path | None, Former("write --play --save FILE.html")] = None
-    """Page in which the agent flies in the browser."""
 
     def run(self) -> int:
         """Serve the page, or write the requested files."""
@@ -90,14 +84,14 @@ class View:
             )
         # The ending of the file decides what is written.
         kind = None if self.save is None or self.play else _kind(self.save)
-        video = self.save if kind == "film" else self.video
-        frames = self.save if kind == "picture" else self.frames
-        page = self.save if self.play else self.page
+        video = self.save if kind == "film" else None
+        frames = self.save if kind == "picture" else None
+        page = self.save if self.play else None
         if page is not None and page.suffix != ".html":
             raise ConfigError(
                 f"--play --save writes a page, whose name must end in .html, got {str(page)!r}."
             )
-        if page is not None or self.play:
+        if self.play:
             self._refuse_unused()
         if video is not None:
             from rans.show.scene.video import check_video

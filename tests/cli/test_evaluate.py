@@ -185,14 +185,6 @@ def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.Mo
     assert Evaluate("run", engine="both").run() == 1
 
 
-def test_ccsds_of_other_tasks_is_refused_before_the_flights(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(Evaluate, "_fly", lambda *_: pytest.fail("it has flown"))
-    assert main(["evaluate", "lqr:go-to-pose-2d", "--episodes", "2", "--ccsds", "1"]) == 2
-    assert "GoToPose is not one" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_folder_of_ccsds_messages_is_named(

@@ -91,8 +91,8 @@ def test_values_of_every_kind() -> None:
     sweep = Sweep(
         "go-to-pose",
         seeds=1,
-        device="cpu",
         set=(
+            "device=cpu",
             "ppo.layers=[64,64],[32]",
             "spacecraft=floating-platform,floating-platform-air-tank",
             "seed=7",
@@ -107,9 +107,7 @@ def test_values_of_every_kind() -> None:
 
 
 def test_every_member_flies_under_the_conditions() -> None:
-    sweep = Sweep(
-        "go-to-pose", seeds=2, device="cpu", conditions="lab", set=("ppo.gamma=0.9,0.98",)
-    )
+    sweep = Sweep("go-to-pose", seeds=2, set=("device=cpu", "conditions=lab", "ppo.gamma=0.9,0.98"))
     assert [config.conditions for config in sweep._configs()] == [load_conditions("lab")] * 4
 
 

@@ -335,5 +335,5 @@ def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) ->
     assert Train("go-to-pose").resolved().device == "cpu"
     assert Train("go-to-pose", device="cuda").resolved().device == "cuda"
     Path("config.json").write_text(json.dumps(to_table(Train("go-to-pose").resolved())))
-    assert Train(config=Path("config.json")).resolved().device == "cpu"
-    assert Train(config=Path("config.json"), device="cuda").resolved().device == "cuda"
+    assert Train("config.json").resolved().device == "cpu"
+    assert Train("config.json", device="cuda").resolved().device == "cuda"
