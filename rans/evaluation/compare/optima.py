@@ -223,17 +223,8 @@ def optima_table(title: str, objective: Objective, answers: Sequence[Optimum]) -
     # Columns: cost, errors at the end, and how the solver got there.
     names = list(next((answer.errors for answer in answers if answer.errors), {}))
     errors = [f"{name} {QUANTITIES[name].display[1]}" for name in names]
-    columns = (
-        "start",
-        objective.measure,
-        *errors,
-        "replay mm",
-        "guesses",
-        "optima",
-        "steps",
-        "ms",
-        "",
-    )
+    solver = ("guesses", "optima", "steps", "ms", "")
+    columns = ("start", objective.measure, *errors, "replay mm", *solver)
     result = terminal.table(title, columns, (), "\n".join(notes), "right")
     for answer in answers:
         path = answer.trajectory

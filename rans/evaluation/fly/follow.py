@@ -152,43 +152,22 @@ class Following:
 
         distance = self.cross_track
         speed = np.linalg.norm(reached, axis=2)
-        missed = np.linalg.norm(reached - self.commands, axis=2)
+        late = 100.0 * mean(np.linalg.norm(reached - self.commands, axis=2))
         lap = "the approach and one lap" if self.planner.path.closed else "the path"
         # Root mean squares and means are over the measured part of each flight alone.
+        root = np.sqrt(mean(distance**2))
+        farthest = (distance * counts).max(axis=0)
+        off = mean(np.abs(speed - aim))
+        duty = 100.0 * mean(self.flight.openings.mean(axis=2))
         return tuple(
-            Sample("path", *row)
-            for row in (
-                (
-                    "cross-track RMS",
-                    "root mean square distance from the path",
-                    "cm",
-                    100.0 * np.sqrt(mean(distance**2)),
-                ),
-                (
-                    "cross-track maximum",
-                    "largest distance from the path",
-                    "cm",
-                    100.0 * (distance * counts).max(axis=0),
-                ),
-                (
-                    "velocity error",
-                    "mean distance from the command one period later",
-                    "cm/s",
-                    100.0 * mean(missed),
-                ),
-                (
-                    "speed error",
-                    f"mean difference from {aim:g} m/s",
-                    "cm/s",
-                    100.0 * mean(np.abs(speed - aim)),
-                ),
+            Sample("path", name, meaning, unit, values)
+            for name, meaning, unit, values in (
+                ("cross-track RMS", "root mean square distance from the path", "cm", 100.0 * root),
+                ("cross-track maximum", "largest distance from the path", "cm", 100.0 * farthest),
+                ("velocity error", "mean distance from the command one period later", "cm/s", late),
+                ("speed error", f"mean difference from {aim:g} m/s", "cm/s", 100.0 * off),
                 ("duration", f"time for {lap}", "s", self.durations),
-                (
-                    "duty",
-                    "mean share of thrusters open",
-                    "%",
-                    100.0 * mean(self.flight.openings.mean(axis=2)),
-                ),
+                ("duty", "mean duty cycle of the thrusters", "%", duty),
             )
         )
 

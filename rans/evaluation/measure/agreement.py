@@ -101,44 +101,21 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     median = Bootstrap(episodes).median
     # Success: the engines agree if the difference is within the interval of the fast engine's own rate.
     fast_share, drake_share = (share(solved(flight)).scaled(100.0) for flight in (fast, drake))
-    pairs = [
-        Pair(
-            "solved",
-            metric_definitions(fast.task)[0],
-            "%",
-            fast_share,
-            drake_share,
-            (
-                min(0.0, fast_share.low - fast_share.value),
-                max(0.0, fast_share.high - fast_share.value),
-            ),
-        )
-    ]
+    low = min(0.0, fast_share.low - fast_share.value)
+    high = max(0.0, fast_share.high - fast_share.value)
+    meaning = metric_definitions(fast.task)[0]
+    pairs = [Pair("solved", meaning, "%", fast_share, drake_share, (low, high))]
     # Errors at the end, whose difference may be that of the integrators.
     drake_errors = final_errors(drake)
     for name, error in final_errors(fast).items():
         factor, unit = QUANTITIES[name].display
         bound = factor * QUANTITIES[name].engine_difference
-        pairs.append(
-            Pair(
-                f"{name} error",
-                "median of the mean over the last fifth",
-                unit,
-                median(factor * error),
-                median(factor * drake_errors[name]),
-                None if math.isinf(bound) else (-bound, bound),
-            )
-        )
-    pairs.append(
-        Pair(
-            "settling time",
-            "median time to enter and stay",
-            "s",
-            median(settling_times(fast)),
-            median(settling_times(drake)),
-            None,
-        )
-    )
+        allowed = None if math.isinf(bound) else (-bound, bound)
+        meaning = "median of the mean over the last fifth"
+        both = (median(factor * error), median(factor * drake_errors[name]))
+        pairs.append(Pair(f"{name} error", meaning, unit, *both, allowed))
+    both = (median(settling_times(fast)), median(settling_times(drake)))
+    pairs.append(Pair("settling time", "median time to enter and stay", "s", *both, None))
     # Commands differ where a state is on a threshold of the policy.
     same = (fast.commands == drake.commands).all(axis=2).mean()
     title = (

@@ -201,29 +201,13 @@ def _rest(flight: Flight) -> Iterator[Sample]:
     slow = f"{100.0 * REST_SPEED:g} cm/s, {math.degrees(REST_SPIN):g} deg/s"
     first = arrival_times(flight)
     staying = staying_times(flight)
-    yield Sample(
-        "success",
-        "first at rest",
-        f"median first time within all tolerances and {slow}",
-        "s",
-        first,
-        np.median,
-    )
-    yield Sample(
-        "success",
-        "at rest for good",
-        "within all of these from then on, at every instant",
-        "%",
-        np.isfinite(staying) & (staying == first),
-    )
-    yield Sample(
-        "success",
-        "time at rest for good",
-        "median time from which that is so, be it later",
-        "s",
-        staying,
-        np.median,
-    )
+    stays = np.isfinite(staying) & (staying == first)
+    at_first = f"median first time within all tolerances and {slow}"
+    yield Sample("success", "first at rest", at_first, "s", first, np.median)
+    always = "within all of these from then on, at every instant"
+    yield Sample("success", "at rest for good", always, "%", stays)
+    later = "median time from which that is so, be it later"
+    yield Sample("success", "time at rest for good", later, "s", staying, np.median)
 
 
 def _held(flight: Flight) -> Iterator[Sample]:
@@ -241,13 +225,8 @@ def _held(flight: Flight) -> Iterator[Sample]:
             f"{quantity.held[grade]} {quantity.display_unit}"
             for quantity in map(QUANTITIES.__getitem__, ends)
         )
-        yield Sample(
-            "success",
-            f"held {bounds}",
-            "within so much at every step of the last fifth",
-            "%",
-            inside,
-        )
+        meaning = "within so much at every step of the last fifth"
+        yield Sample("success", f"held {bounds}", meaning, "%", inside)
 
 
 def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:
@@ -257,32 +236,19 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
     after = error[1:]
     short, bounds = declared.time_within
     for bound in bounds:
-        yield Sample(
-            quantity,
-            f"{short}{bound}",
-            f"time steps with {quantity} error below so many {unit}",
-            "%",
-            100.0 * (factor * after < bound).mean(axis=0),
-        )
+        below = 100.0 * (factor * after < bound).mean(axis=0)
+        meaning = f"time steps with {quantity} error below so many {unit}"
+        yield Sample(quantity, f"{short}{bound}", meaning, "%", below)
     if declared.threshold is not None:
         yield from _reached(declared, after)
-    yield Sample(
-        quantity,
-        f"{quantity} error",
-        "mean over the last fifth",
-        unit,
-        factor * last_fifth_of(error).mean(axis=0),
-    )
+    final = factor * last_fifth_of(error).mean(axis=0)
+    yield Sample(quantity, f"{quantity} error", "mean over the last fifth", unit, final)
     # Of a task that follows a velocity, without the time in which craft get up to speed.
     tracked = flight.times > _TRANSIENT
     if "position" not in flight.errors() and tracked.any():
-        yield Sample(
-            quantity,
-            f"{quantity} error after {_TRANSIENT:g} s",
-            "mean from then on",
-            declared.unit,
-            error[tracked].mean(axis=0),
-        )
+        name = f"{quantity} error after {_TRANSIENT:g} s"
+        mean = error[tracked].mean(axis=0)
+        yield Sample(quantity, name, "mean from then on", declared.unit, mean)
 
 
 def _reached(declared: Quantity, error: np.ndarray) -> Iterator[Sample]:
@@ -293,13 +259,8 @@ def _reached(declared: Quantity, error: np.ndarray) -> Iterator[Sample]:
     for bound, text in ((threshold, whole), (threshold / 2, half)):
         ever: Any = (error < bound).any(axis=0)
         yield Sample(declared.name, f"reach {text}", "ever closer than that", "%", ever)
-    yield Sample(
-        declared.name,
-        f"stay {margin}",
-        f"once closer than {whole}, never farther than that",
-        "%",
-        _stays(error, threshold),
-    )
+    meaning = f"once closer than {whole}, never farther than that"
+    yield Sample(declared.name, f"stay {margin}", meaning, "%", _stays(error, threshold))
 
 
 def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
@@ -315,28 +276,13 @@ def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
 def _passive_safety(flight: Flight, zone: CoastZone) -> Iterator[Sample]:
     safety = passive_safety(flight)
     until = f" before {zone.approach:g} m" if zone.approach else ""
-    yield Sample(
-        "passive safety",
-        "unsafe coasts",
-        f"flights from which, thrusters shut{until}, an orbit's coast enters {zone.radius:g} m",
-        "%",
-        safety.unsafe,
-    )
-    yield Sample(
-        "passive safety",
-        "unsafe starts",
-        "starts from which a coast without any thrust enters it",
-        "%",
-        safety.unsafe_start,
-    )
-    yield Sample(
-        "passive safety",
-        "coast distance",
-        "least distance of all coasts of all flights from the target, certified",
-        "m",
-        safety.distance,
-        np.min,
-    )
+    group = "passive safety"
+    coasts = f"flights from which, thrusters shut{until}, an orbit's coast enters {zone.radius:g} m"
+    yield Sample(group, "unsafe coasts", coasts, "%", safety.unsafe)
+    starts = "starts from which a coast without any thrust enters it"
+    yield Sample(group, "unsafe starts", starts, "%", safety.unsafe_start)
+    least = "least distance of all coasts of all flights from the target, certified"
+    yield Sample(group, "coast distance", least, "m", safety.distance, np.min)
 
 
 def _motion(flight: Flight) -> Iterator[Sample]:
@@ -344,32 +290,20 @@ def _motion(flight: Flight) -> Iterator[Sample]:
     spin: Any = np.linalg.norm(flight.states.spin(), axis=0)
     yield Sample("motion", "speed", "mean linear speed (ALV)", "m/s", speed[1:].mean(axis=0))
     yield Sample("motion", "spin", "mean angular speed (AAV)", "rad/s", spin[1:].mean(axis=0))
-    yield Sample(
-        "motion",
-        "spin at rest",
-        "the same over the last fifth",
-        "rad/s",
-        last_fifth_of(spin).mean(axis=0),
-    )
+    at_rest = last_fifth_of(spin).mean(axis=0)
+    yield Sample("motion", "spin at rest", "the same over the last fifth", "rad/s", at_rest)
 
 
 def _effort(flight: Flight) -> Iterator[Sample]:
     opened = np.diff(flight.openings, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
     last = flight.openings[-verdict.last_fifth(len(flight.commands)) :]
     thrusters = max(1, flight.craft.thruster_count)  # of a craft without thrusters the duty is 0
+    duty, duty_at_rest = (
+        100.0 * opening.mean(axis=0).sum(axis=1) / thrusters for opening in (flight.openings, last)
+    )
     for name, meaning, unit, values in (
-        (
-            "duty",
-            "mean duty cycle of the thrusters (AAC)",
-            "%",
-            100.0 * flight.openings.mean(axis=0).sum(axis=1) / thrusters,
-        ),
-        (
-            "duty at rest",
-            "the same over the last fifth",
-            "%",
-            100.0 * last.mean(axis=0).sum(axis=1) / thrusters,
-        ),
+        ("duty", "mean duty cycle of the thrusters (AAC)", "%", duty),
+        ("duty at rest", "the same over the last fifth", "%", duty_at_rest),
         ("openings", "times a thruster opens, an episode", "", opened),
         ("on-time", "thruster-seconds an episode", "s", on_times(flight)),
         ("impulse", "thrust spent an episode", "N s", impulses(flight)),
@@ -391,13 +325,9 @@ def _effort(flight: Flight) -> Iterator[Sample]:
 
 def _percentiles(flight: Flight) -> Iterator[Sample]:
     """Percentiles of what a mission takes and of the margins that it leaves."""
+    arrival = settling_times(flight)
     for name, meaning, unit, values in (
-        (
-            "arrival",
-            "time of success of so many of all flights, at most",
-            "s",
-            settling_times(flight),
-        ),
+        ("arrival", "time of success of so many of all flights, at most", "s", arrival),
         ("impulse", "thrust spent by so many of all flights, at most", "N s", impulses(flight)),
     ):
         for percentage in PERCENTILES:

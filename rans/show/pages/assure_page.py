@@ -101,29 +101,17 @@ def _plan(assurance: Assurance) -> Section:
         ]
         for stage in plan.looks
     ]
-    return Section(
-        "When it was looked at",
-        (
-            "The looks were fixed before the first flight. Each has a part of the allowed chance of error for "
-            "itself, and the parts add up to the whole, so that stopping early does not make the bounds too good."
-            if len(plan.looks) > 1
-            else "Once, after a number of flights that was fixed before the first: nothing had to be paid for more."
-        ),
-        [
-            Table(
-                (
-                    "flights",
-                    "failures that show the bound",
-                    "chance of error, at most",
-                    "chance of error, at least",
-                    "",
-                ),
-                rows,
-            )
-        ]
-        if len(plan.looks) > 1
-        else [],
+    title = "When it was looked at"
+    if len(plan.looks) == 1:
+        text = "Once, after a number of flights that was fixed before the first: nothing had to be paid for more."
+        return Section(title, text)
+    text = (
+        "The looks were fixed before the first flight. Each has a part of the allowed chance of error for itself, "
+        "and the parts add up to the whole, so that stopping early does not make the bounds too good."
     )
+    chances = ("chance of error, at most", "chance of error, at least")
+    columns = ("flights", "failures that show the bound", *chances, "")
+    return Section(title, text, [Table(columns, rows)])
 
 
 def _again(assurance: Assurance) -> Iterator[Section]:
@@ -138,14 +126,8 @@ def _again(assurance: Assurance) -> Iterator[Section]:
         title = f"flight {replays.found[numbers[0]].number:,}"
         pictures = [*_drawn(replays.flight, numbers, title)] if _has_pictures() else []
         rows = [_replayed(assurance, replays.found[k]) for k in numbers]
-        columns = (
-            "flight",
-            *(f"in {_JUDGES[judge]}" for judge in replays.judges()),
-            "largest errors",
-            ("outside for"),
-            "in the end it",
-            "see it",
-        )
+        judges = (f"in {_JUDGES[judge]}" for judge in replays.judges())
+        columns = ("flight", *judges, "largest errors", "outside for", "in the end it", "see it")
         yield Section(
             f"Flights that failed: {kind.meaning}",
             (
@@ -170,23 +152,11 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
         if result.interval is None
         else (f"{x:.3g}" for x in (result.probability, *result.interval))
     )
+    bounds = (f"{x:.3g}" for x in (counted.rate, counted.low, counted.high))
+    gain = f"{result.gain:.3g}" if result.interval else None
     rows = [
-        [
-            "by counting",
-            f"{counted.rate:.3g}",
-            f"{counted.low:.3g}",
-            f"{counted.high:.3g}",
-            f"{counted.events:,}",
-            f"{counted.flights:,}",
-            None,
-        ],
-        [
-            "by subset simulation",
-            *figures,
-            f"{result.events:,}",
-            f"{result.flights:,}",
-            f"{result.gain:.3g}" if result.interval else None,
-        ],
+        ["by counting", *bounds, f"{counted.events:,}", f"{counted.flights:,}", None],
+        ["by subset simulation", *figures, f"{result.events:,}", f"{result.flights:,}", gain],
     ]
     yield Section(
         "Rarer failures",
@@ -277,37 +247,20 @@ def _drawn(flight: Flight, episodes: list[int], title: str) -> Iterator[Picture]
 def _evidence(assurance: Assurance) -> Section:
     rows = [[_unbroken(name), value] for name, value in assurance.hashes.items()]
     campaign = assurance.campaign
-    listed = len(campaign.listed)
-    failed = campaign.failures
-    return Section(
-        "What it is of",
-        (
-            "SHA-256 of everything that decides how a flight ends. The same command on the same code counts the "
-            "same flights."
-            + (
-                f" The JSON file beside it lists {listed:,} of {failed:,} failed flights by number."
-                if failed
-                else ""
-            )
-        ),
-        [Table(("what", "SHA-256"), rows)],
+    text = (
+        "SHA-256 of everything that decides how a flight ends. The same command on the same code counts the "
+        "same flights."
     )
+    if failed := campaign.failures:
+        listed = len(campaign.listed)
+        text += f" The JSON file beside it lists {listed:,} of {failed:,} failed flights by number."
+    return Section("What it is of", text, [Table(("what", "SHA-256"), rows)])
 
 
 def _signatures() -> Section:
-    return Section(
-        "Signatures",
-        "",
-        [
-            Table(
-                ("", "name", "date", "signature"),
-                [
-                    [who, *(_unbroken(" " * 24),) * 3]
-                    for who in ("flown by", "checked by", "accepted by")
-                ],
-            )
-        ],
-    )
+    room = (_unbroken(" " * 24),) * 3
+    rows = [[who, *room] for who in ("flown by", "checked by", "accepted by")]
+    return Section("Signatures", "", [Table(("", "name", "date", "signature"), rows)])
 
 
 def _unbroken(text: str) -> str:

@@ -84,38 +84,20 @@ def page(comparison: Comparison, command: str = "") -> Page:
             _craft(comparison),
         ]
     if comparison.relaxed:
-        columns = (
-            "objective",
-            "solved",
-            "arrival, s",
-            "settling, s",
-            "impulse, N s",
-            "return",
-            "largest replay error, m",
-            "solve time, s",
-        )
-        sections.append(
-            Section(
-                "Relaxed optima",
-                "Flown in Drake before they are reported; medians.",
-                [Table(columns, tables.relaxed_rows(comparison))],
-            )
-        )
-    return Page(
-        f"Comparison: {contest.title()}",
-        sections,
-        header(
-            {
-                "command": command,
-                "task": type(contest.task).__name__,
-                "spacecraft": contest.craft.name,
-                "motion by": contest.engine,
-                "environment": environment(),
-            }
-        ),
-        hero=hero,
-        tiles=tiles,
-    )
+        medians = ("arrival, s", "settling, s", "impulse, N s", "return")
+        columns = ("objective", "solved", *medians, "largest replay error, m", "solve time, s")
+        table = Table(columns, tables.relaxed_rows(comparison))
+        text = "Flown in Drake before they are reported; medians."
+        sections.append(Section("Relaxed optima", text, [table]))
+    about = {
+        "command": command,
+        "task": type(contest.task).__name__,
+        "spacecraft": contest.craft.name,
+        "motion by": contest.engine,
+        "environment": environment(),
+    }
+    title = f"Comparison: {contest.title()}"
+    return Page(title, sections, header(about), hero=hero, tiles=tiles)
 
 
 def _craft(comparison: Comparison) -> Section:
@@ -128,10 +110,8 @@ def _craft(comparison: Comparison) -> Section:
 def _final_errors(comparison: Comparison) -> Iterator[Section]:
     """Errors over the last fifth of flights that have no end before."""
     if not comparison.entries[0].ends:
-        errors = Picture.of(
-            figures.final_error_curves(comparison.entries),
-            "Distribution of final errors over all starts.",
-        )
+        curves = figures.final_error_curves(comparison.entries)
+        errors = Picture.of(curves, "Distribution of final errors over all starts.")
         yield Section("Final errors", pictures=[errors])
 
 
@@ -166,36 +146,22 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
             ),
         ]
     if problem == "rendezvous":
-        pictures.append(
-            Picture.of(
-                mission_figures.orbital_plane(entries),
-                "Paths in the Hill frame of the target. Markers are the ends.",
-            )
-        )
+        text = "Paths in the Hill frame of the target. Markers are the ends."
+        pictures.append(Picture.of(mission_figures.orbital_plane(entries), text))
     # Cost beside the certified bounds.
     if bounds is not None:
         result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))
         if problem == "landing" and np.isfinite(bounds.lower).any():
-            pictures.append(
-                Picture.of(
-                    landing_figures.propellant_beside_bounds(entries, bounds),
-                    "Contestants without a marker did not land from this start.",
-                )
-            )
+            figure = landing_figures.propellant_beside_bounds(entries, bounds)
+            text = "Contestants without a marker did not land from this start."
+            pictures.append(Picture.of(figure, text))
         if len(bounds.times):
-            pictures.append(
-                Picture.of(
-                    mission_figures.spent_over_time(entries, bounds), _BOUNDED[bounds.spending]
-                )
-            )
+            figure = mission_figures.spent_over_time(entries, bounds)
+            pictures.append(Picture.of(figure, _BOUNDED[bounds.spending]))
     # Margins to the constraints.
     if entries[0].flight.margins:
-        pictures.append(
-            Picture.of(
-                mission_figures.margins_over_time(entries),
-                "Least margin of all starts in every control period. Flights that have succeeded do not count.",
-            )
-        )
+        text = "Least margin of all starts in every control period. Flights that have succeeded do not count."
+        pictures.append(Picture.of(mission_figures.margins_over_time(entries), text))
     if pictures:
         yield Section("Mission", "", result, pictures)
 
@@ -361,14 +327,9 @@ def _summary(comparison: Comparison) -> Section:
     rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
     colours = {entry.name: series_style(k)[0] for k, entry in enumerate(comparison.entries)}
     tuning = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
-    result = (
-        [
-            Table(("score", *board), rows, "Scores over all starts", colours),
-            Table(("contestant", "knows", "tuning"), tuning, "Information and tuning"),
-        ]
-        if rows
-        else []
-    )
+    scores = Table(("score", *board), rows, "Scores over all starts", colours)
+    known = Table(("contestant", "knows", "tuning"), tuning, "Information and tuning")
+    result = [scores, known] if rows else []
     text = _MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT
     return Section("Contestants", text, result, findings=findings)
 
@@ -434,27 +395,13 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     first, *_, last = events = comparison.events()
     middle = [event for event in events if event.kind != "arrival"]
     headings = [event.text for event in (first, *middle, last)]
-    yield Section(
-        "Gaps to the certified bounds",
-        text,
-        [
-            Table(
-                ("event", *tables.gap_names(gaps)),
-                tables.gap_rows(gaps),
-                "Median multiple of the bound",
-            ),
-            Table(
-                ("question", "certified bound, median", "best found, median", "proven optimal"),
-                bounds,
-                "The bounds (s and N s)",
-            ),
-        ],
-        [
-            Picture.of(
-                figures.gap_histograms(gaps, headings), "Flights from each start over the bound."
-            )
-        ],
-    )
+    histograms = figures.gap_histograms(gaps, headings)
+    picture = Picture.of(histograms, "Flights from each start over the bound.")
+    columns = ("event", *tables.gap_names(gaps))
+    multiples = Table(columns, tables.gap_rows(gaps), "Median multiple of the bound")
+    columns = ("question", "certified bound, median", "best found, median", "proven optimal")
+    table = Table(columns, bounds, "The bounds (s and N s)")
+    yield Section("Gaps to the certified bounds", text, [multiples, table], [picture])
 
 
 def _starts(comparison: Comparison) -> Section:
@@ -462,16 +409,13 @@ def _starts(comparison: Comparison) -> Section:
     candidates = comparison.certified_starts() or list(range(comparison.contest.episodes))
     ranking = sorted(candidates, key=lambda k: comparison.entries[0].arrival[k])
     chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
+    count = len(comparison.entries)
     pictures = [
-        Picture.of(
-            figures.side_by_side([*_flights(comparison, k)], len(comparison.entries)),
-            f"Start {k}.",
-        )
+        Picture.of(figures.side_by_side([*_flights(comparison, k)], count), f"Start {k}.")
         for k in chosen
     ]
-    text = (
-        f"The median and the slowest start of {comparison.entries[0].name}, everybody side by side."
-    )
+    first = comparison.entries[0].name
+    text = f"The median and the slowest start of {first}, everybody side by side."
     return Section("Paths", text, pictures=pictures)
 
 
@@ -510,10 +454,8 @@ def _returns(comparison: Comparison) -> Section:
             f"{counted(len(solved), 'start')}; 100 % is its relaxed optimum from there, which may "
             "throttle; the mean of the former over the mean of the latter."
         )
-    picture = Picture.of(
-        figures.shares_and_computing_time(tables.scoreboard(comparison)), f"{title}."
-    )
-    return Section(title, text, pictures=[picture])
+    figure = figures.shares_and_computing_time(tables.scoreboard(comparison))
+    return Section(title, text, pictures=[Picture.of(figure, f"{title}.")])
 
 
 def _differences(comparison: Comparison) -> Iterator[Section]:

@@ -316,17 +316,14 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     rows = [[check[key] for key in keys] for check in checks]
     rows += [[check["name"], None, None, None, "not run", check["reason"]] for check in skipped]
     # Failures first, then the count, then what did not run.
+    sentences = (
+        f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}."
+        for c in failed
+    )
+    passed = True if checks and not failed else None
     findings = [
-        *(
-            Finding(
-                f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}.",
-                False,
-            )
-            for c in failed
-        ),
-        Finding(
-            f"{title}: {within} checks within tolerance.", True if checks and not failed else None
-        ),
+        *(Finding(sentence, False) for sentence in sentences),
+        Finding(f"{title}: {within} checks within tolerance.", passed),
         *(Finding(f"Not run: {check['name']}. {check['reason']}") for check in skipped),
     ]
     return Section(
@@ -494,28 +491,19 @@ def proof_section(run: Path, _: Mapping[str, Any]) -> Section:
     """Section of the certificate of a trapping set; it is of no use for other weights than the run's."""
     proof = proved(run)
     off = [f"{name} {value:g}" for name, value in proof.uncertainty.items() if value]
-    return Section(
-        "Proof",
-        "By rans prove; its --check judges the certificate again.",
-        [
-            Table(
-                ("", "value"),
-                [
-                    ["cells", f"{proof.cells:,}"],
-                    ["may be off", ", ".join(off) or "nothing"],
-                    ["certificate, SHA-256", proof.sha256],
-                ],
-            )
-        ],
-        findings=[
-            Finding(proof.sentence, True)
-            if proof.same_weights
-            else Finding("The certificate is of other weights than this run's.", False)
-        ],
-        summary=[("proved", f"certificate SHA-256 {proof.sha256[:16]}")]
-        if proof.same_weights
-        else [],
-    )
+    rows = [
+        ["cells", f"{proof.cells:,}"],
+        ["may be off", ", ".join(off) or "nothing"],
+        ["certificate, SHA-256", proof.sha256],
+    ]
+    finding = Finding("The certificate is of other weights than this run's.", False)
+    summary = []
+    if proof.same_weights:
+        finding = Finding(proof.sentence, True)
+        summary = [("proved", f"certificate SHA-256 {proof.sha256[:16]}")]
+    text = "By rans prove; its --check judges the certificate again."
+    tables = [Table(("", "value"), rows)]
+    return Section("Proof", text, tables, findings=[finding], summary=summary)
 
 
 def _title(file: Path) -> str:

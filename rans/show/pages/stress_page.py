@@ -208,13 +208,8 @@ class StressReport(NotebookRepr):
                 f"The size up to which at least {100 * WANTED:g} % are held, of the sizes flown, and "
                 "that to which two are equally good; where the lead changes hands, between two sizes."
             )
-            sections.append(
-                Section(
-                    "Largest disturbance held",
-                    text,
-                    [Table(self.effect_columns(), self.effect_rows())],
-                )
-            )
+            table = Table(self.effect_columns(), self.effect_rows())
+            sections.append(Section("Largest disturbance held", text, [table]))
         sections += [
             self._group(group, [*some])
             for group, some in groupby(self._flown_effects(), key=lambda effect: effect.group)
@@ -225,37 +220,21 @@ class StressReport(NotebookRepr):
                 "fifth: of the named scenarios, and of the smallest size that was too much. The "
                 "command shows that very episode."
             )
-            sections.append(
-                Section(
-                    "Worst episodes",
-                    text,
-                    [
-                        Table(
-                            (
-                                "scenario",
-                                "contestant",
-                                "episode",
-                                "largest errors",
-                                "command that shows it",
-                            ),
-                            [*self.worst_rows()],
-                        )
-                    ],
-                )
+            columns = (
+                "scenario",
+                "contestant",
+                "episode",
+                "largest errors",
+                "command that shows it",
             )
-        return Page(
-            f"Stress: {self.title()}",
-            sections,
-            header(
-                {
-                    "command": self.made_by,
-                    "task": type(contest.task).__name__,
-                    "spacecraft": contest.craft.name,
-                    "environment": environment(),
-                }
-            ),
-            self._verdict(),
-        )
+            sections.append(Section("Worst episodes", text, [Table(columns, [*self.worst_rows()])]))
+        about = {
+            "command": self.made_by,
+            "task": type(contest.task).__name__,
+            "spacecraft": contest.craft.name,
+            "environment": environment(),
+        }
+        return Page(f"Stress: {self.title()}", sections, header(about), self._verdict())
 
     def _verdict(self) -> str:
         """The page's first sentence."""

@@ -38,6 +38,12 @@ class Listing(NamedTuple):
 def spacecraft_listing(craft: Spacecraft) -> Listing:
     """Masses and shape."""
     moments = "\n".join(vector_text(row, 4) for row in craft.inertia)
+    metre = "never: it has no thruster"
+    if craft.thrusters:
+        metre = f"{seconds_for_a_metre(craft):.3g} s"
+    half_a_turn = "never: it cannot turn"
+    if can_turn(craft):
+        half_a_turn = f"{seconds_for_half_a_turn(craft):.3g} s"
     return Listing(
         craft.name,
         ("property", "value"),
@@ -50,18 +56,8 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
             ("thrust sharing", craft.thrust_sharing),
             ("actuators", craft.actuators.kind if craft.thrusters else "reaction wheels"),
             *_further(craft),
-            (
-                "1 m from rest to rest, at the quickest",
-                f"{seconds_for_a_metre(craft):.3g} s"
-                if craft.thrusters
-                else "never: it has no thruster",
-            ),
-            (
-                "half a turn from rest to rest, at the quickest",
-                f"{seconds_for_half_a_turn(craft):.3g} s"
-                if can_turn(craft)
-                else "never: it cannot turn",
-            ),
+            ("1 m from rest to rest, at the quickest", metre),
+            ("half a turn from rest to rest, at the quickest", half_a_turn),
         ],
     )
 
@@ -93,20 +89,12 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
 def thruster_listing(craft: Spacecraft) -> Listing:
     """A row a thruster, its torque about the centre of mass."""
     axes = craft.dimension
-    return Listing(
-        "Thrusters",
-        ("thruster", "position, m", "direction", "force, N", "torque, N m"),
-        [
-            (
-                str(i),
-                *(
-                    vector_text(v)
-                    for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])
-                ),
-            )
-            for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))
-        ],
-    )
+    columns = ("thruster", "position, m", "direction", "force, N", "torque, N m")
+    rows = []
+    for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True)):
+        vectors = (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])
+        rows.append((str(i), *map(vector_text, vectors)))
+    return Listing("Thrusters", columns, rows)
 
 
 def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
