@@ -147,17 +147,12 @@ class FlightStatistics:
         # Open thrusters are summed over the last fifth of an episode: over its slots they are a duty cycle.
         slots = last_fifth(steps) * world.craft.thruster_count
         values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
+        counts = np.bincount(failure, minlength=len(Failure) + 1)[1:].tolist()
         return cls(
             len(failure),
             steps,
             np.bincount(settled[settles], minlength=steps + 1),
-            dict(
-                zip(
-                    Failure,
-                    np.bincount(failure, minlength=len(Failure) + 1)[1:].tolist(),
-                    strict=True,
-                )
-            ),
+            dict(zip(Failure, counts, strict=True)),
             numbers[failed].astype(np.int64),
             failure[failed].astype(np.uint8),
             {name: Sums.of(x * scale) for name, x, scale in values},

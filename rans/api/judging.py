@@ -475,14 +475,9 @@ class Faults:
                 if not fault_set.recoverable
             ]
             least = f"{min(good):.1%}" if good else ""
-            results.append(
-                (
-                    f"{numbers[count]} {kind}",
-                    f"{len(good)} of {len(sets)}",
-                    least,
-                    ", ".join(lost) or "none",
-                )
-            )
+            recoverable = f"{len(good)} of {len(sets)}"
+            lost_texts = ", ".join(lost) or "none"
+            results.append((f"{numbers[count]} {kind}", recoverable, least, lost_texts))
         return results
 
 

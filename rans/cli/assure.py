@@ -225,13 +225,6 @@ def _print_plan(assurance: Assurance) -> None:
         )
         for look in plan.looks
     ]
-    Terminal(room=100).show(
-        f"At {plan.confidence:g} confidence",
-        (
-            "flights",
-            "failures that show the bound",
-            "chance of error, at most",
-            "chance of error, at least",
-        ),
-        rows,
-    )
+    chances = ("chance of error, at most", "chance of error, at least")
+    columns = ("flights", "failures that show the bound", *chances)
+    Terminal(room=100).show(f"At {plan.confidence:g} confidence", columns, rows)

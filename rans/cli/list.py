@@ -252,19 +252,13 @@ def _agent_details(name: str) -> Iterable[str | Listing]:
         yield f"rans train {name} trains it again, by the recipe {recipe}."
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
-            yield Listing(
-                f"Protocol {protocol} {part}".rstrip(),
-                ("metric", "value", "95 % interval"),
-                [
-                    (
-                        metric,
-                        quantity(value, unit),
-                        interval(low, high),
-                    )
-                    for metric, (*three, unit) in values.items()
-                    for value, low, high in [map(number, three)]
-                ],
-            )
+            rows = [
+                (metric, quantity(value, unit), interval(low, high))
+                for metric, (*three, unit) in values.items()
+                for value, low, high in [map(number, three)]
+            ]
+            title = f"Protocol {protocol} {part}".rstrip()
+            yield Listing(title, ("metric", "value", "95 % interval"), rows)
 
 
 def _spacecraft_details(name: str) -> Iterable[str | Listing]:

@@ -131,19 +131,12 @@ class Tune:
             result.write(file)
         # Result, and how to use it.
         before = defaults(CONTROLLERS[name], within)
-        Terminal().print(
-            table(
-                f"{name}, {task_name(task)}, {craft.name}: {result.budget()}",
-                ("setting", "default", "tuned"),
-                [
-                    *(
-                        (key, f"{before[key]:.3g}", f"{value:.3g}")
-                        for key, value in result.settings.items()
-                    ),
-                    ("cost, s", *(f"{value:.3f}" for value in result.costs.values())),
-                ],
-            )
-        )
+        rows: list[tuple[str, ...]] = [
+            (key, f"{before[key]:.3g}", f"{value:.3g}") for key, value in result.settings.items()
+        ]
+        rows.append(("cost, s", *(f"{value:.3f}" for value in result.costs.values())))
+        title = f"{name}, {task_name(task)}, {craft.name}: {result.budget()}"
+        Terminal().print(table(title, ("setting", "default", "tuned"), rows))
         Terminal().say(
             f"Written to {file}."
             if staying is None

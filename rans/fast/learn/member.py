@@ -36,37 +36,26 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     memory = settings.memory
     filters = settings.filters
     has_history = memory.kind in ("history", "commands")
+    noise = (filters.drift, filters.steady, filters.response, filters.gate)
+    period = engine.timing.control_period
+    # A mirror image of a craft with other thrusters than designed is another craft.
+    is_symmetric = settings.symmetric and not engine.task.observed_thrusters
     return Architecture(
         layout=engine.layout,
         thrusters=craft.command_count,
         layers=tuple(settings.layers),
         activation=settings.activation,
         zoom=settings.zoom,
-        # A mirror image of a craft with other thrusters than designed is another craft.
-        symmetries=symmetries(craft)
-        if settings.symmetric and not engine.task.observed_thrusters
-        else None,
+        symmetries=symmetries(craft) if is_symmetric else None,
         bf16=settings.matmul == "bf16",
         head=_head(engine, settings),
-        levers=per_velocity(craft, engine.timing.control_period)
-        if settings.head == "guided"
-        else (),
+        levers=per_velocity(craft, period) if settings.head == "guided" else (),
         backbone=settings.backbone,
         tokens=effector_tokens(craft) if BACKBONES[settings.backbone].has_tokens else (),
         history=memory.history if has_history else 0,
         commands_only=memory.kind == "commands",
         averages=tuple(memory.averages) if has_history else (),
-        filters=Filters.of(
-            craft,
-            engine.task,
-            engine.timing.control_period,
-            filters.drift,
-            filters.steady,
-            filters.response,
-            filters.gate,
-        )
-        if filters.drift
-        else None,
+        filters=Filters.of(craft, engine.task, period, *noise) if filters.drift else None,
         units=memory.units if memory.kind == "recurrent" else 0,
         privileged=engine.privileged_quantities.width if settings.privileged_critic else 0,
         nominal=engine.privileged_quantities.nominal if settings.privileged_critic else (),
