@@ -91,19 +91,9 @@ class Identify:
         for sentence in result.notes():
             console.say(sentence)
         console.say(f"Written to {folder}. Train for it:")
-        console.command(
-            shlex.join(
-                [
-                    "rans",
-                    "train",
-                    "go-to-pose",
-                    "--spacecraft",
-                    str(folder / "spacecraft.toml"),
-                    "--conditions",
-                    str(folder / "conditions.toml"),
-                ]
-            )
-        )
+        spacecraft = ["--spacecraft", str(folder / "spacecraft.toml")]
+        conditions = ["--conditions", str(folder / "conditions.toml")]
+        console.command(shlex.join(["rans", "train", "go-to-pose", *spacecraft, *conditions]))
         return 0
 
     def _excite(self) -> int:

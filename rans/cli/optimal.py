@@ -313,23 +313,16 @@ class Optimal:
     def _refuse_unused(self) -> None:
         """Reject (`ConfigError`) options that an ordinary task does not use with the others."""
         default = {field.name: field.default for field in fields(self)}
-        unused = {
-            **dict.fromkeys(
-                ("contestants", "agents"), "are for missions on an orbit (dock, hold, rendezvous)"
-            ),
-            **({} if self.certify else {"certify_seconds": "needs --certify"}),
-            **(
-                {}
-                if self.objective == "time"
-                else {"intervals": f"is for --objective time, and this is {self.objective}"}
-            ),
-            **(
-                {}
-                if not self.start
-                else {"episodes": "is for starts of a seed, and --start is one"}
-            ),
-            **({} if not (self.start and self.goal) else {"seed": "is for starts of a seed"}),
-        }
+        missions = "are for missions on an orbit (dock, hold, rendezvous)"
+        unused = {"contestants": missions, "agents": missions}
+        if not self.certify:
+            unused["certify_seconds"] = "needs --certify"
+        if self.objective != "time":
+            unused["intervals"] = f"is for --objective time, and this is {self.objective}"
+        if self.start:
+            unused["episodes"] = "is for starts of a seed, and --start is one"
+        if self.start and self.goal:
+            unused["seed"] = "is for starts of a seed"
         if self.objective == "time" and not self.certify:
             unused["control_period"] = "is computed for --objective time, but for its --certify"
         for name, reason in unused.items():

@@ -123,30 +123,22 @@ class GoToPose(SingleTask):
         near = partial(nearness, distance, rest=self.rest_position)
         aligned = partial(nearness, angle, rest=self.rest_attitude)
         closest = near(self.fine_scale), aligned(self.fine_scale)
-        return {
+        terms = {
             "position": near(self.position_scale),
             "attitude": aligned(self.attitude_scale),
             "approach": near(self.approach_scale) * self.approach_weight,
             "turn": aligned(self.turn_scale) * self.approach_weight,
-            **(
-                {
-                    "fine position": closest[0] * self.fine_weight,
-                    "fine attitude": closest[1] * self.fine_weight,
-                }
-                if is_used(self.fine_weight)
-                else {}
-            ),
-            **(
-                {"misaligned": closest[0] * (closest[1] - 1.0) * self.misaligned_weight}
-                if is_used(self.misaligned_weight)
-                else {}
-            ),
-            **self.arrived.terms(
-                transition, closest, *self._relative_errors(transition.state, transition.goal)
-            ),
-            **self.arrived.departure(
-                transition, partial(self._relative_errors, goal=transition.goal)
-            ),
+        }
+        if is_used(self.fine_weight):
+            terms["fine position"] = closest[0] * self.fine_weight
+            terms["fine attitude"] = closest[1] * self.fine_weight
+        if is_used(self.misaligned_weight):
+            terms["misaligned"] = closest[0] * (closest[1] - 1.0) * self.misaligned_weight
+        relative = partial(self._relative_errors, goal=transition.goal)
+        return {
+            **terms,
+            **self.arrived.terms(transition, closest, *relative(transition.state)),
+            **self.arrived.departure(transition, relative),
             **self.prices(transition),
         }
 

@@ -77,18 +77,15 @@ class GoToPosition(SingleTask):
         """Terms: exp(-distance / scale) of the original system, a wider and a narrower copy, and low spin."""
         distance, spin = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
-        return {
+        still = nearness(spin, self.stillness_scale, self.rest_spin)
+        terms = {
             "position": near(self.position_scale),
             "approach": near(self.approach_scale) * self.approach_weight,
-            "stillness": nearness(spin, self.stillness_scale, self.rest_spin)
-            * self.stillness_weight,
-            **(
-                {"fine": near(self.fine_scale) * self.fine_weight}
-                if is_used(self.fine_weight)
-                else {}
-            ),
-            **self.prices(transition),
+            "stillness": still * self.stillness_weight,
         }
+        if is_used(self.fine_weight):
+            terms["fine"] = near(self.fine_scale) * self.fine_weight
+        return {**terms, **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft is too far away, or in space spins too fast."""

@@ -173,18 +173,14 @@ class TrackTwist(Tracking):
         """Terms exp(-error / scale) of both velocities, narrower copies, and prices."""
         errors = self.errors(transition.state, transition.goal)
         velocity, spin = errors.values()
-        return {
+        terms = {
             "velocity": nearness(velocity, self.velocity_scale),
             "rotation": nearness(spin, self.spin_scale),
             "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
-            **(
-                {"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
-                if is_used(self.fine_spin_weight)
-                else {}
-            ),
-            **self.within(errors),
-            **self.prices(transition),
         }
+        if is_used(self.fine_spin_weight):
+            terms["fine rotation"] = nearness(spin, self.fine_spin_scale) * self.fine_spin_weight
+        return {**terms, **self.within(errors), **self.prices(transition)}
 
 
 @dataclass(frozen=True)
