@@ -110,7 +110,7 @@ def test_words_of_other_programs_lead_to_commands_and_hide_none() -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ["go-to-pose", "--set", "learning_rate=1", "--total_timesteps", "1", "--run", "x"],
+        ["go-to-pose", "--set", "learning_rate=1", "--total_timesteps", "1", "--output", "x"],
         ["go-to-pose", "--log", "wandb", "--no-view"],
         ["go-to-pose", "--quality=good", "--tyro-print-completion", "bash"],
         ["--set", "seed=1", "go-to-pose"],

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import _parse, main
-from rans.cli.options import with_numbers_named
+from rans.cli.options import in_present_words, with_numbers_named
 from tests.support.command_runs import tiny
 
 
@@ -44,6 +44,30 @@ def test_a_former_option_is_accepted_with_the_present_one_in_a_warning(
         assert f": {present}." in told
     config = json.loads((run / "config.json").read_text())
     assert config["plain"] is True
+
+
+@pytest.mark.parametrize(
+    ("former", "present"),
+    [
+        ("train --seed 3 --config runs/a/config.json", "runs/a/config.json --seed 3"),
+        ("train hold --terms --seed=3", "hold --log terms --seed=3"),
+        ("sweep hold --total-timesteps=1e6", "hold --set total_timesteps=1e6"),
+        ("optimal dock --keep-out 1,1,0.2 2,2,0.2", "dock --zones 1,1,0.2 2,2,0.2"),
+        ("view a --page fly.html", "a --play --save fly.html"),
+        ("init mine.toml --thrust_sharing split", "mine.toml --set thrust_sharing=split"),
+    ],
+)
+def test_former_options_become_present_words(former: str, present: str) -> None:
+    name, *words = former.split()
+    with pytest.warns(DeprecationWarning, match=f"of rans {name} is deprecated"):
+        assert in_present_words(name, words) == present.split()
+
+
+def test_words_that_are_no_former_options_stay() -> None:
+    """A former switch takes no value, and a former option without its value is the parser's to refuse."""
+    for words in (["a", "--plain=yes"], ["a", "--run"], ["a", "--set", "plain=true"]):
+        assert in_present_words("train", words) == words
+    assert in_present_words("compare", ["a", "--plain"]) == ["a", "--plain"]
 
 
 def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
