@@ -11,12 +11,16 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.cli.options import Former
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, require
 from rans.files import read_json
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.terminal import Terminal, doing
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
+
+
+_PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
+"""Modules that formats need beside the core."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,9 @@ class Export:
             margins = self.episodes // 4 if self.episodes >= 256 else 0
         if margins:
             check_count("--margins", margins)
+        # Before minutes of flights.
+        if self.format in _PACKAGES:
+            require(_PACKAGES[self.format])
         # The folder of an agent for any craft is named after its craft too.
         label = (
             name.output_folder.name

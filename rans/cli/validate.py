@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 from rans.api import laboratory
 from rans.api.names import load_conditions, load_spacecraft
 from rans.cli.options import Former
+from rans.errors import require
 from rans.files import ready_folder
 from rans.terminal import Terminal, progress, stages, verdict
 
@@ -45,12 +46,12 @@ class Validate:
     def run(self) -> int:
         """Print a table of layers or checks."""
         laboratory.enter()
-        from validation.study.page import page
         from validation.study.study import study
 
         console = Terminal()
         craft = self.spacecraft or self.craft
         if self.output is not None:
+            require("matplotlib")  # before minutes of checks
             ready_folder(self.output)
         with progress() as bars:
             report = study(
@@ -74,6 +75,8 @@ class Validate:
         seconds = report.settings["seconds"]
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if self.output is not None:
+            from validation.study.page import page
+
             report.write(self.output / "validation.json")
             page(report, craft, self.conditions).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")

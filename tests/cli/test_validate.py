@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import sys
 from dataclasses import replace
 
 import pytest
@@ -16,6 +17,22 @@ from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import to_toml
 from validation.study.checks import Check, Study
 from validation.study.study import LAYERS, Scope
+
+
+def test_checks_need_no_matplotlib_and_their_page_says_so_before_them(
+    tmp_path, capsys, monkeypatch
+) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, "validation.study.page", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    command = ["validate", "floating-platform", "--layer", "thrusters"]
+    assert main(command) == 0
+    assert "2 of 2 checks passed" in capsys.readouterr().out
+    assert main([*command, "--output", str(tmp_path / "checked")]) == 2
+    printed = capsys.readouterr()
+    assert "rans[plots]" in printed.err
+    assert "checks passed" not in printed.out
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -208,6 +209,25 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("form", "module"), [("onnx", "onnx"), ("sb3", "stable_baselines3")])
+def test_a_missing_package_is_told_before_any_flight(
+    form: str,
+    module: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def flown(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("rans.deploy.export.write_export", flown)
+    monkeypatch.setitem(sys.modules, module, None)
+    output = tmp_path / "exported"
+    assert main(["export", "go-to-pose-2d", "--format", form, "--output", str(output)]) == 2
+    assert f"rans[{form}]" in capsys.readouterr().err
+    assert not output.exists()
+
+
 def test_a_copy_of_the_sources_that_is_not_installed(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
