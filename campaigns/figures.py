@@ -37,6 +37,7 @@ from campaigns import (
     standings,
     throttling,
     vbar,
+    zones,
 )
 from campaigns.markdown import Table
 from rans.files import read_json
@@ -122,6 +123,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
     "controllers of craft": craft_rivals.table,
     "bounds of craft": craft_bounds.table,
     "avoid": partial(missions.in_document, mission="avoid"),
+    "impulse among zones": zones.in_document,
     "dock port": partial(missions.in_document, mission="dock-port"),
     "dock": partial(missions.in_document, mission="dock"),
     "dock with errors": dock_errors.in_document,

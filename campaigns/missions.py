@@ -11,6 +11,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -267,7 +268,9 @@ class Missions:
             for condition, settings in _VARIED[self.mission].items():
                 varied: Any = replace(cast(Any, task), **settings)
                 if isinstance(varied, (Avoid, DockPort)):
-                    lower[: self.bounded] = self._least_impulse(craft, varied, timing)
+                    lower[: self.bounded] = _least_impulse(
+                        craft, varied, timing, self.seed, self.bounded
+                    )
                 starts = scenarios(varied, craft, self.seed, self.episodes)
                 flight = fly(craft, varied, controller, starts, timing)
                 yield row_of(condition, spec, flight, _spent(flight), lower)
@@ -297,20 +300,8 @@ class Missions:
                 # The filter knows the limits that LQR does not.
                 warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
                 flight = fly(craft, task, run.controller, starts, timing, guard=run.guard)
-            lower = self._least_impulse(craft, task, timing)
+            lower = _least_impulse(craft, task, timing, self.seed, self.bounded)
             yield row_of(condition, who, flight, _spent(flight), lower)
-
-    def _least_impulse(
-        self, craft: Spacecraft, task: Avoid | DockPort, timing: Timing
-    ) -> np.ndarray:
-        """Impulse below which the mission is not won from each of the first starts, N s."""
-        found = []
-        for one in each(scenarios(task, craft, self.seed, self.bounded)):
-            if isinstance(task, DockPort):
-                found.append(least_to_dock(craft, task, one, timing))
-            else:
-                found.append(least_to_stay(craft, task, one, timing))
-        return np.array(found)
 
     def _guided(self, condition: str, task: Land, known: np.ndarray | None) -> Iterator[Row]:
         """Landing guidance from the first starts, whose bounds may be known."""
@@ -421,6 +412,20 @@ def _unit(mission: str) -> str:
 def _mission_of(name: str) -> str:
     """The mission of an agent that comes with RANS, from its name such as dock-port-2d-atmos."""
     return name.partition("-2d")[0].partition("-3d")[0]
+
+
+@cache
+def _least_impulse(
+    craft: Spacecraft, task: Avoid | DockPort, timing: Timing, seed: int, count: int
+) -> np.ndarray:
+    """(count,) impulse below which the mission is not won from each of the first starts, N s."""
+    found = []
+    for one in each(scenarios(task, craft, seed, count)):
+        if isinstance(task, DockPort):
+            found.append(least_to_dock(craft, task, one, timing))
+        else:
+            found.append(least_to_stay(craft, task, one, timing))
+    return np.array(found)
 
 
 def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:

@@ -212,7 +212,15 @@ SOURCES: dict[str, Source] = {
         evidence=("craft-bounds.json",),
         quick_seconds=10.0,
     ),
-    "avoid": _mission("avoid", "", " --episodes 64", 65.0),
+    "avoid": _mission("avoid", "", " --episodes 64"),
+    "impulse among zones": Source(
+        tables=("impulse among zones",),
+        page="missions/avoid.md",
+        commands=("python -m campaigns.zones",),
+        quick=("python -m campaigns.zones --times 20.2",),
+        fewer_rows=True,
+        evidence=("avoid-front.json",),
+    ),
     "dock port": _mission("dock-port", "", " --episodes 64", 130.0),
     "dock": _mission(
         "dock",

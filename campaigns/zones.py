@@ -4,6 +4,8 @@ Flight and zones are seen along the way, from the start to the goal. A zone that
 distance along it, which every flight that arrives reaches for the first time at some instant. There the flight is
 beside the zone: in the plane to its left or to its right, in space in some sector around it. A side or a sector
 and a span of time make a `hull.Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
+
+``python -m campaigns.zones`` holds optimal trajectories against it, by when they rest at the goal.
 """
 
 from __future__ import annotations
@@ -12,19 +14,28 @@ import heapq
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from campaigns.command import ended
+from campaigns.markdown import Table
+from rans.api.limits import optimal_trajectory
+from rans.files import number, read_json, write_json
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate import hull
-from rans.scenario import Scenario
+from rans.scenario import EVALUATION_SEED, Scenario, scenario
 from rans.tasks import Avoid
 from rans.verdict import last_fifth
 
 _CAP = 1.0
 """Speed above which bounds of flights among zones are not asked for, m/s."""
+_HASTE = 5.0
+"""That speed over the mean one of the straight way, where this is more."""
 _NARROW = 1.0 / 64.0
 """Part of the time, or of a turn, that is not halved again."""
 _PROGRAMS = 2000
@@ -57,30 +68,44 @@ class _Passing(NamedTuple):
     """Half of the sector, rad."""
 
 
+_COMMAND = "python -m campaigns.zones"
+_FILE = "validation/avoid-front.json"
+_CRAFT = "floating-platform"
+
 _Branch = tuple[_Passing | None, ...]
 """What is asked of a flight at each zone; None: nothing."""
 
 
-def least_to_stay(craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing) -> float:
+def least_to_stay(
+    craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing, since: float | None = None
+) -> float:
     """Impulse below which no flight wins, N s.
 
-    Whoever is near the goal at both ends of the last fifth has braked. The attitude is left out, and so are zones
-    that do not move across the way from start to goal, or are not between them. Flights faster than `_CAP` spend at
-    least the mass times it, less the speed at the start.
+    Whoever is near the goal at both ends of the last fifth, or since earlier, has braked. The attitude is left out,
+    and so are zones that do not move across the way from start to goal, or are not between them. Flights faster
+    than a cap spend at least the mass times it, less the speed at the start.
 
     Args:
         craft: as `hull.least_impulse_through` takes it.
         task: among whose zones it flies.
         one: start and goal, of floats.
         timing: control period, checks and length of the episode.
+        since: when the flight is near the goal at the latest, s; None: at the beginning of the last fifth.
     """
-    return Search(craft, task, one, timing).bound()
+    return Search(craft, task, one, timing, since).bound()
 
 
 class Search:
     """Branch and bound of one start, with the arguments of `least_to_stay`."""
 
-    def __init__(self, craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing) -> None:
+    def __init__(
+        self,
+        craft: Spacecraft,
+        task: Avoid,
+        one: Scenario,
+        timing: Timing,
+        since: float | None = None,
+    ) -> None:
         start: Any = one.start
         goal: Any = one.goal
         self._craft = craft
@@ -89,10 +114,12 @@ class Search:
         place = np.array(goal.p.columns(), float)
         near = task.tolerances()["position"]
         steps = timing.episode_steps
-        ends = timing.control_period * np.array([steps + 1 - last_fifth(steps), steps])
-        self._ends = [hull.Waypoint(t, t, place, near) for t in ends.tolist()]
-        self._time = float(ends[0])
-        self._ahead = (place - self._from) / np.linalg.norm(place - self._from)
+        self._time = since or timing.control_period * (steps + 1 - last_fifth(steps))
+        ends = self._time, timing.control_period * steps
+        self._ends = [hull.Waypoint(t, t, place, near) for t in ends]
+        distance = float(np.linalg.norm(place - self._from))
+        self._cap = max(_CAP, _HASTE * distance / self._time)
+        self._ahead = (place - self._from) / distance
         # What is across the way: one direction in the plane, two in space.
         self._across = np.linalg.svd(self._ahead[None])[2][1:]
         zones = []
@@ -101,14 +128,27 @@ class Search:
             along = float(self._ahead @ centre)
             beside = abs(float(self._ahead @ v)) * self._time < 1e-8
             if beside and self._ahead @ self._from < along < self._ahead @ place - near:
-                radius = _between_checks(craft, float(zone.radius), v, timing)
+                radius = self._between_checks(float(zone.radius), v, timing)
                 zones.append(_Zone(along, centre, v, radius))
         self._zones = sorted(zones, key=lambda zone: zone.along)
+
+    def _between_checks(self, radius: float, v: np.ndarray, timing: Timing) -> float:
+        """How near to a zone's centre a flight comes that is outside at every check, m.
+
+        Between two checks it is near a chord, whose ends are outside: no nearer than half of it leaves
+        (Pythagoras), and full thrust bends the path by a t^2 / 8.
+        """
+        apart = timing.control_period / timing.checks
+        chord = (self._cap + float(np.linalg.norm(v))) * apart
+        push = float(hull.Reach.of(self._craft).force.max()) / self._craft.mass
+        return math.sqrt(max(0.0, radius**2 - 0.25 * chord**2)) - push * apart**2 / 8.0
 
     def bound(self) -> float:
         """The least bound of the branches that are left, N s."""
         nothing: _Branch = (None,) * len(self._zones)
-        most = self._craft.mass * (_CAP - math.hypot(*(float(x) for x in self._start.v.columns())))
+        most = self._craft.mass * (
+            self._cap - math.hypot(*(float(x) for x in self._start.v.columns()))
+        )
         count = itertools.count()
         left: list[tuple[float, int, _Branch]] = [(self._value(nothing), next(count), nothing)]
         tried = 1
@@ -163,7 +203,7 @@ class Search:
             beside = zone.centre + zone.v * 0.5 * (first + last)
             beside = beside + zone.radius * math.cos(half) * out
             moved = 0.5 * (last - first) * abs(float(out @ zone.v))
-            far = _CAP * last + float(np.linalg.norm(beside - self._from))
+            far = self._cap * last + float(np.linalg.norm(beside - self._from))
             points.append(hull.Waypoint(first, last, beside, far, out, moved, self._ahead))
         return points
 
@@ -189,13 +229,60 @@ def _in_order(branch: _Branch, time: float) -> _Branch | None:
     return tuple(cut)
 
 
-def _between_checks(craft: Spacecraft, radius: float, v: np.ndarray, timing: Timing) -> float:
-    """How near to a zone's centre a flight comes that is outside at every check, m.
+@dataclass(frozen=True)
+class Front:
+    """Impulse against time among zones: bound, and the best of optimal trajectories to rest at the goal."""
 
-    Between two checks it is near a chord, whose ends are outside: no nearer than half of it leaves (Pythagoras),
-    and full thrust bends the path by a t^2 / 8.
-    """
-    apart = timing.control_period / timing.checks
-    chord = (_CAP + float(np.linalg.norm(v))) * apart
-    push = float(hull.Reach.of(craft).force.max()) / craft.mass
-    return math.sqrt(max(0.0, radius**2 - 0.25 * chord**2)) - push * apart**2 / 8.0
+    times: tuple[float, ...] = (8.0, 12.0, 20.2)
+    """When the flight is at the goal, s."""
+    starts: int = 4
+    """The first starts of the evaluation."""
+    guesses: int = 8
+    """Guesses of each trajectory."""
+
+    def run(self) -> int:
+        """Write the file and the table; 1 if a flight is below its bound."""
+        docs = Path("docs")
+        task = Avoid().for_evaluation()
+        assert isinstance(task, Avoid)
+        craft = load_spacecraft(_CRAFT)
+        rows = []
+        for time in self.times:
+            for k in range(self.starts):
+                one = scenario(task, craft.dimension, EVALUATION_SEED, k)
+                found = optimal_trajectory(
+                    "avoid", craft, start=k, horizon=time, guesses=self.guesses
+                )
+                spent = found.trajectory.cost if found.trajectory.solved else math.inf
+                bound = least_to_stay(craft, task, one, task.timing, time)
+                rows.append({"time": time, "start": k, "bound": bound, "flight": spent})
+        write_json(docs / _FILE, {"rows": rows})
+        in_document(docs).write(docs)
+        return int(any(row["flight"] < row["bound"] for row in rows))
+
+
+def in_document(docs: Path) -> Table:
+    """Means over the starts that have a trajectory."""
+    found: dict[float, list[tuple[float, float]]] = {}
+    for row in read_json(docs / _FILE)["rows"]:
+        found.setdefault(row["time"], []).append((row["bound"], number(row["flight"])))
+    lines = []
+    for time, pairs in found.items():
+        solved = np.array([pair for pair in pairs if math.isfinite(pair[1])])
+        bound, flight = solved.mean(axis=0)
+        least = (solved[:, 0] / solved[:, 1]).min()
+        cells = f"{bound:.2f} N s", f"{flight:.2f} N s", f"{bound / flight:.2f} (≥ {least:.2f})"
+        lines.append([f"{time:g} s", f"{len(solved)} of {len(pairs)}", *cells])
+    headings = "at the goal by", "starts", "proven bound", "cheapest known", "bound over it"
+    return Table("missions/avoid.md", _COMMAND, headings, lines, "")
+
+
+def main() -> int:
+    """Parse and run."""
+    import tyro
+
+    return tyro.cli(Front).run()
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("zones", main))
