@@ -273,7 +273,7 @@ def in_document(docs: Path) -> Table:
         least = (solved[:, 0] / solved[:, 1]).min()
         cells = f"{bound:.2f} N s", f"{flight:.2f} N s", f"{bound / flight:.2f} (≥ {least:.2f})"
         lines.append([f"{time:g} s", f"{len(solved)} of {len(pairs)}", *cells])
-    headings = "at the goal by", "starts", "proven bound", "cheapest known", "bound over it"
+    headings = "at the goal by", "starts", "proven bound", "optimal trajectory", "bound over it"
     return Table("missions/avoid.md", _COMMAND, headings, lines, "")
 
 
