@@ -107,9 +107,9 @@ RECIPES = {
     3: DemandSettings(
         3,
         (
-            Stage(198.0, 1.0, 1.0),
-            Stage(174.0, 2.5, 2.5),
-            Stage(300.0, 2.0, 2.0, angle=0.05, learning_rate=1e-3),
+            Stage(60.0, 1.0, 1.0),
+            Stage(70.0, 2.5, 2.5),
+            Stage(100.0, 2.0, 2.0, angle=0.05, learning_rate=1e-3),
         ),
         last=0.85,
         layouts=1920,
@@ -117,7 +117,7 @@ RECIPES = {
         channels=3,
     ),
 }
-"""Trainings of the agents, by dimension: on one H200 in the plane, on one H100 in space."""
+"""Trainings of the agents, by dimension, on one H200."""
 CONTESTANTS = "specialist", "any-craft", "LQR", "switching", "MPC"
 """Who flies a craft; the specialist only the craft that it was trained on."""
 _STATED = CONTESTANTS[1:]
