@@ -47,10 +47,16 @@ _OVERLAP = 0.5
 """Weight of a likelihood: every reading is in two differences."""
 _FORGOTTEN = 0.99
 """Part of the odds that stays from period to period."""
+_REMEMBERED = 0.998
+"""The same where thrusters are checked at the start: a lost one must not be tried again near the goal."""
 _ODDS = -6.0, 20.0
 """Range of the logarithm of the odds of a lost thruster over none."""
+_MOST_PERIODS = 1e4
+"""Number up to which control periods since the start are counted; checks of thrusters end before."""
 _EVIDENCE = 4.0
 """Logarithm of the odds beyond which a thruster stays shut."""
+_EVIDENCE_OF_CHECKS = 2.5
+"""The same where thrusters are checked at the start, and a loss that is recognized late loses the flight."""
 
 Row = TypeVar("Row")
 
@@ -90,15 +96,24 @@ class Estimate(NamedTuple, Generic[Row]):
     """Gain of velocities and gain of angular velocities, (N, 1) each, by the accepted hypothesis."""
     shut: Row
     """(N, thrusters) 1 for a thruster that is taken for lost, else 0."""
+    wheels: Row | None
+    """(N, wheels + 1) momentum of every wheel, over that at which it is full, and number of periods since the
+    start; None: they are not remembered."""
     memory: Row
-    """(N, m) what `Adaptation.next_memory` is given: twists, last command, and beliefs of the hypotheses."""
+    """(N, m) what `Adaptation.next_memory` is given: twists, last command, beliefs of hypotheses, and `wheels`."""
+
+    @property
+    def known(self) -> list[Row]:
+        """What the allocation is given."""
+        return [self.shut] if self.wheels is None else [self.shut, self.wheels]
 
 
 class Adaptation(NamedTuple):
     """Estimator of one spacecraft.
 
-    Its memory is (N, width): two twists, two commands, and of every hypothesis two gains, their variances and the
-    logarithm of its odds. Zeros are the memory where an episode begins.
+    Its memory is (N, width): two twists, two commands, of every hypothesis two gains, their variances and the
+    logarithm of its odds, and the momenta of wheels with the number of periods. Zeros are the memory where an
+    episode begins.
     """
 
     period: float
@@ -112,6 +127,9 @@ class Adaptation(NamedTuple):
     """Numbers of the thrusters without which the others push and turn the craft every way."""
     weak: tuple[int, ...] = ()
     """Numbers of those that stay in use with half of their force: without one the craft is slow."""
+    filling: tuple[float, ...] = ()
+    """Part of the momentum at which a wheel is full that its full command adds in a period, for every wheel whose
+    momentum is remembered; empty: none is."""
 
     @property
     def twist(self) -> int:
@@ -137,14 +155,30 @@ class Adaptation(NamedTuple):
 
     def _widths(self) -> list[int]:
         commands = len(self.effects)
-        return [*[self.twist] * 2, *[commands] * 2, *[self._hypotheses] * 5]
+        return [
+            *[self.twist] * 2,
+            *[commands] * 2,
+            *[self._hypotheses] * 5,
+            *self._remembered,
+        ]
+
+    @property
+    def known(self) -> int:
+        """Numbers that the allocation is given: of `Estimate.shut` and `Estimate.wheels`."""
+        return self.thrusters + sum(self._remembered)
+
+    @property
+    def _remembered(self) -> list[int]:
+        """Numbers of `Estimate.wheels`, if there are any."""
+        return [len(self.filling) + 1] if self.filling else []
 
     def estimated(self, rows: Rows[Row], twist: Row, memory: Row) -> Estimate[Row]:
         """Estimate after a reading of the twist (N, d) in B, and the memory (N, width) of the period before."""
         size = self.twist
         pushing = directions(size)
-        earlier, latest, last, previous, *beliefs = rows.split(memory, self._widths())
-        odds = beliefs.pop()
+        earlier, latest, last, previous, *rest = rows.split(memory, self._widths())
+        beliefs, odds, remembered = rest[:4], rest[4], rest[5:]
+        wheels = remembered[0] if remembered else None
 
         # Change of the twist over two periods, both readings in the present B; the reading between, in B as well.
         now, before, between = (rows.split(row, [1] * size) for row in (twist, earlier, latest))
@@ -172,25 +206,30 @@ class Adaptation(NamedTuple):
         )
         if not self.spare:
             shut = rows.product(beliefs[0], np.zeros((1, self.thrusters)))
-            known = rows.joined([latest, twist, last, *beliefs, odds])
-            return Estimate(self._gains(beliefs[:2]), shut, known)
+            known = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
+            return Estimate(self._gains(beliefs[:2]), shut, wheels, known)
         none = np.zeros((self._hypotheses, 1))
         none[0] = 1.0
         of_none = rows.product(likelihood, none)
-        (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance])
+        stays = rows.constant([_REMEMBERED if self.filling else _FORGOTTEN])
+        (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance, stays])
 
         # The most probable hypothesis; those with every thruster in use are preferred up to a limit of the odds.
+        # After checks a weak thruster is not: a lost one that is taken for weak makes the craft too fast.
         shuts = self._works()[: self.thrusters] == _WEAK
-        favour = rows.constant(np.where(shuts.any(axis=0), 0.0, _EVIDENCE))
-        (favoured,) = rows.computed(lambda a, b: [a + b], [odds, favour])
+        if self.filling:
+            favour = np.where(np.arange(self._hypotheses) == 0, _EVIDENCE_OF_CHECKS, 0.0)
+        else:
+            favour = np.where(shuts.any(axis=0), 0.0, _EVIDENCE)
+        (favoured,) = rows.computed(lambda a, b: [a + b], [odds, rows.constant(favour)])
         accepted = rows.largest(favoured, self._hypotheses)
         gains = [
             rows.product(row, np.ones((self._hypotheses, 1)))
             for row in rows.computed(lambda a, *b: [a * x for x in b], [accepted, *beliefs[:2]])
         ]
         shut = rows.product(accepted, 1.0 * shuts.T)
-        known = rows.joined([latest, twist, last, *beliefs, odds])
-        return Estimate(self._gains(gains), shut, known)
+        known = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
+        return Estimate(self._gains(gains), shut, wheels, known)
 
     def _gains(self, gains: list[Row]) -> list[Row]:
         """Gains of velocities and of angular velocities, of estimated ones.
@@ -202,14 +241,29 @@ class Adaptation(NamedTuple):
 
     def next_memory(self, rows: Rows[Row], estimate: Row, command: Row) -> Row:
         """Memory after an estimate (`Estimate.memory`) and a command from 0 to 1."""
-        widths = [2 * self.twist, len(self.effects), 5 * self._hypotheses]
-        twists, last, beliefs = rows.split(estimate, widths)
+        widths = [2 * self.twist, len(self.effects), 5 * self._hypotheses, *self._remembered]
+        twists, last, beliefs, *remembered = rows.split(estimate, widths)
         if len(self.effects) > self.thrusters:
             # Half of a wheel's command is no torque.
             wheels = np.arange(len(self.effects)) >= self.thrusters
             scale, zero = rows.constant(1.0 + wheels), rows.constant(1.0 * wheels)
             (command,) = rows.computed(lambda u, a, b: [u * a - b], [command, scale, zero])
-        return rows.joined([twists, command, last, beliefs])
+        if remembered:
+            count = len(self.filling)
+            _, *turning = rows.split(command, [self.thrusters, *[1] * count])
+            wheels = rows.split(remembered[0], [1] * (count + 1))
+            remembered = rows.computed(self._after, [*wheels, *turning])
+        return rows.joined([twists, command, last, beliefs, *remembered])
+
+    def _after(self, *numbers: Field) -> list[Field]:
+        """Momenta and number of periods after one more, of those before it and of the wheels' commands, -1 to 1."""
+        count = len(self.filling)
+        momenta, periods, commands = numbers[:count], numbers[count], numbers[count + 1 :]
+        wheels = zip(momenta, self.filling, commands, strict=True)
+        filled = [
+            within(momentum + part * command, -1.0, 1.0) for momentum, part, command in wheels
+        ]
+        return [*filled, within(periods + 1.0, 0.0, _MOST_PERIODS)]
 
     def _effects(self, rows: Rows[Row], command: Row) -> list[Row]:
         """Change of the twist by a command along each axis, by every hypothesis, (N, hypotheses) each."""
@@ -310,12 +364,12 @@ def _learnt(
     return [*begun, likelihood]
 
 
-def _weighed(odds: Field, likelihood: Field, of_none: Field, variance: Field) -> list[Field]:
+def _weighed(
+    odds: Field, likelihood: Field, of_none: Field, variance: Field, stays: Field
+) -> list[Field]:
     """Logarithm of the odds of a hypothesis over that of no lost thruster, after a reading.
 
-    The variance is that of a gain before the reading, 0 at the first one.
+    The variance is that of a gain before the reading, 0 at the first one; a part of the odds ``stays``.
     """
     low, high = _ODDS
-    return [
-        where(variance == 0.0, 0.0, within(_FORGOTTEN * odds + likelihood - of_none, low, high))
-    ]
+    return [where(variance == 0.0, 0.0, within(stays * odds + likelihood - of_none, low, high))]

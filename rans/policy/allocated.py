@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rans.model.fields import Field
+from rans.model.fields import Field, where, within
 from rans.model.twists import balanced, directions
 from rans.policy.adaptation import Adaptation
 from rans.policy.allocation import (
@@ -39,7 +40,15 @@ commands between, reaction wheel."""
 Tokens = tuple[tuple[float, ...], ...]
 SHUT = "shut"
 """Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
-numbers stand behind the features."""
+numbers stand behind the features, followed by those of `WHEELS`."""
+WHEELS = "wheels"
+"""Row of a program, (N, wheels + 1): see `rans.policy.adaptation.Estimate`."""
+_CHECK = 2
+"""Control periods for which two opposite thrusters are open while they are checked: an estimator sees changes over
+two periods."""
+_MOMENTUM_PRICE = 0.3
+"""Price of a unit of a wheel's change of the spin that makes a full wheel fuller, in units of squared errors; what
+makes it emptier is paid."""
 _GENTLE_PRICE = 0.3
 """Price of thrust where wheels take up momentum with the craft's speed: thrusters that work against each other fill
 the wheels. Of 0.2, 0.3, 0.4, 0.5 and 0.8 it settles most flights of cubesat-6u without a thruster."""
@@ -69,15 +78,21 @@ class Allocated(Backbone):
         """See `Backbone`."""
         architecture = network.architecture
         weight, bias = architecture.last.folded(*network.layer("action_net"))
-        features, shut = features.tensor_split([architecture.features], dim=-1)
+        features, known = features.tensor_split([architecture.features], dim=-1)
+        shut, remembered = known.tensor_split([_thrusters(architecture.tokens)], dim=-1)
         demand = product(features, weight, bias)
         chosen = choice(architecture.tokens, architecture.adapts)
         if chosen is None:
             limits = (1.0 - shut).unbind(-1) if architecture.adapts else None
             lost = shut.sum(-1) if architecture.adapts else 0.0
             commands = continuous(
-                list(demand.unbind(-1)), architecture.tokens, limits, _gentle(architecture, lost)
+                list(demand.unbind(-1)),
+                architecture.tokens,
+                limits,
+                _gentle(architecture, lost),
+                _filled(architecture, remembered.unbind(-1)),
             )
+            commands = _checked(commands, architecture, remembered.unbind(-1))
             return torch.stack([torch.as_tensor(x).expand_as(demand[..., 0]) for x in commands], -1)
         slopes = _slopes(chosen, architecture.adapts)
         offset, slope, table = (
@@ -108,7 +123,14 @@ class Allocated(Backbone):
                 parts: list[Field] = [*lost]
                 limits, some = [1.0 - x for x in parts], sum(parts)
             gentle = _gentle(architecture, some)
-            commands = continuous(symbols, architecture.tokens, limits, gentle)
+            remembered = []
+            if architecture.filling:
+                remembered = inputs("wheel", len(architecture.filling) + 1)
+                wheel_names = program.single(WHEELS, len(remembered))
+                names |= dict(zip(remembered, wheel_names, strict=True))
+            filled = _filled(architecture, remembered)
+            commands = continuous(symbols, architecture.tokens, limits, gentle, filled)
+            commands = _checked(commands, architecture, remembered)
             return program.joined(*program.lowered(commands, names))
         # The best subset is the largest of linear functions.
         known = program.joined(demand, SHUT) if architecture.adapts else demand
@@ -207,13 +229,19 @@ def spare(tokens: Tokens) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=64)
-def estimator(tokens: Tokens, authority: tuple[float, ...], keeps_weak: bool = False) -> Adaptation:
+def estimator(
+    tokens: Tokens,
+    authority: tuple[float, ...],
+    keeps_weak: bool = False,
+    filling: tuple[float, ...] = (),
+) -> Adaptation:
     """Estimator of a spacecraft, for a policy that adapts.
 
     Args:
         tokens: of each command, see `rans.policy.any_craft.effects`.
         authority: see `rans.policy.architecture.Architecture.authority`.
         keeps_weak: whether a thruster with half of its force stays in use.
+        filling: see `rans.policy.architecture.Architecture`.
     """
     own = Authority.of_numbers(authority)
     columns = np.array(tokens)[:, :-1]
@@ -227,6 +255,7 @@ def estimator(tokens: Tokens, authority: tuple[float, ...], keeps_weak: bool = F
         tokens[0][-1] == SHARED,
         spare(tokens),
         spare(tokens) if keeps_weak else (),
+        filling,
     )
 
 
@@ -261,11 +290,73 @@ def _gentle(architecture: ArchitectureView, lost: Field) -> Field | None:
     return lost if architecture.farthest_lost and architecture.adapts else None
 
 
+class Filled(NamedTuple):
+    """What the momentum of a wheel leaves of its command."""
+
+    momentum: Field
+    """Over that at which the wheel is full, -1 to 1."""
+    filling: float
+    """Part of that momentum which a full command adds in a control period."""
+
+    def limit(self, way: float) -> Field:
+        """Largest command one way, 1 or -1, that does not fill the wheel."""
+        return within((1.0 - way * self.momentum) * (1.0 / self.filling), 0.0, 1.0)
+
+
+def _filled(architecture: ArchitectureView, remembered: Sequence[Field]) -> list[Filled]:
+    """Wheels of a policy that remembers their momenta (`rans.policy.adaptation.Estimate`); none of another."""
+    return list(map(Filled, remembered[:-1], architecture.filling))
+
+
+def _checked(
+    commands: list[Field], architecture: ArchitectureView, remembered: Sequence[Field]
+) -> list[Field]:
+    """Commands, or in the first periods those that check thrusters, of a policy that remembers momenta.
+
+    A lost thruster is then known before the craft is faster than it can be stopped by the others.
+    """
+    if not remembered:
+        return commands
+    periods = remembered[-1]
+    thrusters = _thrusters(architecture.tokens)
+    groups = checks(architecture.tokens)
+    first = {k: _CHECK * number for number, group in enumerate(groups) for k in group}
+    ending = float(_CHECK * len(groups))
+    checked: list[Field] = [
+        where(periods < first[k], 0.0, where(periods < first[k] + _CHECK, 1.0, 0.0))
+        if k in first
+        else 0.0
+        for k in range(thrusters)
+    ]
+    checked += [0.5] * (len(commands) - thrusters)
+    return [
+        where(periods < ending, check, command)
+        for command, check in zip(commands, checked, strict=True)
+    ]
+
+
+@lru_cache(maxsize=64)
+def checks(tokens: Tokens) -> tuple[tuple[int, ...], ...]:
+    """Thrusters that are checked together: each that the craft can spare, with the one that is most opposite."""
+    columns = np.array(tokens)[:, :-1]
+    left = [k for k in in_order(columns[: _thrusters(tokens)]).tolist() if k in spare(tokens)]
+    groups = []
+    while left:
+        one = left.pop(0)
+        sums = {k: float(np.linalg.norm(columns[one] + columns[k])) for k in left}
+        other = min(sums, key=lambda k: sums[k], default=None)
+        if other is not None:
+            left.remove(other)
+        groups.append((one,) if other is None else (one, other))
+    return tuple(groups)
+
+
 def continuous(
     demand: list[Field],
     tokens: Tokens,
     limits: Sequence[Field] | None = None,
     gentle: Field | None = None,
+    filled: Sequence[Filled] = (),
 ) -> list[Field]:
     """Commands, 0 to 1, of continuous thrusters and then of wheels, whose 0.5 is no torque.
 
@@ -275,6 +366,7 @@ def continuous(
         limits: largest command of each thruster; None: 1.
         gentle: 1 where wheels take up momentum with the craft's speed, else 0; None: they never do. Thrust then has
             a higher price, and thrusters and wheels are always allocated together.
+        filled: wheels, in a policy that remembers their momenta.
     """
     turning = wheels(tokens)
     price: Field = continuous_price(np.array(tokens)[:, :-1], bool(turning))
@@ -282,7 +374,7 @@ def continuous(
         price = price + gentle * (_GENTLE_PRICE - price)
         # A weight is a constant of the columns.
         weight = _GENTLE_WEIGHT if isinstance(gentle, float) else 1.0
-        return _allocated(demand, tokens, price, limits, weight)
+        return _allocated(demand, tokens, price, limits, weight, filled)
     throttled = tuple(token for token in tokens if token[-1] == CONTINUOUS)
     if turning and throttled and spans(np.array(throttled)[:, :-1]):
         commands = _allocated(demand, throttled, price, limits)
@@ -300,6 +392,7 @@ def _allocated(
     price: Field,
     limits: Sequence[Field] | None = None,
     weight: float = 1.0,
+    filled: Sequence[Filled] = (),
 ) -> list[Field]:
     """Commands of effectors that are allocated together; a wheel is two columns, one for each way.
 
@@ -314,9 +407,18 @@ def _allocated(
         for token in tokens
         for sign in ((1.0, -1.0) if token[-1] == WHEEL else (1.0,))
     ]
-    if limits is not None:
-        limits = [*limits, *[1.0] * (len(columns) - len(limits))]
-    parts = iter(shares(demand, np.array(columns), price, limits))
+    thrusters = _thrusters(tokens)
+    most: list[Field | None] = [*(limits or [None] * thrusters)]
+    charges: list[Field] = [0.0] * thrusters
+    for number in range(thrusters, len(columns)):
+        wheel, way = divmod(number - thrusters, 2)
+        one = filled[wheel] if filled else None
+        most.append(one and one.limit(1.0 - 2.0 * way))
+        size = math.hypot(*columns[number])
+        charges.append(_MOMENTUM_PRICE * size * (1.0 - 2.0 * way) * one.momentum if one else 0.0)
+    parts = iter(
+        shares(demand, np.array(columns), price, most, charges=charges if filled else None)
+    )
     return [
         (next(parts) - next(parts)) * 0.5 + 0.5 if token[-1] == WHEEL else next(parts)
         for token in tokens

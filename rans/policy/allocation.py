@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.model.fields import Field, within
+from rans.model.fields import Field, where, within
 from rans.model.twists import directions
 from rans.randomization.layouts import authority_margin
 
@@ -130,13 +130,19 @@ def shares(
     demand: Sequence[Field],
     columns: np.ndarray,
     price: Field,
-    limits: Sequence[Field] | None = None,
+    limits: Sequence[Field | None] | None = None,
     passes: int = PASSES,
+    charges: Sequence[Field] | None = None,
 ) -> list[Field]:
     """Shares of full force, 0 to 1, of continuous thrusters for a demand of d fields, by coordinate descent.
 
-    Columns are (n, d). All thrusters begin shut, and are visited in the order of their columns. A column that does
-    not push has no price. ``limits`` are the largest share of each thruster; None: 1.
+    Args:
+        demand: change of the twist, in units of the authority.
+        columns: (n, d). All thrusters begin shut, and are visited in the order of their columns.
+        price: of a unit of velocity change that a thruster gives.
+        limits: largest share of each thruster; None: 1.
+        passes: times that every thruster is visited.
+        charges: further price of the full force of each thruster, which may be negative; None: 0.
     """
     pushing = directions(len(demand))
     left = list(demand)
@@ -150,12 +156,15 @@ def shares(
                 result[k] = left[0] * 0.0
                 continue
             offset = 0.5 * price * math.hypot(*column[:pushing]) / square
+            if charges is not None:
+                offset = offset + charges[k] * (0.5 / square)
             # Where the cost is least along this thruster, within its range.
             step = sum(x / square * e for x, e in zip(column, left, strict=True)) - offset
             before = result[k]
             after = within(step if turn == 0 else before + step, 0.0, 1.0)
-            if limits is not None:
-                after = after * limits[k]
+            limit = None if limits is None else limits[k]
+            if limit is not None:
+                after = where(after < limit, after, limit)
             change = after if turn == 0 else after - before
             left = [e - x * change for x, e in zip(column, left, strict=True)]
             result[k] = after

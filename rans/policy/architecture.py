@@ -75,6 +75,9 @@ class Architecture:
     of longer ways (`rans.policy.authority.nearer`); 0: no bound."""
     farthest_lost: float = 0.0
     """Largest distance of the goal, m, once a network that adapts takes a thruster for lost; 0: no bound."""
+    filling: tuple[float, ...] = ()
+    """Part of the momentum at which each wheel is full that its full command adds in a control period, for a
+    network that remembers momenta; empty: it does not."""
     adapts: bool = False
     """Whether such a network estimates in flight how its craft differs from its file (`rans.policy.adaptation`)."""
     history: int = 0
@@ -139,7 +142,7 @@ class Architecture:
     @property
     def adaptation(self) -> Adaptation:
         """Estimator of a network that adapts."""
-        return estimator(self.tokens, self.authority, self.farthest_lost > 0.0)
+        return estimator(self.tokens, self.authority, self.farthest_lost > 0.0, self.filling)
 
     @property
     def columns(self) -> Layout:
@@ -227,9 +230,9 @@ class Architecture:
 
     @property
     def preprocessed_width(self) -> int:
-        """Numbers of a filtered observation: columns as read and as each filter has them, or lost thrusters."""
+        """Numbers of a filtered observation: columns as read and as each filter has them, or what is estimated."""
         if self.adapts:
-            return self.column_count + self.adaptation.thrusters
+            return self.column_count + self.adaptation.known
         return len(self.extra_columns) * self.column_count + sum(self.extra_columns)
 
     @property

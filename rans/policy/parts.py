@@ -58,7 +58,12 @@ class ArchitectureView(Protocol):
 
     @property
     def adapts(self) -> bool:
-        """Whether features are followed by which thrusters are taken for lost, see `rans.policy.adaptation`."""
+        """Whether features are followed by what is estimated in flight, see `rans.policy.adaptation`."""
+        ...
+
+    @property
+    def filling(self) -> tuple[float, ...]:
+        """See `rans.policy.architecture.Architecture`."""
         ...
 
 

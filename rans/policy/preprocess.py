@@ -81,7 +81,7 @@ class TorchPreprocessor(ColumnExecutor):
             lost = estimate.shut.sum(dim=1)
             columns = architecture.adapted(read.unbind(dim=1), gains, lost)
             return (
-                torch.cat((torch.stack(columns, dim=1), estimate.shut), dim=1),
+                torch.cat((torch.stack(columns, dim=1), *estimate.known), dim=1),
                 torch.zeros_like(rows[:, 0], dtype=torch.int64),
             )
         blocks = self._architecture.filtered(rows.unbind(dim=1))

@@ -15,7 +15,7 @@ import torch
 
 from rans.model.fields import Field
 from rans.policy.adaptation import Rows
-from rans.policy.allocated import SHUT
+from rans.policy.allocated import SHUT, WHEELS
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.capabilities import Capabilities
@@ -120,7 +120,10 @@ def _adapting(
     )
     row = program.joined(*columns)
     shut = program.apply("Identity", estimate.shut, name=SHUT)
-    program.joined(row, shut, name="seen")
+    known = [shut]
+    if estimate.wheels is not None:
+        known.append(program.apply("Identity", estimate.wheels, name=WHEELS))
+    program.joined(row, *known, name="seen")
     features = program.joined(*_normalised_columns(program, architecture, row), name="shown")
     given = command if program.lacks else _commands(program, architecture, None, features, command)
     after = adaptation.next_memory(rows, estimate.memory, given)

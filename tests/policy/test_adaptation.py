@@ -11,9 +11,11 @@ import torch
 from rans.compile.preprocess import compiled_preprocessor
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
+from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
+from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.adaptation import Adaptation
 from rans.policy.any_craft import for_craft
@@ -143,7 +145,8 @@ def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("floating-platform-shared", marks=pytest.mark.slow), "spheres"]
+    "name",
+    [pytest.param("floating-platform-shared", marks=pytest.mark.slow), "spheres", "cubesat-6u"],
 )
 def test_machine_code_estimates_the_same(name: str) -> None:
     pytest.importorskip("llvmlite")
@@ -151,13 +154,59 @@ def test_machine_code_estimates_the_same(name: str) -> None:
     coded = Network(plain.architecture, plain.tensors, preprocessor=compiled_preprocessor)
     random = torch.Generator().manual_seed(3)
     states = [plain.initial_state(40), coded.initial_state(40)]
-    for _ in range(5):
+    # CubeSats check their thrusters for eight periods.
+    for _ in range(12):
         seen = 0.3 * torch.randn(40, plain.architecture.layout.width, generator=random)
         expected, states[0] = plain.deterministic_action(seen, states[0])
         found, states[1] = coded.deterministic_action(seen, states[1])
         # Duty cycles, and roundings of logarithms of odds, up to 20, in float32.
         torch.testing.assert_close(found, expected, atol=1e-3, rtol=0.0)
         torch.testing.assert_close(states[1], states[0], atol=1e-3, rtol=1e-3)
+
+
+def cubesat(dead: int | None) -> tuple[Flight, Adaptation]:
+    """Sixteen flights of cubesat-6u by the adapting agent, with a dead thruster or none, and its estimator."""
+    specialist = contestant("go-to-pose-3d-cubesat-6u")
+    run = for_spacecraft(contestant("adaptive:any-craft-3d"), specialist.craft, specialist.timing)
+    conditions = Conditions()
+    if dead is not None:
+        conditions = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(dead,)))
+    run = run._replace(task=specialist.task, conditions=conditions)
+    assert isinstance(run.controller, Agent)
+    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
+    return flight, run.controller.network.architecture.adaptation
+
+
+def test_momenta_of_wheels_are_those_of_the_engine() -> None:
+    """The engine integrates the torques of wheels; the agent has their commands alone."""
+    flight, own = cubesat(None)
+    rows = TorchRows(torch.zeros(1))
+    memory = torch.zeros(16, own.width)
+    full = np.array([wheel.max_momentum for wheel in flight.craft.wheels])
+    for command, *stores in zip(flight.commands, *flight.states.stores, strict=False):
+        estimate = own.estimated(rows, torch.zeros(16, 6), memory)
+        assert estimate.wheels is not None
+        momenta = estimate.wheels[:, :3].numpy()
+        np.testing.assert_allclose(momenta, np.stack(stores, axis=1) / full, atol=1e-3)
+        # Networks command wheels from 0 to 1.
+        share = np.hstack([command[:, :8], 0.5 + 0.5 * command[:, 8:]])
+        memory = own.next_memory(rows, estimate.memory, torch.tensor(share, dtype=torch.float32))
+
+
+def test_a_cubesat_checks_its_thrusters_first() -> None:
+    flight, _ = cubesat(None)
+    checks, flown = np.split(flight.commands, [8])
+    assert (checks[:, :, :8].sum(axis=2) == 2.0).all()
+    assert (checks[:, :, :8].sum(axis=0) == 2.0).all()
+    assert (checks[:, :, 8:] == 0.0).all()
+    assert flown[0, :, 8:].any()
+
+
+@pytest.mark.slow
+def test_a_cubesat_flies_without_a_thruster_that_no_file_leaves_out() -> None:
+    """Fifteen in a hundred settle without checks and memory of momenta."""
+    flight, _ = cubesat(5)
+    assert {row.name: row for row in measure(flight).rows}["solved"].value > 50.0
 
 
 def solved(spec: str, thruster: int) -> float:

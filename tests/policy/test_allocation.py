@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize
 
 from rans.model.twists import balanced
 from rans.policy.allocated import ON_OFF, choice
@@ -66,6 +66,31 @@ def test_thrust_costs_less_where_thrusters_push_against_each_other() -> None:
     assert max(ratios)[0] > 1.5
     for margin, ratio in ratios:
         assert ratio == pytest.approx(min(1.0, margin**2), abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_limits_and_charges_are_those_of_the_quadratic_program(seed: int) -> None:
+    columns = drawn(seed)
+    random = np.random.default_rng(seed)
+    limits = random.random(len(columns))
+    charges = 0.3 * random.normal(size=len(columns))
+    prices = PRICE * np.hypot(columns[:, 0], columns[:, 1]) + charges
+    for demand in random.normal(size=(6, 3)):
+
+        def cost(u: np.ndarray, demand: np.ndarray = demand) -> float:
+            error = columns.T @ u - demand
+            return float(error @ error + prices @ u)
+
+        bounds = [(0.0, float(limit)) for limit in limits]
+        exact = minimize(cost, 0.5 * limits, bounds=bounds, method="L-BFGS-B")
+        many = np.array(
+            shares(list(demand), columns, PRICE, list(limits), passes=400, charges=list(charges)),
+            dtype=float,
+        )
+        assert (many >= 0.0).all()
+        assert (many <= limits).all()
+        # Both end within their own tolerances of the least cost.
+        assert cost(many) == pytest.approx(exact.fun, abs=1e-5)
 
 
 @pytest.mark.slow

@@ -48,6 +48,7 @@ _LISTS: dict[str, Callable[[Any], Any]] = {
     "nominal": float,
     "bounds": float,
     "authority": float,
+    "filling": float,
     "tokens": lambda row: tuple(map(float, row)),
     "levers": lambda row: tuple(map(float, row)),
 }
@@ -367,6 +368,7 @@ def _check_numbers(architecture: Architecture) -> None:
         "authority": architecture.authority,
         "coast": architecture.coast,
         "farthest": (architecture.farthest, architecture.farthest_lost),
+        "filling": architecture.filling,
         "levers": architecture.levers,
         "clip": architecture.clip,
     }
