@@ -130,6 +130,8 @@ class Adaptation(NamedTuple):
     filling: tuple[float, ...] = ()
     """Part of the momentum at which a wheel is full that its full command adds in a period, for every wheel whose
     momentum is remembered; empty: none is."""
+    has_checks: bool = False
+    """Whether the policy checks the thrusters at the start of an episode."""
 
     @property
     def twist(self) -> int:
@@ -211,13 +213,13 @@ class Adaptation(NamedTuple):
         none = np.zeros((self._hypotheses, 1))
         none[0] = 1.0
         of_none = rows.product(likelihood, none)
-        stays = rows.constant([_REMEMBERED if self.filling else _FORGOTTEN])
+        stays = rows.constant([_REMEMBERED if self.has_checks else _FORGOTTEN])
         (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance, stays])
 
         # The most probable hypothesis; those with every thruster in use are preferred up to a limit of the odds.
         # After checks a weak thruster is not: a lost one that is taken for weak makes the craft too fast.
         shuts = self._works()[: self.thrusters] == _WEAK
-        if self.filling:
+        if self.has_checks:
             favour = np.where(np.arange(self._hypotheses) == 0, _EVIDENCE_OF_CHECKS, 0.0)
         else:
             favour = np.where(shuts.any(axis=0), 0.0, _EVIDENCE)

@@ -234,6 +234,7 @@ def estimator(
     authority: tuple[float, ...],
     keeps_weak: bool = False,
     filling: tuple[float, ...] = (),
+    has_checks: bool = False,
 ) -> Adaptation:
     """Estimator of a spacecraft, for a policy that adapts.
 
@@ -242,6 +243,7 @@ def estimator(
         authority: see `rans.policy.architecture.Architecture.authority`.
         keeps_weak: whether a thruster with half of its force stays in use.
         filling: see `rans.policy.architecture.Architecture`.
+        has_checks: see `rans.policy.adaptation.Adaptation`.
     """
     own = Authority.of_numbers(authority)
     columns = np.array(tokens)[:, :-1]
@@ -256,6 +258,7 @@ def estimator(
         spare(tokens),
         spare(tokens) if keeps_weak else (),
         filling,
+        has_checks,
     )
 
 
@@ -315,7 +318,7 @@ def _checked(
 
     A lost thruster is then known before the craft is faster than it can be stopped by the others.
     """
-    if not remembered:
+    if not has_checks(architecture):
         return commands
     periods = remembered[-1]
     thrusters = _thrusters(architecture.tokens)
@@ -333,6 +336,11 @@ def _checked(
         where(periods < ending, check, command)
         for command, check in zip(commands, checked, strict=True)
     ]
+
+
+def has_checks(architecture: ArchitectureView) -> bool:
+    """Whether a policy checks its thrusters: it remembers momenta, and would fly too fast without one of them."""
+    return bool(architecture.filling) and not architecture.farthest
 
 
 @lru_cache(maxsize=64)

@@ -17,7 +17,7 @@ from rans.policy import authority as of_authority
 from rans.policy import measurement_gate
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import Adaptation
-from rans.policy.allocated import estimator
+from rans.policy.allocated import estimator, has_checks
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.filter_bank import Filters
 from rans.policy.heads import HEADS, Head
@@ -142,7 +142,9 @@ class Architecture:
     @property
     def adaptation(self) -> Adaptation:
         """Estimator of a network that adapts."""
-        return estimator(self.tokens, self.authority, self.farthest_lost > 0.0, self.filling)
+        keeps_weak = self.farthest_lost > 0.0
+        checks = has_checks(self)
+        return estimator(self.tokens, self.authority, keeps_weak, self.filling, checks)
 
     @property
     def columns(self) -> Layout:
