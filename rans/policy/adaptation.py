@@ -55,8 +55,9 @@ _MOST_PERIODS = 1e4
 """Number up to which control periods since the start are counted; checks of thrusters end before."""
 _EVIDENCE = 4.0
 """Logarithm of the odds beyond which a thruster stays shut."""
-_EVIDENCE_OF_CHECKS = 2.5
-"""The same where thrusters are checked at the start, and a loss that is recognized late loses the flight."""
+_EVIDENCE_OF_CHECKS = 1.0
+"""The same over the odds that it is weak, where thrusters are checked at the start: a lost one that is taken for a
+weak one loses the flight."""
 
 Row = TypeVar("Row")
 
@@ -217,12 +218,10 @@ class Adaptation(NamedTuple):
         (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance, stays])
 
         # The most probable hypothesis; those with every thruster in use are preferred up to a limit of the odds.
-        # After checks a weak thruster is not: a lost one that is taken for weak makes the craft too fast.
         shuts = self._works()[: self.thrusters] == _WEAK
+        favour = np.where(shuts.any(axis=0), 0.0, _EVIDENCE)
         if self.has_checks:
-            favour = np.where(np.arange(self._hypotheses) == 0, _EVIDENCE_OF_CHECKS, 0.0)
-        else:
-            favour = np.where(shuts.any(axis=0), 0.0, _EVIDENCE)
+            favour[1:] = np.minimum(favour[1:], _EVIDENCE_OF_CHECKS)
         (favoured,) = rows.computed(lambda a, b: [a + b], [odds, rows.constant(favour)])
         accepted = rows.largest(favoured, self._hypotheses)
         gains = [
