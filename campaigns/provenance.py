@@ -212,7 +212,7 @@ SOURCES: dict[str, Source] = {
         evidence=("craft-bounds.json",),
         quick_seconds=10.0,
     ),
-    "avoid": _mission("avoid", "", " --episodes 64"),
+    "avoid": _mission("avoid", "", " --episodes 64 --bounded 4", 55.0),
     "impulse among zones": Source(
         tables=("impulse among zones",),
         page="missions/avoid.md",
@@ -220,6 +220,7 @@ SOURCES: dict[str, Source] = {
         quick=("python -m campaigns.zones --times 20.2",),
         fewer_rows=True,
         evidence=("avoid-front.json",),
+        quick_seconds=35.0,
     ),
     "dock port": _mission("dock-port", "", " --episodes 64", 130.0),
     "dock": _mission(
