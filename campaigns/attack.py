@@ -24,7 +24,7 @@ from campaigns.guard import MISSIONS, begun, noise_and_delay, setup_of
 from rans.episode import Setup, World, step
 from rans.errors import one_of
 from rans.fast.stepping.step import Backend
-from rans.files import read_json, write_json
+from rans.files import number, read_json, write_json
 from rans.guard.ahead import Ahead
 from rans.guard.expected import Expected
 from rans.model.fields import map_leaves, where
@@ -62,7 +62,7 @@ class Counts(NamedTuple):
     filtered: int
     """Violations behind the filter."""
     least: float
-    """Least margin behind the filter, m or m/s."""
+    """Least margin behind the filter, m or m/s; infinite if no start was safe, a text in a record."""
     expected: int
     """Number of flights whose readings were never off by more than the reserve."""
     filtered_expected: int
@@ -90,7 +90,7 @@ class Counts(NamedTuple):
             sum(flights),
             None if None in unfiltered else sum(unfiltered),
             sum(filtered),
-            min(least),
+            min(map(number, least)),
             sum(expected),
             sum(filtered_expected),
         )

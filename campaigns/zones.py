@@ -1,4 +1,4 @@
-"""Impulse below which no flight passes keep-out zones and stays at the goal: branch and bound (`least_among`).
+"""Impulse below which no flight passes keep-out zones and stays at the goal: branch and bound (`least_to_stay`).
 
 Flight and zones are seen along the way, from the start to the goal. A zone that moves across the way stays at one
 distance along it, which every flight that arrives reaches for the first time at some instant. There the flight is
@@ -33,9 +33,9 @@ from rans.tasks import Avoid
 from rans.verdict import last_fifth
 
 _CAP = 1.0
-"""Speed above which bounds of flights among zones are not asked for, m/s."""
+"""Speed of flights that the branches bound, m/s; faster ones spend at least the mass times it, which is more."""
 _HASTE = 5.0
-"""That speed over the mean one of the straight way, where this is more."""
+"""That speed over the mean one of the straight way, where this gives more: a flight that arrives soon is fast."""
 _NARROW = 1.0 / 64.0
 """Part of the time, or of a turn, that is not halved again."""
 _PROGRAMS = 2000

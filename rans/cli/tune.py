@@ -157,7 +157,7 @@ def _check_is_controller(name: str) -> None:
     if name.startswith("pretrained:") or name in (*pretrained_names(), *missing_agents()):
         raise ConfigError(
             "`rans tune` searches settings of a controller without training, and an agent has none: tune one for "
-            "the agent's task as in `rans tune lqr pretrained:NAME`, or a training's by `rans sweep`."
+            "the agent's task, as in `rans tune lqr pretrained:NAME`; `rans sweep` searches settings of trainings."
         )
     if name.removesuffix("-2d").removesuffix("-3d") in TASKS:
         raise ConfigError(f"{name} is a task: name a controller before it, as in lqr:{name}.")

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from campaigns import attack
-from campaigns.attack import Attack, GradientAttack, Plan, by_search, flown
+from campaigns.attack import Attack, Counts, Flights, GradientAttack, Plan, by_search, flown
 from rans.episode import Setup
+from rans.files import read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import load_task
 
@@ -52,6 +53,14 @@ def test_an_interrupted_attack_goes_on_with_the_next_job(
     assert begun == [0, 1, 2, 0, 1, 2]
     assert results[1] == results[2] != results[0]
     assert "192 flights" in results[1]
+
+
+def test_a_job_without_a_safe_start_comes_back_from_a_record(tmp_path: Path) -> None:
+    empty = Flights(np.zeros(2, bool), np.ones(2), np.zeros(2))
+    found = Counts.of(None, empty)
+    write_json(tmp_path / "record.json", found._asdict())
+    other = Counts(5, None, 1, -0.25, 4, 0)
+    assert Counts.together([Counts(**read_json(tmp_path / "record.json")), other]) == other
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ def _among(*zones: tuple[float, float, float, float]) -> Any:
 
 @pytest.mark.parametrize("speed", [0.0, 0.03])
 def test_two_zones_are_passed_on_the_cheapest_sides_and_instants(speed: float) -> None:
-    """Every pair of sides, and instants a quarter of a second apart: the bound is just below the cheapest."""
+    """Every pair of sides, and instants half a second apart: the bound is just below the cheapest."""
     zones = ((2.6, 0.25, -speed, 0.4), (1.2, -0.2, speed, 0.5))
     one = _among(*zones)
     craft = CRAFT[2]

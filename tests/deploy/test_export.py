@@ -208,7 +208,6 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
         write_export(bare, tmp_path / "again", margins=0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("form", "module"), [("onnx", "onnx"), ("sb3", "stable_baselines3")])
 def test_a_missing_package_is_told_before_any_flight(
     form: str,
@@ -228,6 +227,7 @@ def test_a_missing_package_is_told_before_any_flight(
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_sources_that_is_not_installed(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
