@@ -91,7 +91,7 @@ def in_present_words(name: str, arguments: Sequence[str]) -> list[str]:
     """Arguments of a command, whose former options become present words, with a warning of each.
 
     Raises:
-        ConfigError: a former option and its present one are both among them.
+        ConfigError: a former option is among them with its present one, or with another former one of that.
     """
     table = {}
     for text, words in FORMER_WORDS.get(name, {}).items():
@@ -109,9 +109,9 @@ def in_present_words(name: str, arguments: Sequence[str]) -> list[str]:
         if value and not equals:
             own = rest.popleft()
         is_option = words.startswith("--")
-        _warn(
-            name, option, f"write {words}" if is_option else f"write rans {name} {words}", arguments
-        )
+        advice = f"write {words}" if is_option else f"write rans {name} {words}"
+        # Two former options may have become one, which takes one value.
+        _warn(name, option, advice, [*result, *rest])
         present = [part.replace(value, own) if value else part for part in words.split()]
         result = [*result, *present] if is_option else [*present, *result]
     return result

@@ -9,6 +9,7 @@ import pytest
 
 from rans.cli import _parse, main
 from rans.cli.options import in_present_words, with_numbers_named
+from rans.errors import ConfigError
 from tests.support.command_runs import tiny
 
 
@@ -61,6 +62,15 @@ def test_former_options_become_present_words(former: str, present: str) -> None:
     name, *words = former.split()
     with pytest.warns(DeprecationWarning, match=f"of rans {name} is deprecated"):
         assert in_present_words(name, words) == present.split()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize(
+    "words", ["--video a.mp4 --frames a.png", "--frames a.png --save a.mp4", "--save a --frames b"]
+)
+def test_a_present_option_has_one_value(words: str) -> None:
+    with pytest.raises(ConfigError, match=r"--frames is the former word of --save"):
+        in_present_words("view", ["a", *words.split()])
 
 
 def test_words_that_are_no_former_options_stay() -> None:
