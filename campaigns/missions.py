@@ -21,6 +21,7 @@ import tyro
 from campaigns import standings
 from campaigns.command import ended
 from campaigns.markdown import Table
+from campaigns.ports import least_to_dock
 from campaigns.zones import least_to_stay
 from rans.errors import ConfigError, SolverFailed
 from rans.evaluation.compare.transfers import transfer_bounds
@@ -29,12 +30,10 @@ from rans.evaluation.measure.metrics import impulses, solved
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
-from rans.model.dynamics import State
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate import hull
 from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.landing_guidance import LandingGuidance
@@ -77,10 +76,6 @@ _WITHOUT_TRAINING = "avoid", "dock-port"
 """Missions that controllers without training fly too."""
 _PREDICTED = 8
 """Number of starts of MPC, which solves an optimal control problem in every period."""
-_SPANS = 20
-"""Number of spans of an episode in which a craft may enter the cone of a port, or dock."""
-_CAP = 0.5
-"""Change of velocity beyond which bounds of docking at a port are not asked for, m/s."""
 _LANDED: dict[str, dict[str, Any]] = {
     "": {},
     "moon": {
@@ -426,64 +421,6 @@ def _least_impulse(
         else:
             found.append(least_to_stay(craft, task, one, timing))
     return np.array(found)
-
-
-def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:
-    """Impulse below which no flight docks at a port from a start at rest, N s; attitude and ball are left out.
-
-    Before it docks, a flight enters the sphere of the cone's length around its apex through the cone's mouth.
-    Spans of time are tried for both, and the least bound counts. A flight whose changes of velocity are less than
-    `_CAP` is no faster than that, so that at the first check behind the mouth it is near it; for all others the
-    bound is what such a change costs.
-    """
-    start: Any = one.start
-    goal: Any = one.goal
-    mouths, ports = port_waypoints(task, goal, timing)
-    at = np.array([float(x) for x in start.p.columns()])
-    apex = np.array([float(x) for x in goal.p.columns()])
-    apex *= 1.0 - task.cone_depth / task.standoff
-    if float(np.linalg.norm(at - apex)) <= task.cone_length:
-        ways = [[port] for port in ports]
-    else:
-        ways = [[mouths[k], port] for j, port in enumerate(ports) for k in range(j + 1)]
-    least = min(hull.least_impulse_through(craft, start, way) for way in ways)
-    return min(least, craft.mass * _CAP)
-
-
-def port_waypoints(
-    task: DockPort, goal: State, timing: Timing
-) -> tuple[list[hull.Waypoint], list[hull.Waypoint]]:
-    """Parts of balls that contain the mouth of the cone, and the docked position, in every span of an episode.
-
-    The mouth is as it is at the first check behind it, of a craft of at most `_CAP` m/s.
-
-    Args:
-        task: of which the settings count.
-        goal: docked state at the start, of floats.
-        timing: control period, checks and length of the episode.
-    """
-    period = timing.control_period
-    rate = math.hypot(*(float(x) for x in goal.spin()))
-    edges = np.linspace(0.0, period * timing.episode_steps, _SPANS + 1)
-    half = 0.5 * (edges[1] - edges[0])
-    late = (_CAP + rate * task.standoff) * period / timing.checks
-    # The mouth is in a ball about the middle of its rim, and ahead of the rim's plane.
-    narrow = task.cone_half_angle
-    apex = task.standoff - task.cone_depth
-    middle = apex + task.cone_length * math.cos(narrow)
-    rim = task.cone_length * math.sin(narrow) + late + rate * middle * half
-    turned = min(rate * half, math.pi - narrow)
-    plane = apex * math.cos(turned) + task.cone_length * math.cos(narrow + turned) - late
-    near = task.tolerances()["position"] + rate * task.standoff * half
-    mouths = []
-    ports = []
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        then: Any = task.later(goal, 0.5 * (first + last))
-        place = np.array([float(x) for x in then.p.columns()])
-        out = place / np.linalg.norm(place)
-        mouths.append(hull.Waypoint(first, last, middle * out, rim, out, middle - plane))
-        ports.append(hull.Waypoint(first, last, place, near))
-    return mouths, ports
 
 
 def _spent(flight: Flight) -> np.ndarray:

@@ -222,6 +222,15 @@ SOURCES: dict[str, Source] = {
         evidence=("avoid-front.json",),
         quick_seconds=35.0,
     ),
+    "impulse to the port": Source(
+        tables=("impulse to the port",),
+        page="missions/dock-port.md",
+        commands=("python -m campaigns.ports",),
+        quick=("python -m campaigns.ports --times 14",),
+        fewer_rows=True,
+        evidence=("dock-port-front.json",),
+        quick_seconds=48.0,
+    ),
     "dock port": _mission("dock-port", "", " --episodes 64", 130.0),
     "dock": _mission(
         "dock",

@@ -21,14 +21,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from campaigns.command import ended
-from campaigns.markdown import Table
-from rans.api.limits import optimal_trajectory
-from rans.files import number, read_json, write_json
+from campaigns.front import Front
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate import hull
-from rans.scenario import EVALUATION_SEED, Scenario, scenario
+from rans.scenario import Scenario
 from rans.tasks import Avoid
 from rans.verdict import last_fifth
 
@@ -67,10 +64,6 @@ class _Passing(NamedTuple):
     half: float
     """Half of the sector, rad."""
 
-
-_COMMAND = "python -m campaigns.zones"
-_FILE = "validation/avoid-front.json"
-_CRAFT = "floating-platform"
 
 _Branch = tuple[_Passing | None, ...]
 """What is asked of a flight at each zone; None: nothing."""
@@ -229,8 +222,15 @@ def _in_order(branch: _Branch, time: float) -> _Branch | None:
     return tuple(cut)
 
 
+def _least_at(craft: Spacecraft, task: Avoid, one: Scenario, time: float) -> float:
+    return least_to_stay(craft, task, one, task.timing, time)
+
+
+FRONT = Front("avoid", "python -m campaigns.zones", "at the goal by", _least_at)
+
+
 @dataclass(frozen=True)
-class Front:
+class Zones:
     """Impulse against time among zones: bound, and the best of optimal trajectories to rest at the goal."""
 
     times: tuple[float, ...] = (8.0, 12.0, 20.2)
@@ -241,47 +241,15 @@ class Front:
     """Guesses of each trajectory."""
 
     def run(self) -> int:
-        """Write the file and the table; 1 if a flight is below its bound."""
-        docs = Path("docs")
-        task = Avoid().for_evaluation()
-        assert isinstance(task, Avoid)
-        craft = load_spacecraft(_CRAFT)
-        rows = []
-        for time in self.times:
-            for k in range(self.starts):
-                one = scenario(task, craft.dimension, EVALUATION_SEED, k)
-                found = optimal_trajectory(
-                    "avoid", craft, start=k, horizon=time, guesses=self.guesses
-                )
-                spent = found.trajectory.cost if found.trajectory.solved else math.inf
-                bound = least_to_stay(craft, task, one, task.timing, time)
-                rows.append({"time": time, "start": k, "bound": bound, "flight": spent})
-        write_json(docs / _FILE, {"rows": rows})
-        in_document(docs).write(docs)
-        return int(any(row["flight"] < row["bound"] for row in rows))
-
-
-def in_document(docs: Path) -> Table:
-    """Means over the starts that have a trajectory."""
-    found: dict[float, list[tuple[float, float]]] = {}
-    for row in read_json(docs / _FILE)["rows"]:
-        found.setdefault(row["time"], []).append((row["bound"], number(row["flight"])))
-    lines = []
-    for time, pairs in found.items():
-        solved = np.array([pair for pair in pairs if math.isfinite(pair[1])])
-        bound, flight = solved.mean(axis=0)
-        least = (solved[:, 0] / solved[:, 1]).min()
-        cells = f"{bound:.2f} N s", f"{flight:.2f} N s", f"{bound / flight:.2f} (≥ {least:.2f})"
-        lines.append([f"{time:g} s", f"{len(solved)} of {len(pairs)}", *cells])
-    headings = "at the goal by", "starts", "proven bound", "optimal trajectory", "bound over it"
-    return Table("missions/avoid.md", _COMMAND, headings, lines, "")
+        """Write the file and the table; 1 if a trajectory is below its bound."""
+        return FRONT.measure(Path("docs"), self.times, self.starts, self.guesses)
 
 
 def main() -> int:
     """Parse and run."""
     import tyro
 
-    return tyro.cli(Front).run()
+    return tyro.cli(Zones).run()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Bounds of dock-port: attacks by flights that may change their velocity at once."""
+"""Bounds of docking at a port: attacks by flights that may change their velocity at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from campaigns.missions import least_to_dock, port_waypoints
+from campaigns.ports import least_to_dock, least_to_dock_at, port_waypoints
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
 from rans.tasks import DockPort
@@ -45,6 +45,40 @@ def test_no_change_of_velocity_docks_below_the_bound(rate: float, episode: int) 
     cheapest = float(spent.min())
     assert bound <= cheapest
     assert rate > 3.0 or bound >= 0.6 * cheapest
+
+
+@pytest.mark.parametrize("time", [8.0, 20.0])
+@pytest.mark.parametrize("rate", [0.0, 3.0, 15.0])
+@pytest.mark.parametrize("episode", range(4))
+def test_no_change_of_velocity_docks_at_a_time_below_the_bound(
+    rate: float, episode: int, time: float
+) -> None:
+    """Through a point of the mouth to anywhere within 2 cm of the port, and there to within 5 cm/s of its velocity.
+
+    The cheapest of many such flights is above the bound, and not far above it.
+    """
+    task = replace(DockPort(), port_rate=(math.radians(rate),) * 2)
+    one = scenario(task, 2, 7, episode)
+    start: Any = one.start
+    goal: Any = one.goal
+    bound = least_to_dock_at(PLATFORM, task, one, task.timing, time)
+    random = np.random.default_rng(episode)
+    count = 400_000
+    enter = time * random.uniform(0.05, 1.0, count)
+    spin = float(goal.w)
+    bearing = math.atan2(float(goal.p.y), float(goal.p.x))
+    port = 0.65 * np.exp(1j * (bearing + spin * time))
+    moving = 1j * spin * port
+    beside = 0.02 * np.exp(1j * random.uniform(0.0, 2.0 * math.pi, count))
+    aside = np.radians(random.choice([-30.0, 0.0, 30.0], count) * random.random(count) ** 0.1)
+    mouth = (0.55 + np.exp(1j * aside)) * np.exp(1j * (bearing + spin * enter))
+    first = (mouth - complex(start.p.x, start.p.y)) / enter
+    second = (port + beside - mouth) / (time - enter)
+    braked = np.maximum(0.0, np.abs(moving - second) - 0.05)
+    spent = PLATFORM.mass * (np.abs(first) + np.abs(second - first) + braked)
+    cheapest = float(spent.min())
+    assert bound <= cheapest
+    assert bound >= 0.8 * cheapest
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -1,0 +1,171 @@
+"""Impulse below which no flight docks at a port: through the mouth of its cone, by `hull.least_impulse_through`.
+
+``python -m campaigns.ports`` holds optimal trajectories against it, by when they dock.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from campaigns.command import ended
+from campaigns.front import Front
+from rans.model.dynamics import State
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.certificate import hull
+from rans.scenario import Scenario
+from rans.tasks import DockPort
+
+_SPANS = 20
+"""Number of spans of an episode in which a craft may enter the cone of a port, or dock."""
+_CAP = 0.5
+"""Change of velocity beyond which bounds of docking at a port are not asked for, m/s."""
+_FRONT_SPANS = 60
+"""Number of spans before a given time of docking."""
+_FRONT_CAPS = (0.5, 1.0, 2.0)
+"""Changes of velocity beyond which bounds are not asked for, where the time of docking is given, m/s."""
+_DRIFT = 10.0
+"""How long a docked craft is followed that drifts on, over the time of docking."""
+
+
+def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:
+    """Impulse below which no flight docks at a port from a start at rest, N s; attitude and ball are left out.
+
+    Before it docks, a flight enters the sphere of the cone's length around its apex through the cone's mouth.
+    Spans of time are tried for both, and the least bound counts. A flight whose changes of velocity are less than
+    `_CAP` is no faster than that, so that at the first check behind the mouth it is near it; for all others the
+    bound is what such a change costs.
+    """
+    start: Any = one.start
+    goal: Any = one.goal
+    mouths, ports = port_waypoints(task, goal, timing)
+    if _begins_inside(task, one):
+        ways = [[port] for port in ports]
+    else:
+        ways = [[mouths[k], port] for j, port in enumerate(ports) for k in range(j + 1)]
+    least = min(hull.least_impulse_through(craft, start, way) for way in ways)
+    return min(least, craft.mass * _CAP)
+
+
+def least_to_dock_at(
+    craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing, time: float
+) -> float:
+    """Impulse below which no flight from rest docks at a given time, N s; attitude and ball are left out.
+
+    A flight that has docked may drift on without impulse. It is then as near to where the docked position would
+    drift as the tolerances of position and velocity allow, which bounds its velocity at docking. The mouth of the
+    cone is as in `least_to_dock`; the largest bound of several caps counts.
+    """
+    start: Any = one.start
+    docked: Any = task.later(one.goal, time)
+    position, velocity = (
+        np.array([float(x) for x in column.columns()]) for column in (docked.p, docked.v)
+    )
+    near = task.tolerances()
+    drift = _DRIFT * time
+    far = near["position"] + drift * near["velocity"]
+    ends = [
+        hull.Waypoint(time, time, position, near["position"]),
+        hull.Waypoint(time + drift, time + drift, position + drift * velocity, far),
+    ]
+    if _begins_inside(task, one):
+        return hull.least_impulse_through(craft, start, ends)
+    bounds = []
+    for cap in _FRONT_CAPS:
+        mouths, _ = port_waypoints(task, one.goal, timing, time, _FRONT_SPANS, cap)
+        least = min(hull.least_impulse_through(craft, start, [mouth, *ends]) for mouth in mouths)
+        bounds.append(min(least, craft.mass * cap))
+    return max(bounds)
+
+
+def _begins_inside(task: DockPort, one: Scenario) -> bool:
+    """Whether the start is in the sphere of the cone's length around its apex."""
+    start: Any = one.start
+    goal: Any = one.goal
+    at = np.array([float(x) for x in start.p.columns()])
+    apex = np.array([float(x) for x in goal.p.columns()])
+    apex *= 1.0 - task.cone_depth / task.standoff
+    return float(np.linalg.norm(at - apex)) <= task.cone_length
+
+
+def port_waypoints(
+    task: DockPort,
+    goal: State,
+    timing: Timing,
+    until: float | None = None,
+    spans: int = _SPANS,
+    cap: float = _CAP,
+) -> tuple[list[hull.Waypoint], list[hull.Waypoint]]:
+    """Parts of balls that contain the mouth of the cone, and the docked position, in every span of an episode.
+
+    The mouth is as it is at the first check behind it, of a craft that is no faster than a cap.
+
+    Args:
+        task: of which the settings count.
+        goal: docked state at the start, of floats.
+        timing: control period, checks and length of the episode.
+        until: end of the last span, s; None: that of the episode.
+        spans: number of spans.
+        cap: speed of the craft at most, m/s.
+    """
+    period = timing.control_period
+    rate = math.hypot(*(float(x) for x in goal.spin()))
+    edges = np.linspace(0.0, until or period * timing.episode_steps, spans + 1)
+    half = 0.5 * (edges[1] - edges[0])
+    late = (cap + rate * task.standoff) * period / timing.checks
+    # The mouth is in a ball about the middle of its rim, and ahead of the rim's plane.
+    narrow = task.cone_half_angle
+    apex = task.standoff - task.cone_depth
+    middle = apex + task.cone_length * math.cos(narrow)
+    rim = task.cone_length * math.sin(narrow) + late + rate * middle * half
+    turned = min(rate * half, math.pi - narrow)
+    plane = apex * math.cos(turned) + task.cone_length * math.cos(narrow + turned) - late
+    near = task.tolerances()["position"] + rate * task.standoff * half
+    mouths = []
+    ports = []
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        then: Any = task.later(goal, 0.5 * (first + last))
+        place = np.array([float(x) for x in then.p.columns()])
+        out = place / np.linalg.norm(place)
+        mouths.append(hull.Waypoint(first, last, middle * out, rim, out, middle - plane))
+        ports.append(hull.Waypoint(first, last, place, near))
+    return mouths, ports
+
+
+def _least_at(craft: Spacecraft, task: DockPort, one: Scenario, time: float) -> float:
+    return least_to_dock_at(craft, task, one, task.timing, time)
+
+
+FRONT = Front("dock-port", "python -m campaigns.ports", "docks at", _least_at)
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Impulse against time of docking: bound, and the best of optimal trajectories that dock exactly."""
+
+    times: tuple[float, ...] = (14.0, 20.0, 30.0)
+    """When the flight docks, s."""
+    starts: int = 4
+    """The first starts of the evaluation."""
+    guesses: int = 8
+    """Guesses of each trajectory."""
+
+    def run(self) -> int:
+        """Write the file and the table; 1 if a trajectory is below its bound."""
+        return FRONT.measure(Path("docs"), self.times, self.starts, self.guesses)
+
+
+def main() -> int:
+    """Parse and run."""
+    import tyro
+
+    return tyro.cli(Ports).run()
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("ports", main))
