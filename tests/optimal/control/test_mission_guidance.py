@@ -128,6 +128,7 @@ def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
 def test_a_craft_that_is_slower_for_its_errors_docks_before_the_deadline() -> None:
     """The mission plans these arrivals in the last ten seconds, for a craft 3.5 % nearer to the speed limit."""
     task = Dock().for_evaluation()
+    assert isinstance(task, Dock)
     expected = Conditions(
         thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
         sensors=SensorsConditions(
