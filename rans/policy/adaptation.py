@@ -48,7 +48,8 @@ _OVERLAP = 0.5
 _FORGOTTEN = 0.99
 """Part of the odds that stays from period to period."""
 _REMEMBERED = 0.998
-"""The same where thrusters are checked at the start: a lost one must not be tried again near the goal."""
+"""The same where thrusters are checked at the start: a lost one must not be tried again near the goal. At 0.99 45 %
+of 64 flights of cubesat-6u with a dead thruster settle, at 0.998 and at 1 69 %."""
 _ODDS = -6.0, 20.0
 """Range of the logarithm of the odds of a lost thruster over none."""
 _MOST_PERIODS = 1e4
@@ -57,7 +58,8 @@ _EVIDENCE = 4.0
 """Logarithm of the odds beyond which a thruster stays shut."""
 _EVIDENCE_OF_CHECKS = 1.0
 """The same over the odds that it is weak, where thrusters are checked at the start: a lost one that is taken for a
-weak one loses the flight."""
+weak one loses the flight. At 0 more flights of CubeSats with a weak thruster are lost, at 2 more with a dead one
+(docs/decisions/lost_thrusters.md)."""
 
 Row = TypeVar("Row")
 
