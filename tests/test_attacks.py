@@ -116,7 +116,7 @@ def test_what_is_short_is_shown_whole() -> None:
         f"ppo.layers={[8] * 33}",
         "ppo.n_envs=18446744073709551616",
         "ppo.batch_size=18446744073709551616",
-        "ppo.memory.history=18446744073709551616",
+        "ppo.memory.kind=history;ppo.memory.history=18446744073709551616",
         "ppo.n_epochs=18446744073709551616",
         "threads=9999999999",
         "threads=18446744073709551616",
@@ -128,10 +128,9 @@ def test_what_is_short_is_shown_whole() -> None:
     ],
 )
 def test_numbers_that_no_machine_holds(capsys: pytest.CaptureFixture[str], change: str) -> None:
-    key = change.partition("=")[0].rpartition(".")[2]
-    sentence = said(
-        capsys, "train", "go-to-pose", "--device", "cpu", "--output", "run", "--set", change
-    )
+    key = change.rpartition("=")[0].rpartition(".")[2]
+    options = [word for one in change.split(";") for word in ("--set", one)]
+    sentence = said(capsys, "train", "go-to-pose", "--device", "cpu", "--output", "run", *options)
     assert f"{key} must be" in sentence
     assert not Path("run").exists()
 

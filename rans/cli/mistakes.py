@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import takewhile
@@ -19,7 +18,7 @@ from tyro.conf import Positional
 from rans.cli.options import former, option_name
 from rans.errors import ConfigError, brief, meant
 from rans.files import read_text
-from rans.structure import LARGEST_TOML
+from rans.structure import LARGEST_TOML, read_toml
 
 COMMAND_NAMES = {
     "benchmarks": "benchmark",
@@ -230,7 +229,7 @@ def _craft_of(text: str) -> tuple[str, str]:
     if first in ("", "pretrained", "adaptive", "lookahead"):
         if last in pretrained_names():
             file = pretrained_folder(last) / "spacecraft.toml"
-            return "an agent", craft or tomllib.loads(read_text(file, LARGEST_TOML))["name"]
+            return "an agent", craft or read_toml(read_text(file, LARGEST_TOML))["name"]
         if last in missing_agents():
             return "an agent", craft
     if re.sub("-[23]d$", "", last) in TASKS:
