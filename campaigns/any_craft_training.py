@@ -896,8 +896,8 @@ def train(
 class _Gradients:
     """Gradients of the cost of batches, by one kind of thruster.
 
-    On a GPU the operations of a flight and of its gradient are recorded once and replayed: they are so short that
-    launching them one by one takes three times as long.
+    On a GPU the operations of a flight and of its gradient are recorded once and replayed, because most of them
+    are shorter than their launch.
     """
 
     def __init__(

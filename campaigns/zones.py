@@ -32,7 +32,7 @@ from rans.verdict import last_fifth
 _CAP = 1.0
 """Speed of flights that the branches bound, m/s; faster ones spend at least the mass times it, which is more."""
 _HASTE = 5.0
-"""That speed over the mean one of the straight way, where this gives more: a flight that arrives soon is fast."""
+"""Bounded flights are up to so many times as fast as the mean of the straight way: who arrives soon is fast."""
 _NARROW = 1.0 / 64.0
 """Part of the time, or of a turn, that is not halved again."""
 _PROGRAMS = 2000

@@ -48,8 +48,9 @@ _OVERLAP = 0.5
 _FORGOTTEN = 0.99
 """Part of the odds that stays from period to period."""
 _REMEMBERED = 0.998
-"""The same where thrusters are checked at the start: a lost one must not be tried again near the goal. At 0.99 45 %
-of 64 flights of cubesat-6u with a dead thruster settle, at 0.998 and at 1 69 %."""
+"""Part of the odds that stays from period to period where thrusters are checked at the start: a lost one must not
+be tried again near the goal. At 0.99 45 % of 64 flights of cubesat-6u with a dead thruster settle, at 0.998 and at
+1 69 %."""
 _ODDS = -6.0, 20.0
 """Range of the logarithm of the odds of a lost thruster over none."""
 _MOST_PERIODS = 1e4
@@ -57,9 +58,9 @@ _MOST_PERIODS = 1e4
 _EVIDENCE = 4.0
 """Logarithm of the odds beyond which a thruster stays shut."""
 _EVIDENCE_OF_CHECKS = 1.0
-"""The same over the odds that it is weak, where thrusters are checked at the start: a lost one that is taken for a
-weak one loses the flight. At 0 more flights of CubeSats with a weak thruster are lost, at 2 more with a dead one
-(docs/decisions/lost_thrusters.md)."""
+"""Logarithm of the odds of a lost over a weak thruster beyond which it stays shut, where thrusters are checked at
+the start: a lost one that is taken for a weak one loses the flight. At 0 more flights of CubeSats with a weak
+thruster are lost, at 2 more with a dead one (docs/decisions/lost_thrusters.md)."""
 
 Row = TypeVar("Row")
 
@@ -107,7 +108,7 @@ class Estimate(NamedTuple, Generic[Row]):
 
     @property
     def known(self) -> list[Row]:
-        """What the allocation is given."""
+        """Rows that the allocation is given: `shut`, and `wheels` if they are remembered."""
         return [self.shut] if self.wheels is None else [self.shut, self.wheels]
 
 
@@ -168,8 +169,8 @@ class Adaptation(NamedTuple):
         ]
 
     @property
-    def known(self) -> int:
-        """Numbers that the allocation is given: of `Estimate.shut` and `Estimate.wheels`."""
+    def known_width(self) -> int:
+        """Numbers of `Estimate.known`."""
         return self.thrusters + sum(self._remembered)
 
     @property

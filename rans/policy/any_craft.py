@@ -159,11 +159,6 @@ def _farthest_lost(
     return min((bound for bound in bounds if bound > 0.0), default=0.0)
 
 
-def _filling(craft: Spacecraft, period: float) -> tuple[float, ...]:
-    """See `rans.policy.architecture.Architecture`."""
-    return tuple(period * one.max_torque / one.max_momentum for one in craft.wheels)
-
-
 def _speed_of_full_wheels(craft: Spacecraft) -> float:
     """Speed, m/s, at which a wheel is full after a push along the worst axis, with the best choice of thrusters."""
     from scipy.optimize import linprog
@@ -243,6 +238,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     tokens = effects(craft, period)
     bound = farthest(craft, own)
     farthest_lost = _farthest_lost(craft, own, tokens) if old.adapts else 0.0
+    fills_up = old.adapts and max(bound, farthest_lost) > 0.0
     new = replace(
         old,
         thrusters=len(craft.commands),
@@ -252,7 +248,9 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         coast=coast(craft, bound),
         farthest=bound,
         farthest_lost=farthest_lost,
-        filling=_filling(craft, period) if old.adapts and max(bound, farthest_lost) > 0.0 else (),
+        filling=tuple(
+            period * one.max_torque / one.max_momentum for one in craft.wheels if fills_up
+        ),
     )
     tensors = {
         name: x

@@ -234,7 +234,7 @@ class Architecture:
     def preprocessed_width(self) -> int:
         """Numbers of a filtered observation: columns as read and as each filter has them, or what is estimated."""
         if self.adapts:
-            return self.column_count + self.adaptation.known
+            return self.column_count + self.adaptation.known_width
         return len(self.extra_columns) * self.column_count + sum(self.extra_columns)
 
     @property

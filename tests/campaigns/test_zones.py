@@ -75,7 +75,7 @@ def test_two_zones_are_passed_on_the_cheapest_sides_and_instants(speed: float) -
 
 
 def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
-    """Beside the way, behind the start, and one that moves along it, which is left out."""
+    """Zones beside the way, behind the start, and one that moves along the way, which the bound leaves out."""
     free = least_to_stay(CRAFT[2], TASK, _among(), TIMING)
     for zone in ((2.0, 1.0, 0.0, 0.5), (5.0, 0.0, 0.0, 0.5), (-1.0, 0.0, 0.0, 0.5)):
         bound = least_to_stay(CRAFT[2], TASK, _among(zone), TIMING)
@@ -155,7 +155,7 @@ def test_no_change_of_velocity_passes_below_the_bound(
 
 
 def test_no_optimal_trajectory_is_below_the_bound() -> None:
-    """Of thrusters that open partly, to rest at the third start's goal; it turns too, which the bound leaves out.
+    """Optimal trajectories of thrusters that open partly, to rest at the third start's goal, do not beat the bound.
 
     The sooner it rests there, the more it spends, and so does the bound.
     """

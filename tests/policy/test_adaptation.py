@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
+from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.adaptation import Adaptation
@@ -228,3 +230,15 @@ def test_a_dead_thruster_that_no_file_states() -> None:
 def test_others_do_not_adapt(spec: str) -> None:
     with pytest.raises(ConfigError, match="adaptive:any-craft-2d"):
         contestant(spec)
+
+
+@pytest.mark.parametrize("filling", [(0.2,), (0.2, 0.2, 0.0), (0.2, 0.2, -0.2)])
+def test_files_whose_wheels_fill_up_otherwise_are_refused(
+    tmp_path: Path, filling: tuple[float, ...]
+) -> None:
+    plain = network("cubesat-6u")
+    damaged = replace(plain.architecture, filling=filling)
+    file = tmp_path / "agent.safetensors"
+    file.write_bytes(actor_bytes(damaged, plain.member(0), 0))
+    with pytest.raises(ConfigError, match="filling"):
+        read_policy(file)

@@ -412,7 +412,7 @@ class MessagePilot:
         return [topic for topic, part in self._parts.items() if part.moment is None]
 
     def _no_state(self, missing: list[str], now: int, age: float) -> str:
-        """That no reading came on topics for so many s, and the usual cause."""
+        """Sentence that no reading has come on the missing topics for an age in s, with the usual cause."""
         causes = self._causes(missing, now)
         came = [topic for topic in self._parts if topic not in missing]
         robot = self.plan.robot

@@ -26,6 +26,7 @@ from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import PPOSettings
 from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.allocated import wheels
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.authority import DIMENSIONS, width
 from rans.policy.backbone_registry import ATTENTION, BACKBONES
@@ -343,6 +344,13 @@ def _check_craft(architecture: Architecture) -> None:
             )
     elif architecture.adapts:
         raise ValueError("it adapts, but knows no authority of its spacecraft")
+    if architecture.filling:
+        turning = len(wheels(architecture.tokens))
+        is_positive = all(x > 0.0 for x in architecture.filling)
+        if not architecture.adapts or len(architecture.filling) != turning or not is_positive:
+            raise ValueError(
+                "its filling is not a number above 0 for each wheel of one that adapts"
+            )
     if architecture.last.is_advised:
         first, last = architecture.columns.advice
         if (
