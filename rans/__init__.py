@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from rans import display
+from rans.abilities import PUBLIC, sentence_of_absent
 from rans.api import (
     Agent,
     assure,
@@ -282,11 +283,17 @@ def __getattr__(name: str) -> Any:
         return package_version("rans")
     if name in _LAZY:
         return getattr(importlib.import_module(_LAZY[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name.startswith("_"):  # Python and notebooks ask for names such as __path__
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in PUBLIC:
+        return PUBLIC[name]
+    raise AttributeError(
+        sentence_of_absent(name, f"rans.{name}") or f"module {__name__!r} has no attribute {name!r}"
+    )
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted({*__all__, *PUBLIC})
 
 
 def _as_html(value: Any) -> str:

@@ -37,6 +37,7 @@ LAYERS: list[set[str]] = [
     },
     {"rans.files", "rans.renamed"},
     {"rans.registry", "rans.structure", "rans.archives"},
+    {"rans.abilities"},
     {"rans.executors"},
     {"rans.processes"},
     {"rans.model", "rans.pretrained"},

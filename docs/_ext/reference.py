@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import inspect
 import json
 import re
@@ -21,8 +20,7 @@ from task_pictures import save_task_picture
 
 import rans
 from rans.api.judging import FAULT_COLUMNS
-from rans.cli import COMMANDS
-from rans.cli.help import EXAMPLES, GROUPS, GUIDES
+from rans.cli.commands import COMMANDS
 from rans.cli.options import EVERYWHERE, is_in_help
 from rans.display import default, meanings
 from rans.drawing import draw_layout, save_picture
@@ -124,23 +122,20 @@ def commands_page() -> str:
         "",
         table(("option", "meaning"), [(f"`{name}`", text) for name, text in EVERYWHERE.items()]),
     ]
-    grouped = [name for names in GROUPS.values() for name in names]
-    rest = tuple(name for name in COMMANDS if name not in grouped)
-    for title, names in (*GROUPS.items(), ("More", rest)):
-        if names:
-            lines += ["", f"## {title}"]
-        for name in names:
-            lines += ["", *_command(name)]
+    for title in dict.fromkeys(command.group for command in COMMANDS.values()):
+        lines += ["", f"## {title}"]
+        for name, command in COMMANDS.items():
+            if command.group == title:
+                lines += ["", *_command(name)]
     return "\n".join(lines) + "\n"
 
 
 def _command(name: str) -> Iterable[str]:
-    command = getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize())
+    command: Any = COMMANDS[name]
     yield f"### rans {name}"
     yield ""
     yield inspect.cleandoc(command.__doc__ or "")
-    if name in EXAMPLES:
-        yield from ("", "```", *EXAMPLES[name], "```")
+    yield from ("", "```", *command.examples, "```")
     hints = typing.get_type_hints(command, include_extras=True)
     texts = meanings(command)
     rows = []
@@ -156,8 +151,8 @@ def _command(name: str) -> Iterable[str]:
         rows.append((f"`{option}`", text))
     yield ""
     yield table(("option", "meaning"), rows)
-    if name in GUIDES:
-        yield f"Guide: [{GUIDES[name]}](../{GUIDES[name]}.md)"
+    page = command.guide.removeprefix("docs/")
+    yield f"Guide: [{page.removesuffix('.md')}](../{page})"
 
 
 def _value(name: str, hint: Any) -> tuple[str, bool]:

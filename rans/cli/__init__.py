@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import os
 import sys
@@ -15,6 +14,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rans.abilities import sentence_of_absent
+from rans.cli.commands import COMMANDS, divides_work
 from rans.cli.gpus import leave_sentence, on_gpus, without_gpus
 from rans.errors import (
     EXTRAS,
@@ -34,34 +35,6 @@ from rans.renamed import DEPRECATED
 
 STARTED = time.monotonic()
 """Start of this process, s, from which commands report their wall time."""
-COMMANDS = (
-    "train",
-    "sweep",
-    "evaluate",
-    "follow",
-    "view",
-    "optimal",
-    "compare",
-    "stress",
-    "assure",
-    "prove",
-    "report",
-    "export",
-    "fly",
-    "twin",
-    "replay",
-    "identify",
-    "validate",
-    "benchmark",
-    "reproduce",
-    "faults",
-    "init",
-    "tune",
-    "list",
-)
-_DIVIDED = ("evaluate", "follow", "compare", "stress", "assure", "optimal", "prove")
-"""Commands that divide their work among processes, so that --executor is for them."""
-
 _LONGEST = 5000
 """Characters of a sentence; ours leave out what would make them longer."""
 _ABOUT = """Train agents that fly thruster-driven spacecraft, check them in Drake, and compare them with
@@ -178,10 +151,11 @@ def _run(arguments: list[str]) -> int:
     if executor is not None and hasattr(command, "executor"):
         command = replace(command, executor=executor)
         executor = None
-    if executor is not None and arguments[0] not in _DIVIDED:
+    if executor is not None and not divides_work(command):
+        divided = [name for name, each in COMMANDS.items() if divides_work(each)]
         raise ConfigError(
             f"rans {arguments[0]} does not divide its work, so that --executor is not for it; it is for "
-            f"{', '.join((*_DIVIDED, 'reproduce'))}."
+            f"{', '.join((*divided, 'reproduce'))}."
         )
     if "--trust" in arguments:
         trust_files()
@@ -229,17 +203,17 @@ def _parse(arguments: list[str]) -> Any:
     if arguments[0] not in COMMANDS and (
         not arguments[0].startswith("-") or bare in (*COMMANDS, *COMMAND_NAMES)
     ):
+        absent = sentence_of_absent(bare, f"rans {bare}")
+        if absent:
+            raise ConfigError(absent)
         near = meant(bare, COMMANDS)
         if bare in COMMAND_NAMES:
             near = f" (did you mean {COMMAND_NAMES[bare]}?)"
         raise ConfigError(
             f"there is no command {brief(arguments[0])}{near}; commands are {', '.join(COMMANDS)}."
         )
-    # Not list(COMMANDS): after its import, `list` is the module of that command.
     candidates = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
-    commands = {
-        c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in candidates
-    }
+    commands = {c: COMMANDS[c] for c in candidates}
     if arguments[0] in ("-h", "--help"):
         from rans.cli.help import overview
 

@@ -35,6 +35,14 @@ class Assure:
     among GPUs.
     """
 
+    group = "Judge"
+    guide = "docs/assurance.md"
+    divides_work = True
+    examples = (
+        "rans assure runs/first --failure-below 1e-3",
+        "rans assure runs/first --conditions lab --search lab",
+    )
+
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
     """A run folder, pretrained:NAME, or any other contestant, such as CONTROLLER:TASK-2d or
     sb3:FILE.zip:TASK-2d; these fly more slowly."""

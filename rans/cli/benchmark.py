@@ -34,6 +34,10 @@ class Benchmark:
     measured.
     """
 
+    group = "Check"
+    guide = "docs/speed.md"
+    examples = ("rans benchmark --quick",)
+
     crafts: Annotated[tuple[str, ...], Positional, arg(metavar="[SPACECRAFT...]")] = (
         "floating-platform",
         "free-flyer",

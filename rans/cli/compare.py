@@ -54,6 +54,14 @@ class Compare:
     flight, the others are still compared, and the exit code is 1. docs/protocol.md defines the scores.
     """
 
+    group = "Judge"
+    guide = "docs/comparison.md"
+    divides_work = True
+    examples = (
+        "rans compare runs/first",
+        "rans compare runs/first pretrained:go-to-pose-2d --episodes 16 --certified 2",
+    )
+
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of these after lookahead:,
     sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION, or FILE.csv with flights that were computed elsewhere

@@ -49,6 +49,16 @@ class Evaluate:
     under your own conditions, in a digest of these.
     """
 
+    group = "Judge"
+    guide = "docs/agents.md"
+    divides_work = True
+    examples = (
+        "rans evaluate runs/first",
+        "rans evaluate runs/first --engine drake --episodes 64",
+        "rans evaluate lqr:go-to-pose-2d@mine.toml --full",
+        "rans evaluate sb3:policy.zip:go-to-pose-2d --trust",
+    )
+
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """A run folder, pretrained:NAME, either of these after lookahead:, or CONTROLLER:TASK-2d or -3d, with
     @SPACECRAFT if you like; any-craft-2d@mine.toml, or any-craft-3d, flies a craft of your own without training."""

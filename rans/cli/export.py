@@ -33,6 +33,13 @@ class Export:
     is compiled and checked if there is a compiler.
     """
 
+    group = "Deploy"
+    guide = "docs/export.md"
+    examples = (
+        "rans export runs/first --output my-agent --format onnx",
+        "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
+    )
+
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported for that
     craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, exported as it is (c, numpy or onnx)."""

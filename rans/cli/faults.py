@@ -18,6 +18,10 @@ class Faults:
     controller can hold a pose; it can only let the craft drift safely.
     """
 
+    group = "Limits"
+    guide = "docs/faults.md"
+    examples = ("rans faults floating-platform --picture faults.svg",)
+
     craft: Annotated[str, Positional, arg(metavar="SPACECRAFT")]
     """Name of a spacecraft, or your own TOML file."""
     picture: Annotated[Path | None, arg(metavar="FILE")] = None

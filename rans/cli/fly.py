@@ -35,6 +35,10 @@ class Fly:
     docs/robots.md has a checklist for the first flight.
     """
 
+    group = "Deploy"
+    guide = "docs/robots.md"
+    examples = ("rans fly pretrained:go-to-pose-2d --goal 1 0 90deg",)
+
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
     """Run folder, name of an agent of RANS, onnx:FILE:TASK-2d@SPACECRAFT (a network of another library), or with
     --trust the folder of an export as numpy. #TASK selects one of

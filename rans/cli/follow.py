@@ -22,6 +22,11 @@ class Follow:
     runs/evaluations/.
     """
 
+    group = "Judge"
+    guide = "docs/agents.md"
+    divides_work = True
+    examples = ("rans follow pretrained:track-velocity-2d lemniscate",)
+
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
     with @SPACECRAFT if you like."""

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from rans.cli.commands import Command
 from rans.cli.options import EVERYWHERE, is_in_help, option_name
 from rans.display import meanings
 
@@ -20,123 +21,12 @@ _STYLES = re.compile(r"\x1b\[[0-9;]*m")
 _QUOTED = re.compile(r"`[^`\n]{1,30}`")
 """A command short enough for any terminal; no line is broken within."""
 
-GROUPS: dict[str, tuple[str, ...]] = {
-    "Train": ("train", "sweep", "tune"),
-    "Judge": ("evaluate", "compare", "stress", "assure", "prove", "follow"),
-    "Show": ("view", "report"),
-    "Limits": ("optimal", "faults"),
-    "Deploy": ("export", "fly", "twin", "replay", "identify"),
-    "Check": ("init", "validate", "benchmark", "reproduce", "list"),
-}
-"""Commands by purpose; all others are listed under "More"."""
-
 START = {
     "rans train go-to-pose --output runs/first": "an agent in seconds",
     "rans compare runs/first": "with controllers and bounds",
     "rans view runs/first": "in three dimensions",
 }
 """First commands, each with its result."""
-
-EXAMPLES: dict[str, tuple[str, ...]] = {
-    "train": (
-        "rans train go-to-pose --output runs/first",
-        "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
-        "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
-        "rans train --resume runs/first",
-        "rans train go-to-pose --gpus all --output runs/eight",
-    ),
-    "sweep": (
-        "rans sweep go-to-pose --seeds 8",
-        "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
-        "rans sweep go-to-pose --seeds 64 --gpus all",
-    ),
-    "tune": ("rans tune lqr:go-to-pose-2d@mine.toml",),
-    "evaluate": (
-        "rans evaluate runs/first",
-        "rans evaluate runs/first --engine drake --episodes 64",
-        "rans evaluate lqr:go-to-pose-2d@mine.toml --full",
-        "rans evaluate sb3:policy.zip:go-to-pose-2d --trust",
-    ),
-    "compare": (
-        "rans compare runs/first",
-        "rans compare runs/first pretrained:go-to-pose-2d --episodes 16 --certified 2",
-    ),
-    "stress": (
-        "rans stress runs/first lqr",
-        'rans stress runs/first --only latency "noise of position"',
-    ),
-    "assure": (
-        "rans assure runs/first --failure-below 1e-3",
-        "rans assure runs/first --conditions lab --search lab",
-    ),
-    "prove": (
-        "rans prove pretrained:track-velocity-2d --property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15",
-        "rans prove network.onnx --problem docking.toml",
-        "rans prove network.onnx --check docking.certificate.json",
-    ),
-    "follow": ("rans follow pretrained:track-velocity-2d lemniscate",),
-    "view": (
-        "rans view runs/first lqr",
-        "rans view pretrained:go-to-pose-3d --episodes 4 --save flights.html",
-        "rans view pretrained:go-to-pose-2d --play --save fly.html",
-    ),
-    "report": ("rans report runs/first",),
-    "optimal": (
-        "rans optimal go-to-pose --objective time",
-        "rans optimal go-to-pose --episodes 4 --certify",
-        "rans optimal go-to-pose --start 3 1 40deg --goal 0 0 0",
-    ),
-    "faults": ("rans faults floating-platform --picture faults.svg",),
-    "export": (
-        "rans export runs/first --output my-agent --format onnx",
-        "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
-    ),
-    "fly": ("rans fly pretrained:go-to-pose-2d --goal 1 0 90deg",),
-    "twin": ("rans twin floating-platform",),
-    "replay": ("rans replay runs/flights/first/flight.mcap --trust",),
-    "identify": ("rans identify flight.csv --spacecraft floating-platform",),
-    "init": (
-        "rans init mine.toml",
-        "rans init mine.toml --from atmos --set mass=16",
-        'rans init mine.toml --set mass=12 --set size=0.4,0.4 --thruster "-0.2,0.1;1,0;1.5"',
-    ),
-    "validate": ("rans validate mine.toml --quick",),
-    "benchmark": ("rans benchmark --quick",),
-    "reproduce": ("rans reproduce --quick", "rans reproduce --only stress"),
-    "list": (
-        "rans list",
-        "rans list go-to-pose",
-        "rans list mine.toml --picture craft.svg",
-    ),
-}
-"""Examples of each command; they need the folders and files that they name."""
-
-GUIDES = {
-    "train": "training",
-    "sweep": "sweep",
-    "tune": "controllers",
-    "evaluate": "agents",
-    "compare": "comparison",
-    "stress": "stress",
-    "assure": "assurance",
-    "prove": "proofs",
-    "follow": "agents",
-    "view": "viewing",
-    "report": "viewing",
-    "optimal": "optimal",
-    "faults": "faults",
-    "export": "export",
-    "fly": "robots",
-    "twin": "robots",
-    "replay": "robots",
-    "identify": "identify",
-    "init": "spacecraft",
-    "validate": "verification",
-    "benchmark": "speed",
-    "reproduce": "provenance",
-    "list": "terminal",
-}
-"""Page of each command under docs/."""
 
 
 class _Page(io.TextIOWrapper):
@@ -149,23 +39,19 @@ class _Page(io.TextIOWrapper):
         self.isatty = sys.stdout.isatty
 
 
-def overview(about: str, commands: Mapping[str, type]) -> str:
+def overview(about: str, commands: Mapping[str, type[Command]]) -> str:
     """Text of ``rans`` without arguments: usage, first commands, and a summary of every command."""
     width = shutil.get_terminal_size().columns
     lines = ["usage: rans COMMAND [OPTIONS]", "", *_filled(about, width), "", "Start here:"]
     for command, gives in START.items():
         whole = f"  {command:<45} # {gives}"
         lines.append(whole if len(whole) <= width else f"  {command}")
-    grouped = {name for names in GROUPS.values() for name in names}
-    rest = tuple(name for name in commands if name not in grouped)
-    for title, names in (*GROUPS.items(), ("More", rest)):
-        names_here = [name for name in names if name in commands]
-        if names_here:
-            lines += ["", f"{title}:"]
-        for name in names_here:
-            first = f"  {name:<11}"
-            text = f"{first}{_summary(commands[name])}"
-            lines += _filled(text, width, " " * len(first))
+    for title in dict.fromkeys(command.group for command in commands.values()):
+        lines += ["", f"{title}:"]
+        for name, command in commands.items():
+            if command.group == title:
+                first = f"  {name:<11}"
+                lines += _filled(f"{first}{_summary(command)}", width, " " * len(first))
     lines += ["", *_everywhere(width)]
     lines += ["", *_filled("`rans COMMAND --help` has options and examples.", width)]
     return "\n".join(lines)
@@ -179,7 +65,7 @@ def _everywhere(width: int) -> list[str]:
     return lines
 
 
-def _summary(command: type) -> str:
+def _summary(command: type[Command]) -> str:
     """First clause of the docstring of a command."""
     text = " ".join((command.__doc__ or "").split())
     return re.split(r"[;:.]", text, maxsplit=1)[0] + "."
@@ -207,7 +93,7 @@ def _parted(text: str) -> str:
     return _QUOTED.sub(lambda match: match[0].replace("~", " "), text)
 
 
-def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
+def with_help(parse: Callable[[], Any], commands: Mapping[str, type[Command]]) -> Any:
     """Result of ``parse``; its printed help is wrapped and followed by examples."""
     page = _Page()
     try:
@@ -219,19 +105,17 @@ def with_help(parse: Callable[[], Any], commands: Mapping[str, type]) -> Any:
         text = "\n".join(_lines(page.read(), width))
         print(re.sub(r"\n{3,}", "\n\n", text))
         print("\n".join(["", *_everywhere(width)]))
-        for name in commands:
-            _print_examples(name, width)
+        for command in commands.values():
+            _print_examples(command, width)
 
 
-def _print_examples(command: str, width: int) -> None:
+def _print_examples(command: type[Command], width: int) -> None:
     """Print the examples of a command, and its page in the documentation."""
-    if command not in EXAMPLES:
-        return
     print("\nExamples:")
-    for line in EXAMPLES[command]:
+    for line in command.examples:
         whole = f"  {line}"
         print(whole if len(whole) <= width else " \\\n".join(_filled(whole, width - 2, "      ")))
-    print(f"\nGuide: docs/{GUIDES[command]}.md")
+    print(f"\nGuide: {command.guide}")
 
 
 @contextmanager

@@ -23,6 +23,10 @@ class Identify:
     that flies the most informative commands, instead.
     """
 
+    group = "Deploy"
+    guide = "docs/identify.md"
+    examples = ("rans identify flight.csv --spacecraft floating-platform",)
+
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
     """Bags (.mcap) of `rans fly` or of ROS 2, ULog files (.ulg) of PX4, or CSV files with the columns time, x, y,
     heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""

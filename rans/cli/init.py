@@ -38,6 +38,14 @@ class Init:
     about it, while all others are zero. Ctrl-C writes nothing.
     """
 
+    group = "Check"
+    guide = "docs/spacecraft.md"
+    examples = (
+        "rans init mine.toml",
+        "rans init mine.toml --from atmos --set mass=16",
+        'rans init mine.toml --set mass=12 --set size=0.4,0.4 --thruster "-0.2,0.1;1,0;1.5"',
+    )
+
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
     """File to write."""
     base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None

@@ -46,6 +46,14 @@ from rans.terminal import Terminal
 class List:
     """List spacecraft, tasks, agents, controllers and conditions, or show one of them in detail."""
 
+    group = "Check"
+    guide = "docs/terminal.md"
+    examples = (
+        "rans list",
+        "rans list go-to-pose",
+        "rans list mine.toml --picture craft.svg",
+    )
+
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
     """A spacecraft, task, agent, controller or set of conditions, by name, TOML file or MODULE:NAME.
     SPACECRAFT, TASKS, AGENTS, CONTROLLERS and CONDITIONS list all of a kind; TRAINING lists the settings of a

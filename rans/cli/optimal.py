@@ -50,6 +50,15 @@ class Optimal:
     their defaults.
     """
 
+    group = "Limits"
+    guide = "docs/optimal.md"
+    divides_work = True
+    examples = (
+        "rans optimal go-to-pose --objective time",
+        "rans optimal go-to-pose --episodes 4 --certify",
+        "rans optimal go-to-pose --start 3 1 40deg --goal 0 0 0",
+    )
+
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
     """Task, see `rans list TASKS`."""
     contestants: Annotated[

@@ -35,6 +35,15 @@ class Prove:
     program that shares no code with the prover.
     """
 
+    group = "Judge"
+    guide = "docs/proofs.md"
+    divides_work = True
+    examples = (
+        "rans prove pretrained:track-velocity-2d --property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15",
+        "rans prove network.onnx --problem docking.toml",
+        "rans prove network.onnx --check docking.certificate.json",
+    )
+
     agent: Annotated[str | None, Positional, arg(metavar="AGENT")] = None
     """An on/off agent that tracks velocities in the plane, whose goal is at rest: a run folder or
     pretrained:NAME; or FILE.onnx, a network that takes the state and gives the commands."""

@@ -18,6 +18,10 @@ class Replay:
     This runs the agent.py next to the bag, which may come from someone else: --trust allows it.
     """
 
+    group = "Deploy"
+    guide = "docs/robots.md"
+    examples = ("rans replay runs/flights/first/flight.mcap --trust",)
+
     bag: Annotated[Path, Positional, arg(metavar="BAG")]
     """MCAP file that `rans fly` wrote."""
     folder: Annotated[Path | None, Positional, arg(metavar="[AGENT]")] = None

@@ -15,6 +15,10 @@ from rans.terminal import Terminal, doing
 class Report:
     """Gather checks, training, evaluation, comparison and assurances of a run on one offline page."""
 
+    group = "Show"
+    guide = "docs/viewing.md"
+    examples = ("rans report runs/first",)
+
     run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """Run folder; parts that it does not have yet are left out."""
 

@@ -28,6 +28,13 @@ class Reproduce:
     is 1 if a cell differs by more than accepted.
     """
 
+    group = "Check"
+    guide = "docs/provenance.md"
+    examples = (
+        "rans reproduce --quick",
+        "rans reproduce --only stress",
+    )
+
     quick: bool = False
     """Fly fewer flights of every table, and accept what these differ by."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()

@@ -35,6 +35,14 @@ class Stress:
     still flown, and the exit code is 1.
     """
 
+    group = "Judge"
+    guide = "docs/stress.md"
+    divides_work = True
+    examples = (
+        "rans stress runs/first lqr",
+        'rans stress runs/first --only latency "noise of position"',
+    )
+
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Contestants as for `rans compare`. The first sets task, spacecraft and control rate; the others are
     compared with it. After it, the name of a controller is enough, such as lqr."""

@@ -36,6 +36,14 @@ class Sweep:
     members among GPUs, as the last example shows.
     """
 
+    group = "Train"
+    guide = "docs/sweep.md"
+    examples = (
+        "rans sweep go-to-pose --seeds 8",
+        "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
+        "rans sweep go-to-pose --seeds 64 --gpus all",
+    )
+
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
     """Task to learn (see `rans list TASKS`), the name of an agent that comes with RANS, or the config.json of a
     run."""

@@ -50,6 +50,16 @@ class Train:
     agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine.
     """
 
+    group = "Train"
+    guide = "docs/training.md"
+    examples = (
+        "rans train go-to-pose --output runs/first",
+        "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
+        "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
+        "rans train --resume runs/first",
+        "rans train go-to-pose --gpus all --output runs/eight",
+    )
+
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
     """Task to learn (see `rans list TASKS`); the name of an agent that comes with RANS, such as
     go-to-pose-2d, to repeat its whole training; a recipe of your own, a .toml file (docs/training.md); or the

@@ -32,6 +32,10 @@ class Tune:
     keeps the best so far.
     """
 
+    group = "Train"
+    guide = "docs/controllers.md"
+    examples = ("rans tune lqr:go-to-pose-2d@mine.toml",)
+
     controller: Annotated[str, Positional, arg(metavar="CONTROLLER[:TASK-2d@SPACECRAFT]")]
     """Name of the controller (see `rans list`), or MODULE:NAME; with task and spacecraft to tune it for, such as
     lqr:track-velocity-2d@mine.toml. By default go-to-pose and its spacecraft, floating-platform."""

@@ -23,6 +23,10 @@ class Twin:
     Its valves shut two and a half control periods after the last command.
     """
 
+    group = "Deploy"
+    guide = "docs/robots.md"
+    examples = ("rans twin floating-platform",)
+
     spacecraft: Annotated[str, Positional, arg(metavar="CRAFT")]
     """Name of the spacecraft, or its TOML file."""
     engine: Engine = "fast"

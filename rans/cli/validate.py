@@ -24,6 +24,10 @@ class Validate:
     The exit code is 1 if a check fails or cannot be made.
     """
 
+    group = "Check"
+    guide = "docs/verification.md"
+    examples = ("rans validate mine.toml --quick",)
+
     craft: Annotated[str, Positional, arg(metavar="[SPACECRAFT]")] = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
     quick: bool = False

@@ -31,6 +31,14 @@ class View:
     A bar has pause, time and speed.
     """
 
+    group = "Show"
+    guide = "docs/viewing.md"
+    examples = (
+        "rans view runs/first lqr",
+        "rans view pretrained:go-to-pose-3d --episodes 4 --save flights.html",
+        "rans view pretrained:go-to-pose-2d --play --save fly.html",
+    )
+
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Run folders or any other contestants, such as CONTROLLER:go-to-pose-3d. After the first, the name of a
     controller is enough, such as lqr. Folders of `rans optimal` show their trajectories, in Drake."""

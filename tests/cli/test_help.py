@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 import shlex
@@ -13,8 +12,7 @@ from typing import get_type_hints
 import pytest
 
 from rans import cli
-from rans.cli import COMMANDS
-from rans.cli.help import EXAMPLES
+from rans.cli.commands import COMMANDS
 from rans.cli.options import former, is_in_help
 from rans.display import meanings
 from tests.support.command_codes import code_of
@@ -42,7 +40,7 @@ def test_help_fits_and_keeps_words_whole(
     about = cli._ABOUT
     texts = [about]
     if command:
-        described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
+        described = COMMANDS[command]
         about = described.__doc__
         texts = [about, *meanings(described).values()]
     assert " ".join(about.split()[:12]) in " ".join(printed.split())
@@ -84,7 +82,7 @@ def test_every_command_explains_its_options(
     monkeypatch.setenv("COLUMNS", "500")  # beside one another, columns would mix
     assert code_of([command, "--help"]) == 0
     printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())
-    described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
+    described = COMMANDS[command]
     assert f"usage: rans {command}" in printed
     hints = get_type_hints(described, include_extras=True)
     for field, explanation in meanings(described).items():
@@ -96,6 +94,6 @@ def test_every_command_explains_its_options(
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_examples_and_pages_of_help_name_no_former_option(command: str) -> None:
-    for line in EXAMPLES[command]:
+    for line in COMMANDS[command].examples:
         words = shlex.split(line)
         cli._parse(words[words.index("rans") + 1 :])  # whose warning would be an error

@@ -1,0 +1,74 @@
+"""Commands by name: those of the core, and those that installed packages add (entry points ``rans.commands``)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Protocol
+
+from rans.errors import ConfigError
+from rans.registry import Registry
+
+
+class Command(Protocol):
+    """A dataclass whose fields are the options of a command, and whose docstring explains it.
+
+    Attributes:
+        group: title of its group in the overview of ``rans``.
+        guide: page of the documentation, as a path in the repository.
+        examples: command lines for its help.
+    """
+
+    group: ClassVar[str]
+    guide: ClassVar[str]
+    examples: ClassVar[tuple[str, ...]]
+
+    def run(self) -> int:
+        """Run the command, and return the exit code: 0 for success, 1 if a check or a run failed."""
+        ...
+
+
+def divides_work(command: object) -> bool:
+    """Whether a command divides its work among processes, so that ``--executor`` is for it."""
+    return bool(getattr(command, "divides_work", False))
+
+
+def _checked(command: Any) -> type[Command]:
+    if not isinstance(command, type) or not hasattr(command, "run"):
+        raise ConfigError(f"a command must be a dataclass with a method run, got {command!r}.")
+    lacking = [name for name in ("group", "guide", "examples") if not hasattr(command, name)]
+    if lacking:
+        raise ConfigError(f"the class of a command must have {', '.join(lacking)}.")
+    return command
+
+
+_NAMES = (
+    "train",
+    "sweep",
+    "evaluate",
+    "follow",
+    "view",
+    "optimal",
+    "compare",
+    "stress",
+    "assure",
+    "prove",
+    "report",
+    "export",
+    "fly",
+    "twin",
+    "replay",
+    "identify",
+    "validate",
+    "benchmark",
+    "reproduce",
+    "faults",
+    "init",
+    "tune",
+    "list",
+)
+COMMANDS: Registry[type[Command]] = Registry(
+    kind="command",
+    group="rans.commands",
+    built_in={name: f"rans.cli.{name}:{name.capitalize()}" for name in _NAMES},
+    checked=_checked,
+)
+"""Every command that is installed; each is imported when it is used."""

@@ -1,0 +1,87 @@
+"""Commands and public names that an installed package adds, and those whose package is absent."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rans
+from rans import abilities
+from rans.errors import ConfigError
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """A folder with an installed package that adds the command `hover` and the name `rans.hover`."""
+    (tmp_path / "hovering.py").write_text(
+        '''from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Hover:
+    """Hover for a while.
+
+    """
+
+    group = "Judge"
+    guide = "docs/hover.md"
+    examples = ("rans hover --seconds 3",)
+
+    seconds: int = 1
+    """Time, s."""
+
+    def run(self) -> int:
+        print(f"hovered for {self.seconds} s")
+        return 0
+
+def hover() -> str:
+    return "hovered"
+''',
+        "utf-8",
+    )
+    info = tmp_path / "hovering-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: hovering\nVersion: 1.0\n", "utf-8")
+    (info / "entry_points.txt").write_text(
+        "[rans.commands]\nhover = hovering:Hover\n[rans.public]\nhover = hovering:hover\n", "utf-8"
+    )
+    return tmp_path
+
+
+def printed(site: Path, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(site), str(ROOT)))},
+        check=True,
+    )
+    return done.stdout
+
+
+def test_a_package_adds_a_command_and_a_public_name(site: Path) -> None:
+    assert printed(site, "-m", "rans", "hover", "--seconds", "3") == "hovered for 3 s\n"
+    text = printed(site, "-m", "rans", "hover", "--help")
+    assert "rans hover --seconds 3" in text
+    assert "docs/hover.md" in text
+    code = "import rans; assert 'hover' in dir(rans); print(rans.hover())"
+    assert printed(site, "-c", code) == "hovered\n"
+
+
+def test_what_is_absent_names_the_extra_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(abilities.EXTRA_OF, "levitate", "magnets")
+    with pytest.raises(AttributeError, match=r"pip install 'rans\[magnets\]'"):
+        _ = rans.levitate
+    from rans.cli import _parse
+
+    with pytest.raises(ConfigError, match=r"pip install 'rans\[magnets\]'"):
+        _parse(["levitate"])
+
+
+def test_a_name_that_nothing_has_is_an_attribute_error() -> None:
+    assert not hasattr(rans, "levitate")
