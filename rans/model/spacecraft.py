@@ -123,7 +123,8 @@ class Spacecraft(NotebookRepr):
     mass: float
     """Mass with a full tank, kg."""
     inertia: tuple[tuple[float, float, float], ...]
-    """Inertia tensor about the centre of mass, axes of G, kg m^2; the plane uses its zz entry."""
+    """Inertia tensor about the centre of mass, axes of G, kg m^2. A planar craft has one moment, the zz entry: the
+    other principal moments become equal to it, whatever they were."""
     thrusters: tuple[Thruster, ...]
     centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre of mass in G, m."""
@@ -150,6 +151,9 @@ class Spacecraft(NotebookRepr):
 
     def __post_init__(self) -> None:
         check_spacecraft(self)
+        if self.dimension == 2:
+            zz = self.inertia[2][2]
+            object.__setattr__(self, "inertia", ((zz, 0.0, 0.0), (0.0, zz, 0.0), (0.0, 0.0, zz)))
         # Computed here because the compiler of torch cannot trace cached properties.
         _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop, self.supplies
         _ = self.command_count, self.thruster_commands, self.wheel_commands, self.has_only_thrusters
@@ -507,7 +511,10 @@ def _check_unit(craft: Spacecraft, key: str, vector: tuple[float, ...]) -> None:
 
 
 def _check_inertia(craft: Spacecraft) -> None:
-    """Reject tensors of no rigid body: principal moments must be > 0, and none above the sum of the others."""
+    """Reject tensors of no rigid body: principal moments must be > 0, and none above the sum of the others.
+
+    A planar craft may have any moment about z: it has no others.
+    """
 
     def require(holds: bool, bound: str) -> None:
         _require(holds, craft, "inertia", rows, bound)
@@ -517,6 +524,9 @@ def _check_inertia(craft: Spacecraft) -> None:
         isinstance(rows, tuple) and len(rows) == 3 and all(map(_triple, rows)),
         f"three rows of {_TRIPLE} kg m^2",
     )
+    if craft.dimension == 2:
+        require(_positive(rows[2][2]), f"{_POSITIVE} kg m^2 about z")
+        return
     tensor = np.array(rows)
     require(
         np.abs(tensor - tensor.T).max() <= 1e-9 * np.abs(tensor).max(),

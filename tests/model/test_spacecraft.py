@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.model.dynamics import wrench
+from rans.model.joined import joined
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 from tests.support.crafts import nasty_planar, nasty_spatial
 from tests.support.torquer import TURNED
 
@@ -149,9 +151,18 @@ def test_python_descriptions_are_checked_too(change: dict[str, Any], says: str) 
             lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8, -x), 1.0),)},
             "in the plane of",
         ),
-        (lambda x: {"inertia": ((0.3, x, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "symmetric"),
         (
-            lambda x: {"inertia": ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0 + x))},
+            lambda x: {
+                "dimension": 3,
+                "inertia": ((0.3, x, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+            },
+            "symmetric",
+        ),
+        (
+            lambda x: {
+                "dimension": 3,
+                "inertia": ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0 + x)),
+            },
             "rigid body",
         ),
     ],
@@ -208,3 +219,24 @@ def test_control_depends_on_directions_not_on_strength_or_scale() -> None:
 
 def test_every_shipped_spacecraft_is_controllable(shipped: Spacecraft) -> None:
     assert controls_every_direction(shipped)
+
+
+@pytest.mark.parametrize("factor", [0.1, 2.5, 5.0])
+def test_a_planar_craft_has_the_moment_about_z_and_no_others(factor: float, tmp_path: Path) -> None:
+    """Whatever stands beside it: it flies, joins, is written and comes back."""
+    craft = load_spacecraft("floating-platform")
+    (a, _, _), (_, b, _), (_, _, c) = craft.inertia
+    heavier = dataclasses.replace(
+        craft, inertia=((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, factor * c))
+    )
+    assert heavier.inertia[2][2] == factor * c
+    assert heavier == dataclasses.replace(
+        craft, inertia=tuple(tuple(factor * x for x in row) for row in craft.inertia)
+    )
+    (tmp_path / "heavier.toml").write_text(to_toml(heavier))
+    assert load_spacecraft(str(tmp_path / "heavier.toml")).inertia == heavier.inertia
+    # Side by side their moments add up, and each mass is half of the distance away.
+    pair = joined(heavier, heavier, (1.0, 0.0))
+    assert pair.inertia[2][2] == pytest.approx(2.0 * factor * c + 0.5 * craft.mass)
+    with pytest.raises(ConfigError, match="about z"):
+        dataclasses.replace(craft, inertia=((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, -c)))

@@ -273,7 +273,7 @@ def test_several_side_by_side() -> None:
 def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:
     flat = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10)))
     with pytest.raises(ConfigError, match="Drake refuses its inertia"):
-        drake("rans/GoToPose2D-v0", spacecraft=replace(nasty_planar(), inertia=flat))
+        drake("rans/GoToPose3D-v0", spacecraft=replace(nasty_spatial(), inertia=flat))
 
 
 def test_registering_it_loads_no_drake() -> None:

@@ -181,10 +181,10 @@ def test_a_plant_keeps_no_memory() -> None:
 
 def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:
     """A flat plate off the triangle inequality by less than our check's 1e-9."""
-    platform = load_spacecraft("floating-platform")
+    flyer = load_spacecraft("free-flyer")
     flat = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10)))
     with pytest.raises(ConfigError, match="Drake refuses its inertia"):
-        Plant(replace(platform, inertia=flat))
+        Plant(replace(flyer, inertia=flat))
 
 
 @pytest.mark.parametrize("sharing", ["none", "split"])

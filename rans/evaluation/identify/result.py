@@ -89,8 +89,7 @@ class Identification:
         )
         moments = values[count : count + len(Body.of(craft).inertia)]
         if craft.dimension == 2:
-            tensor = [list(row) for row in craft.inertia]
-            tensor[2][2] = moments[0]
+            tensor = (moments[0] * np.eye(3)).tolist()
         else:
             xx, xy, xz, yy, yz, zz = moments
             tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]

@@ -13,6 +13,7 @@ from campaigns.identification import hidden_flights
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.evaluation.identify.log import FlightLog, read_csv
+from rans.evaluation.identify.result import Identification
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -73,6 +74,18 @@ def test_poses_alone_are_enough(flight: FlightLog, tmp_path: Path) -> None:
     assert {one.name for one in found.channels()} == {"position", "attitude"}
     with_rates = rans.identify(flight, PLATFORM)
     assert found.fit.deviations[0] > with_rates.fit.deviations[0]
+
+
+def test_a_planar_moment_above_twice_the_sheet_s_is_written(
+    flight: FlightLog, tmp_path: Path
+) -> None:
+    """As after a ring of batteries was mounted; with the sheet's other moments no rigid body has it."""
+    fit = rans.identify(flight, PLATFORM, window=5.0).fit
+    values = fit.values.copy()
+    values[PLATFORM.thruster_count] = 2.5 * PLATFORM.inertia[2][2]
+    folder = Identification(replace(fit, values=values)).write(tmp_path / "identified")
+    craft = rans.load_spacecraft(folder / "spacecraft.toml")
+    assert craft.inertia[2][2] == pytest.approx(2.5 * PLATFORM.inertia[2][2])
 
 
 def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable() -> None:
