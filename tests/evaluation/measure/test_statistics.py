@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, quantity, share
@@ -88,6 +90,24 @@ def test_wilsons_interval_by_hand(successes: int, count: int, low: float, high: 
     """Newcombe, Statistics in Medicine 17, 1998, table I, which has four digits."""
     estimate = share(np.arange(count) < successes)
     assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_shares_of_none_and_of_all_end_exactly() -> None:
+    """Rounding left 2e-17 of 1,411 of these counts; the ends are SciPy's, which are 0 and 1 there."""
+    for count in range(1, 5001):
+        none, all_of_them = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+        assert (share(none).low, share(all_of_them).high) == (0.0, 1.0)
+
+
+@settings(deadline=None)  # SciPy's search for a p-value takes longer in its first call
+@given(st.integers(1, 10_000), st.floats(0.0, 1.0))
+def test_wilsons_interval_is_that_of_scipy(count: int, part: float) -> None:
+    successes = round(part * count)
+    theirs = stats.binomtest(successes, count).proportion_ci(method="wilson")
+    ours = share(np.arange(count) < successes)
+    # The quantile of the normal distribution has seven digits here.
+    assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), rel=1e-6, abs=1e-12)
+    assert 0.0 <= ours.low <= ours.value <= ours.high <= 1.0
 
 
 def test_an_interval_called_95_percent_holds_95_percent() -> None:
