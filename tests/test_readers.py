@@ -84,6 +84,10 @@ ALLOWED = {
         "rans.evaluation.fly.controllers",
         "InferenceSession",
     ): "ONNX Runtime opens networks by itself",
+    (
+        "rans.proof.network",
+        "InferenceSession",
+    ): "of bytes that the reader of the module has accepted",
     ("rans.evaluation.fly.controllers", "load_from_zip_file"): "a pickle, with --trust only",
     (
         "rans.evaluation.fly.controllers",

@@ -202,7 +202,7 @@ class Prove:
         """Prove a property of a network with the plant of a problem's file."""
         from rans.evaluation.assure.assurance import torch_device
         from rans.proof.certificate import write_certificate
-        from rans.proof.network import read_network
+        from rans.proof.network import LARGEST, network_of
         from rans.proof.problem import read_problem
         from rans.proof.prove import lowest_margins, prove
 
@@ -216,7 +216,8 @@ class Prove:
             )
         # Prove: cells are split until each holds or a flight breaks the property.
         problem = read_problem(self.problem)
-        layers = read_network(self.onnx)
+        content = read_bytes(self.onnx, LARGEST)
+        layers = network_of(content, self.onnx, (problem.lower, problem.upper))
         output = self.output or self.problem.with_suffix(".certificate.json")
         begun = time.monotonic()
         terminal = Terminal()
@@ -247,7 +248,7 @@ class Prove:
                 "--resolution may prove them."
             )
             return 1
-        digest = write_certificate(proof, self.onnx, output)
+        digest = write_certificate(proof, content, output)
         terminal.say(
             f"Proved: {problem.name}, from every start and at all times to {problem.steps * problem.period:g} s; "
             f"{len(proof.low):,} cells, least margin {proof.margins.min():.3g}, {seconds:.1f} s. The certificate "
@@ -261,10 +262,11 @@ class Prove:
         require("onnx")
         require("flint")
         from rans.proof.certificate import LARGEST
+        from rans.proof.network import LARGEST as LARGEST_NETWORK
         from rans.proof.problem import problem_of
 
         assert self.onnx is not None
-        contents = read_bytes(certificate, LARGEST), read_bytes(self.onnx, LARGEST)
+        contents = read_bytes(certificate, LARGEST), read_bytes(self.onnx, LARGEST_NETWORK)
         table = parse_json(contents[0], certificate)
         if not (isinstance(table, dict) and table.keys() >= {"network", "problem", "cells"}):
             raise ConfigError(f"{certificate} is no certificate of rans prove.")

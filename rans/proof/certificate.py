@@ -12,20 +12,24 @@ LARGEST = 2**30
 """Bytes of a certificate that is read; a million cells of four states have 10^8."""
 
 
-def write_certificate(proof: Proof, network: Path, file: Path) -> str:
+def write_certificate(proof: Proof, network: bytes, file: Path) -> str:
     """Write the certificate of a proof and return its SHA-256.
 
     Numbers are written with all their digits, so that edges of cells are the same when they are read.
 
+    Args:
+        proof: a whole proof.
+        network: content of the ONNX file of which the proof is, as it was read for the proof.
+        file: file to write.
+
     Raises:
-        ConfigError: a file cannot be read or written.
+        ConfigError: the file cannot be written.
     """
-    content = read_bytes(network, LARGEST)
     write_json(
         file,
         {
             "format": 1,
-            "network": hashlib.sha256(content).hexdigest(),
+            "network": hashlib.sha256(network).hexdigest(),
             "problem": proof.problem.text,
             "cells": [
                 [low.tolist(), high.tolist()]

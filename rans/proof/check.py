@@ -3,7 +3,8 @@
 Every number is an interval of FLINT (Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval
 arithmetic", 2017), so that no rounding is argued about. A certificate is accepted if its network is the file at
 hand, its cells cover the start set, and from every cell the property holds at all times with a margin above zero.
-The module reads the network and the problem itself; it needs numpy, onnx and python-flint.
+It reads the network (`rans.proof.check_network`) and the problem by readers of its own; it needs numpy, onnx and
+python-flint.
 """
 
 from __future__ import annotations
@@ -16,10 +17,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
-import onnx
 from flint import arb, arb_mat, ctx
-from onnx import numpy_helper
 
 from rans.proof.balls import (
     Refused,
@@ -27,7 +25,6 @@ from rans.proof.balls import (
     column,
     derivative,
     diagonal,
-    matrix,
     network_enclosure,
     plus,
     polynomial,
@@ -35,8 +32,8 @@ from rans.proof.balls import (
     side_by_side,
     sizes,
     value_at,
-    with_sizes,
 )
+from rans.proof.check_network import layers_of
 
 _BITS = 80
 """Bits of a ball's middle."""
@@ -65,7 +62,7 @@ def check(certificate: bytes, network: bytes, only: Sequence[int] | None = None)
     cells = [list(zip(*cell, strict=True)) for cell in table["cells"]]
     start = list(zip(problem["start"]["lower"], problem["start"]["upper"], strict=True))
     _cover([(float(a), float(b)) for a, b in start], cells)
-    layers = _layers(network)
+    layers = layers_of(network, tuple(problem["start"]["lower"]), tuple(problem["start"]["upper"]))
     move = _linear(problem) or _taylor(problem)
     least = math.inf
     for k in range(len(cells)) if only is None else only:
@@ -102,42 +99,6 @@ def _cover(box: list[Any], cells: list[Any]) -> None:
         axis, edge = cuts[len(cuts) // 2]
         parts = ((box[axis][0], edge), (edge, box[axis][1]))
         stack += [([*box[:axis], part, *box[axis + 1 :]], inside) for part in parts]
-
-
-def _layers(content: bytes) -> list[tuple[Any, Any, str]]:
-    """Weight, bias and activation of each layer of a chain."""
-    graph = onnx.load_model_from_string(content).graph
-    tables = {
-        tensor.name: numpy_helper.to_array(tensor).astype(float) for tensor in graph.initializer
-    }
-    layers: list[tuple[Any, Any, str]] = []
-
-    def append_linear(weight: Any, shift: Any) -> None:
-        """A linear operation, joined with one before it that has no activation."""
-        if layers and not layers[-1][2]:
-            before, offset, _ = layers.pop()
-            weight, shift = weight * before, weight * offset + shift
-        layers.append((weight, shift, ""))
-
-    for node in graph.node:
-        operands = [tables[name] for name in node.input if name in tables]
-        kind = node.op_type
-        if kind in ("MatMul", "Conv", "Gemm"):
-            weight = operands[0].reshape(len(operands[0]), -1)
-            # MatMul computes x W, and Gemm too unless its matrix is marked as transposed.
-            is_transposed = any(a.name == "transB" and a.i for a in node.attribute)
-            if kind == "MatMul" or (kind == "Gemm" and not is_transposed):
-                weight = weight.T
-            shift = operands[1] if len(operands) > 1 else np.zeros(len(weight))
-            append_linear(matrix(weight), matrix(shift.reshape(-1, 1)))
-        elif kind in ("Add", "Sub"):
-            shift = matrix(operands[0].reshape(-1, 1)) * (1 if kind == "Add" else -1)
-            append_linear(matrix(np.eye(operands[0].size)), shift)
-        elif kind in ("Tanh", "Sigmoid", "Relu"):
-            layers[-1] = (*layers[-1][:2], kind)
-        elif kind not in ("Flatten", "Reshape"):
-            raise Refused(f"its network has an operation that is not checked: {kind}.")
-    return with_sizes(layers)
 
 
 def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:

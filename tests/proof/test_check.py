@@ -76,7 +76,7 @@ def test_flights_end_in_a_box(tmp_path: Path) -> None:
     ends = np.array([[-0.5, 0.0], [0.3, 0.05], [0.0, -0.11]])
     np.testing.assert_allclose(problem.end.margins(ends), [0.0, 0.05, -0.01], atol=1e-12)
     # The checker finds the same, and refuses the same cells for a box that flights miss, and for a shorter time.
-    write_certificate(proof, network, tmp_path / "end.json")
+    write_certificate(proof, network.read_bytes(), tmp_path / "end.json")
     content, file = (tmp_path / "end.json").read_text(), network.read_bytes()
     assert verdict(content.encode(), file) == pytest.approx(proof.margins.min(), abs=1e-9)
     from rans.proof.balls import Refused
@@ -199,7 +199,9 @@ def test_the_checker_knows_the_ball(radius: float, passes: bool, tmp_path: Path)
     """Flights brake from 0.3 m/s, 80 m away: at the nearest they come to 77 m."""
     network = written(damping(4, (2, 3), 3), tmp_path / "net.onnx")
     problem = problem_of(HOLDING.replace("50.0", "70.0"))
-    write_certificate(prove(problem, read_network(network)), network, tmp_path / "ball.json")
+    write_certificate(
+        prove(problem, read_network(network)), network.read_bytes(), tmp_path / "ball.json"
+    )
     table = json.loads((tmp_path / "ball.json").read_text())
     content = json.dumps(table).replace("radius = 70.0", f"radius = {radius}").encode()
     if passes:
@@ -218,6 +220,6 @@ def test_the_checker_agrees_about_rectifiers(tmp_path: Path) -> None:
     network = written(both, tmp_path / "net.onnx")
     proof = prove(problem_of(HOLDING), read_network(network))
     assert proof.is_whole
-    write_certificate(proof, network, tmp_path / "ball.json")
+    write_certificate(proof, network.read_bytes(), tmp_path / "ball.json")
     found = verdict((tmp_path / "ball.json").read_bytes(), network.read_bytes())
     assert found == pytest.approx(proof.margins.min(), rel=1e-6)

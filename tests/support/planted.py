@@ -1,0 +1,38 @@
+"""Errors planted into the source of modules, which are compiled anew and leave the true ones alone."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+
+Error = tuple[str, str, str]
+"""Module, text of its source that is there exactly once, and the text in its place."""
+
+
+def planted(names: Sequence[str], *errors: Error) -> dict[str, ModuleType]:
+    """Modules with errors, by their names.
+
+    Args:
+        names: full names of the modules, each after those of them that it imports.
+        errors: what is replaced in which of them.
+    """
+    modules: dict[str, ModuleType] = {}
+    true = {name: importlib.import_module(name) for name in names}
+    try:
+        for name in names:
+            file = str(true[name].__file__)
+            source = Path(file).read_text()
+            for _, old, new in (error for error in errors if error[0] == name):
+                assert source.count(old) == 1, (name, old, source.count(old))
+                source = source.replace(old, new)
+            modules[name] = ModuleType(name)
+            modules[name].__file__ = file
+            sys.modules[name] = modules[name]
+            exec(compile(source, file, "exec"), modules[name].__dict__)
+    finally:
+        sys.modules.update(true)
+    assert all(error[0] in names for error in errors)
+    return modules
