@@ -15,7 +15,7 @@ from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, undelayed
-from rans.model.fields import Field, at_least, map_leaves
+from rans.model.fields import Field, at_least, fraction_of, map_leaves
 from rans.model.spacecraft import CommandRange, Spacecraft, Store
 from rans.model.timing import Timing
 
@@ -204,8 +204,8 @@ def cut(pieces: Iterable[Piece], period: float, parts: int) -> Iterator[Iterable
             enters = _clamped(begin, low, high)
             exits = _clamped(end, low, high)
             if not (isinstance(begin, float) and isinstance(end, float) and enters == exits):
-                first_share = (enters - begin) / at_least(duration, 1e-30)
-                last_share = (exits - begin) / at_least(duration, 1e-30)
+                first_share = fraction_of(enters - begin, duration)
+                last_share = fraction_of(exits - begin, duration)
                 part.append(
                     (
                         exits - enters,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from rans.effectors.effector import Action, Begun, Effector, Growth, Push
 from rans.model.body import Body
 from rans.model.dynamics import RULES, Piece, Wrench
-from rans.model.fields import Field, at_least, map_leaves, sqrt
+from rans.model.fields import Field, at_least, fraction_of, map_leaves, sqrt
 from rans.model.spacecraft import CommandRange, Propellant, Store
 
 _MOST_BURNED = 0.02
@@ -55,21 +55,20 @@ class Tank:
         """
         duration, first, last, longest = piece
         end = first if last is None else last
-        flow: Field = first.exhaust
-        mean = flow if last is None else 0.5 * (flow + end.exhaust)
+        # A nozzle does not suck: the thrust of shut valves is a rounding of either sign.
+        flow: Field = at_least(first.exhaust, 0.0)
+        mean = flow if last is None else 0.5 * (flow + at_least(end.exhaust, 0.0))
 
         # Until the tank is empty: a share of the propellant that the piece needs, and of its time.
         needed = mean * duration * (1.0 / self.propellant.exhaust_speed)
-        enough = 1.0 - at_least(1.0 - left / at_least(needed, 1e-30), 0.0)
+        enough = fraction_of(left, needed)
         used = needed * enough
         open_part = enough
         if last is not None:
             # The root of flow s + (end - flow) s^2 / 2 = mean * enough, in the form without cancellation.
             squared = flow * flow + 4.0 * enough * mean * (mean - flow)
-            root = sqrt(at_least(squared, 1e-30))
-            open_part = 1.0 - at_least(
-                1.0 - 2.0 * enough * mean / at_least(flow + root, 1e-30), 0.0
-            )
+            root = sqrt(at_least(squared, 1e-30))  # above 0, where the slope of a root is infinite
+            open_part = fraction_of(2.0 * enough * mean, flow + root)
             end = map_leaves(lambda a, b: a + (b - a) * open_part, first, last)
         after = at_least(left - used, 0.0)
 

@@ -29,6 +29,9 @@ Field = Any
 Tree = TypeVar("Tree")
 """A field, or a tuple or a frozen dataclass of trees."""
 
+_SMALLEST_WHOLE = 1e-30
+"""Denominator in place of zero: far below any time or force, and a normal number in single precision."""
+
 _CASADI_NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
 
 
@@ -107,6 +110,15 @@ def within(x: Field, low: float, high: float) -> Field:
     if type(x).__module__.startswith("torch"):
         return x.clamp(low, high)
     return _function("minimum", x)(_function("maximum", x)(x, low), high)
+
+
+def fraction_of(part: Field, whole: Field) -> Field:
+    """Fraction of a whole that a part is, from 0 to 1.
+
+    A whole that is zero, or below zero by rounding, is all of any positive part and nothing of none: a plain
+    quotient would be a huge number of either sign there.
+    """
+    return within(part / at_least(whole, _SMALLEST_WHOLE), 0.0, 1.0)
 
 
 def ascending(values: Sequence[Field]) -> list[Field]:

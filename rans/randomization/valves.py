@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from rans.model.body import Body
 from rans.model.dynamics import Piece, Wrench, thrust, wrench_of
-from rans.model.fields import Field, ascending, at_least, map_leaves, where
+from rans.model.fields import Field, ascending, at_least, fraction_of, map_leaves, where
 from rans.model.spacecraft import Spacecraft
 
 
@@ -221,8 +221,7 @@ def _completed_part(gone: Field, ramp: Field | None) -> Field:
     """Share of a change that has taken effect at a time after valves began to move (s)."""
     if ramp is None:
         return where(gone > 0.0, gone * 0.0 + 1.0, gone * 0.0)
-    fraction = gone / at_least(ramp, 1e-30)  # at once, where a ramp takes no time
-    return at_least(1.0 - at_least(1.0 - fraction, 0.0), 0.0)
+    return fraction_of(gone, ramp)  # at once, where a ramp takes no time
 
 
 def _within(time: Field, period: float) -> Field:

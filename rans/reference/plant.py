@@ -514,7 +514,8 @@ class Plant:
                     self._left = left
                     burned = opened * (middle / first)[:, None]
                     ends = (opened + growing * step) * (middle / last)[:, None]
-                    yield Segment(stop, burned, (ends - burned) / max(step, 1e-30))
+                    if step > 0.0:
+                        yield Segment(stop, burned, (ends - burned) / step)
                     now = stop
             begin = end
 

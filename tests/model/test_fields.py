@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import cmath
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from rans.model.fields import (
     Vec3,
     ascending,
     at_least,
+    fraction_of,
     leaves,
     map_leaves,
     unflatten,
@@ -110,6 +113,76 @@ def test_where_picks_by_condition(library: str, x: float, expected: float) -> No
 def test_at_least_raises_only_what_is_below(library: str) -> None:
     assert in_library(library, lambda x: at_least(x, 1.0), 0.25) == [1.0]
     assert in_library(library, lambda x: at_least(x, 1.0), 4.0) == [4.0]
+
+
+@libraries
+@pytest.mark.parametrize(
+    ("part", "whole", "fraction"),
+    [
+        (1.0, 4.0, 0.25),
+        (5.0, 4.0, 1.0),
+        (-1.0, 4.0, 0.0),
+        # A whole that is nothing but rounding has no huge fractions of either sign.
+        (1.0, -1e-16, 1.0),
+        (-1e-7, -1e-16, 0.0),
+        (1e-7, 0.0, 1.0),
+        (0.0, 0.0, 0.0),
+    ],
+)
+def test_a_fraction_is_never_more_than_all(
+    library: str, part: float, whole: float, fraction: float
+) -> None:
+    assert in_library(library, fraction_of, part, whole) == [fraction]
+
+
+FLOORS = {"at_least", "max", "maximum", "clamp"}
+PROVED = {
+    "drift.step_goal": "sin(rate t / 2) over the rate, a root: at most t / 2",
+    "fields.fraction_of": "from 0 to 1",
+    "passive_safety._least_of_segments": "a vector over its length: at most 1",
+}
+"""Denominators with a floor whose quotient is bounded, with the reason."""
+
+
+def floors(source: str) -> list[str]:
+    """Functions of a module that divide by a value with a tiny floor."""
+    result = []
+    tree = ast.parse(source)
+    constants = {
+        target.id: line.value.value
+        for line in tree.body
+        if isinstance(line, ast.Assign) and isinstance(line.value, ast.Constant)
+        for target in line.targets
+        if isinstance(target, ast.Name)
+    }
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        for node in ast.walk(function):
+            if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div)):
+                continue
+            called = [x for x in ast.walk(node.right) if isinstance(x, ast.Call)]
+            names = {getattr(x.func, "id", getattr(x.func, "attr", "")) for x in called}
+            numbers = [
+                constants.get(getattr(x, "id", ""), getattr(x, "value", None))
+                for x in ast.walk(node.right)
+            ]
+            tiny = [x for x in numbers if isinstance(x, float) and 0.0 < x < 1e-6]
+            if FLOORS & names and tiny:
+                result.append(function.name)
+    return result
+
+
+def test_nothing_that_moves_a_craft_divides_by_a_floor() -> None:
+    """Where the sign of the value is not proved, its quotient has any size: `fraction_of` is for fractions."""
+    package = Path(fields.__file__).parents[1]
+    folders = ("model", "effectors", "randomization")
+    files = [file for folder in folders for file in (package / folder).glob("*.py")]
+    assert floors("T = 1e-9\ndef f(x):\n    return 1.0 / (x + at_least(x, T))\n") == ["f"]
+    places = {
+        f"{file.stem}.{name}" for file in files for name in floors(file.read_text(encoding="utf-8"))
+    }
+    assert places == set(PROVED)
 
 
 @libraries
