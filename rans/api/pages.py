@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -86,8 +85,10 @@ class Replay:
         return self._served.url
 
     def _repr_html_(self) -> str:
+        from rans.show import markup
+
         return (
-            f'<iframe srcdoc="{escape(self.html())}" '
+            f'<iframe srcdoc="{markup.text(self.html())}" '
             f'style="width:100%;height:{_HEIGHT}px;border:0"></iframe>'
         )
 

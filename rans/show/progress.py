@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from html import escape
 from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn
 
 from rans.progress import Stages
+from rans.show import markup
 from rans.terminal import Terminal, progress, stages
 
 _SECONDS = 5.0
@@ -115,7 +115,7 @@ class NotebookLine:
         bar = ""
         if fraction is not None:
             bar = f'<progress value="{min(max(fraction, 0.0), 1.0):.3f}" style="width:12em"></progress> '
-        self._handle.update(self._html(f"<div>{bar}{escape(text)}</div>"))
+        self._handle.update(self._html(f"<div>{bar}{markup.text(text)}</div>"))
 
     def clear(self) -> None:
         """Leave nothing of it."""

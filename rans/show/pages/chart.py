@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import NamedTuple
 
 from matplotlib.ticker import LogLocator, MaxNLocator
+
+from rans.show.markup import Markup, drawing, text
 
 WIDTH = 720.0
 HEIGHT = 400.0
@@ -74,20 +75,20 @@ class Chart:
         """Whether there is nothing to draw."""
         return not any(True for _ in self._marks())
 
-    def svg(self) -> str:
+    def svg(self) -> Markup:
         """The text of the SVG element, of names and numbers that are escaped."""
         if self.is_empty:
-            return ""
+            return drawing(())
         x_axis = _Axis.of(self._xs(), self.logarithmic, _LEFT, WIDTH - _RIGHT)
         bounds = self.y_range or tuple(self._ys())
         y_axis = _Axis.of(bounds, self.logarithmic, HEIGHT - _BOTTOM, _TOP, bool(self.y_range))
         parts = [
-            f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="group" aria-label="{escape(self.caption)}">',
+            f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="group" aria-label="{text(self.caption)}">',
             *self._ground(x_axis, y_axis),
         ]
         for k, series in enumerate(self.series):
             parts += _drawn(series, k, x_axis, y_axis)
-        return "\n".join((*parts, "</svg>"))
+        return drawing((*parts, "</svg>"))
 
     def _marks(self) -> Iterator[Mark]:
         for series in self.series:
@@ -105,12 +106,12 @@ class Chart:
     def _ground(self, x_axis: _Axis, y_axis: _Axis) -> Iterator[str]:
         """Shaded ranges, grid, ticks and labels."""
         bottom = HEIGHT - _BOTTOM
-        for low, high, text in self.shaded:
+        for low, high, meaning in self.shaded:
             left = min(max(x_axis.at(low), _LEFT), WIDTH - _RIGHT)
             right = min(max(x_axis.at(high), _LEFT), WIDTH - _RIGHT)
             yield (
                 f'<rect class="shade" x="{left:.1f}" y="{_TOP:g}" width="{right - left:.1f}" '
-                f'height="{bottom - _TOP:g}"><title>{escape(text)}</title></rect>'
+                f'height="{bottom - _TOP:g}"><title>{text(meaning)}</title></rect>'
             )
         for value in x_axis.ticks:
             x = x_axis.at(value)
@@ -124,11 +125,11 @@ class Chart:
             yield f'<text x="{_LEFT - 8:g}" y="{y + 4:.1f}" text-anchor="end">{tick_label(value)}</text>'
         middle = (_LEFT + WIDTH - _RIGHT) / 2
         yield (
-            f'<text x="{middle:g}" y="{HEIGHT - 10:g}" text-anchor="middle">{escape(self.x_label)}</text>'
+            f'<text x="{middle:g}" y="{HEIGHT - 10:g}" text-anchor="middle">{text(self.x_label)}</text>'
         )
         yield (
             f'<text transform="translate(15 {(_TOP + bottom) / 2:g}) rotate(-90)" text-anchor="middle">'
-            f"{escape(self.y_label)}</text>"
+            f"{text(self.y_label)}</text>"
         )
 
 
@@ -190,7 +191,7 @@ def _finite(marks: Sequence[Mark]) -> list[Mark]:
 def _drawn(series: Series, k: int, x_axis: _Axis, y_axis: _Axis) -> Iterator[str]:
     """A group of one series: its line, intervals and marks."""
     marks = _finite(series.marks)
-    yield f'<g class="series" data-series="{k}" style="color:{escape(series.colour)}">'
+    yield f'<g class="series" data-series="{k}" style="color:{text(series.colour)}">'
     if series.line and len(marks) > 1:
         points = " ".join(f"{x_axis.at(m.x):.1f},{y_axis.at(m.y):.1f}" for m in marks)
         dash = ' stroke-dasharray="2 4"' if series.line == "dotted" else ""
@@ -207,10 +208,10 @@ def _drawn(series: Series, k: int, x_axis: _Axis, y_axis: _Axis) -> Iterator[str
                 yield '<line class="bar" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>'.format(
                     *ends
                 )
-        text = escape(mark.text)
+        said = text(mark.text)
         yield (
-            f'<g class="point" tabindex="0" role="img" aria-label="{text}" '
-            f'transform="translate({x:.1f} {y:.1f})"><title>{text}</title>{_marker(series.marker)}</g>'
+            f'<g class="point" tabindex="0" role="img" aria-label="{said}" '
+            f'transform="translate({x:.1f} {y:.1f})"><title>{said}</title>{_marker(series.marker)}</g>'
         )
     yield "</g>"
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from functools import singledispatch
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 from rans.drawing import draw_layout
@@ -14,6 +13,7 @@ from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
+from rans.show import markup
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.svg import data_uri, svg
 from rans.show.pages.stress_page import StressReport
@@ -130,4 +130,4 @@ def _row(texts: Sequence[str], cell: str) -> str:
 
 
 def _said(text: str) -> str:
-    return escape(legible(text)).replace("\n", "<br>")
+    return markup.text(legible(text)).replace("\n", "<br>")

@@ -15,6 +15,7 @@ import rich.table
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rans.files import write_text
+from rans.show import markup
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -186,7 +187,7 @@ def filled(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"show": show, "interval": _interval}
+    environment.filters |= {"show": show, "interval": _interval, "data": markup.data}
     return environment.get_template(template).render(**values)
 
 

@@ -7,7 +7,6 @@ The step of an episode and the policy, or the law of guidance, are traced (`rans
 from __future__ import annotations
 
 import base64
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -45,6 +44,7 @@ from rans.policy.traced import parameters, policy_program
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
 from rans.scenario import EVALUATION_SEED
+from rans.show import markup
 from rans.show.pages.page import filled
 from rans.show.scene.interactive import FRAME, interactive_world, may_move_goal, noise_scale
 from rans.tasks.quantities import QUANTITIES
@@ -81,15 +81,15 @@ class Playground:
 
     def html(self) -> str:
         """The page, which fetches nothing."""
+        draws = bool(self.data.get("drawing"))
         return filled(
             "playground.html.j2",
             title=self.title,
             bits=self.data.get("bits"),
             is_agent=self.is_agent,
-            draws=bool(self.data.get("drawing")),
-            script=self.script,
-            page=_text("playground.js"),
-            editor=_text("drawing.js"),
+            draws=draws,
+            script=markup.code(self.script),
+            page=markup.code(*map(_text, ("playground.js", "drawing.js")[: 1 + draws])),
         )
 
     def write(self, file: Path) -> None:
@@ -187,8 +187,8 @@ def _script(data: Mapping[str, Any], layers: Mapping[str, Any], text: Sequence[s
     """The script without a browser in it: data, weights, printed functions, and the class that drives them."""
     return "\n".join(
         (
-            f"const DATA = {json.dumps(data, separators=(',', ':'))};",
-            f"const WEIGHTS = {json.dumps(layers, separators=(',', ':'))};",
+            f"const DATA = {markup.data(data)};",
+            f"const WEIGHTS = {markup.data(layers)};",
             activations(),
             *text,
             _text("flight.js"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html as markup
 import json
 from collections.abc import Sequence
 from importlib import resources
@@ -11,6 +10,7 @@ from typing import Any
 from pydrake.geometry import Rgba
 
 from rans.flight import Flight
+from rans.show import markup
 from rans.show.scene.scene import BODIES, SceneMotion
 from rans.tasks.quantities import QUANTITIES
 
@@ -71,9 +71,8 @@ def html(
         "aspect": aspect,
         "dark": not planar,
     }
-    script = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     template = resources.files("rans.show.scene").joinpath("overlay.html").read_text("utf-8")
-    return template.replace("{{ data }}", script)
+    return template.replace("{{ data }}", markup.data(data))
 
 
 def laid_over(page: str, overlay: str) -> str:
@@ -82,7 +81,7 @@ def laid_over(page: str, overlay: str) -> str:
     title = overlay.partition('"title":')[2]
     name = json.JSONDecoder().raw_decode(title)[0] if title else "RANS"
     return (
-        head.replace("<title>Drake MeshCat</title>", f"<title>{markup.escape(name)}</title>", 1)
+        head.replace("<title>Drake MeshCat</title>", f"<title>{markup.text(name)}</title>", 1)
         + overlay
         + _ENDS
         + tail
