@@ -13,6 +13,7 @@ import gymnasium
 import pytest
 from hypothesis import settings
 
+from rans.errors import EXTRAS, MissingPackage
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
@@ -32,22 +33,25 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-OPTIONAL = {"pydrake", "casadi"}
-"""Machines with a GPU often lack them, and run what has the mark gpu."""
-
 
 class Module(pytest.Module):
-    """A file of tests, passed over where a library that it needs is not installed."""
+    """A file of tests, passed over where a library that it needs is not installed.
+
+    Machines with a GPU often lack Drake and CasADi, and run what has the mark gpu.
+    """
 
     def collect(self) -> Iterable[pytest.Item | pytest.Collector]:
         """See pytest."""
         try:
             return super().collect()
         except self.CollectError as error:
-            missing = (
-                error.__cause__.name if isinstance(error.__cause__, ModuleNotFoundError) else None
-            )
-            if missing in OPTIONAL:  # not one of its modules, which would be misspelt
+            cause = error.__cause__
+            # RANS's own modules say what they lack; a test that imports a library itself gets Python's error.
+            if isinstance(cause, MissingPackage):
+                missing = cause.module
+            else:
+                missing = cause.name if isinstance(cause, ModuleNotFoundError) else None
+            if missing in EXTRAS:  # not one of its modules, which would be misspelt
                 pytest.skip(f"needs {missing}", allow_module_level=True)
             raise
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _SIZES = {"cpu": (1024, 16_384, 262_144), "cuda": (16_384, 262_144, 4_194_304)}
 """Environments stepped together, by the kind of device."""
+_QUICK_SIZES = {"cpu": (1024,), "cuda": (262_144,)}
+"""The same for rough figures: with fewer a GPU waits for its launches, and the figure is not its speed."""
 
 
 def chosen_device(device: str | None, quick: bool) -> str:
@@ -44,8 +46,8 @@ def measured(
     """One measurement after the other; `rans.api.laboratory.enter` comes first."""
     from validation.speed.suite import effort, measurements
 
-    usual = _SIZES["cuda" if device.startswith("cuda") else "cpu"]
-    sizes = tuple(num_envs) or ((1024,) if quick else usual)
+    usual = _QUICK_SIZES if quick else _SIZES
+    sizes = tuple(num_envs) or usual["cuda" if device.startswith("cuda") else "cpu"]
     names = list(crafts)
     for measurement in measurements(
         names, task, TASKS[typed(task)](), sizes, effort(device, quick)

@@ -55,6 +55,11 @@ class Clock:
         calls = max(1, round(self.seconds / self._took(function, 1)))
         return statistics.median(self._took(function, calls) for _ in range(self.repeats)), warm_up
 
+    def once(self, function: Callable[[], object]) -> float:
+        """Seconds of a single call."""
+        self.wait()
+        return self._took(function, 1)
+
     def _took(self, function: Callable[[], object], calls: int) -> float:
         """Seconds of one of so many calls."""
         begun = time.perf_counter()

@@ -28,16 +28,16 @@ class Effort:
     calls: int
     """Of an agent."""
     flights: int
-    """In one call of many."""
+    """Most in one call; where fewer fill the device, these are measured."""
 
 
 def effort(device: str, quick: bool) -> Effort:
     """Enough for figures that repeat within a few per cent on an idle machine, or as little as possible."""
+    flights = 2**22 if device != "cpu" else 2**14
     if quick:
-        return Effort(Clock(device, repeats=2, seconds=0.01), None, starts=1, calls=50, flights=64)
-    return Effort(
-        Clock(device), True, starts=8, calls=5000, flights=2**22 if device != "cpu" else 2**14
-    )
+        clock = Clock(device, repeats=2, seconds=0.01)
+        return Effort(clock, None, starts=1, calls=50, flights=flights)
+    return Effort(Clock(device), True, starts=8, calls=5000, flights=flights)
 
 
 def measurements(

@@ -78,7 +78,7 @@ def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(
         ("engine_rate", name, 16, clock, 12.0, None),
         ("engine_rate", name, 16, clock, 12.0, ("generated", False)),
         ("memory_per_environment", name, 16, clock),
-        ("flight_rates", name, 64, clock),
+        ("flight_rates", name, 2**22, clock),
         ("trainer_rate", name, preset("go-to-pose", 2, "cuda"), clock),
         ("trainer_rate", name, LARGE, clock),
         ("solver_rate", name, 1),
