@@ -368,6 +368,10 @@ def require(module: str) -> Any:
         raise MissingPackage(module) from error
 
 
+class RansWarning(UserWarning):
+    """Base class of the warnings of RANS, for ``warnings.filterwarnings("error", category=rans.RansWarning)``."""
+
+
 class NonFiniteState(RansError):
     """A state, reward or weight became NaN or infinite; the message names the file with its dump."""
 

@@ -81,16 +81,16 @@ ALLOWED = {
         "cloudpickle.loads",
     ): "another process of this session sent it",
     (
-        "rans.evaluation.fly.controllers",
+        "rans.evaluation.fly.foreign_policy",
         "InferenceSession",
     ): "ONNX Runtime opens networks by itself",
     (
         "rans.proof.network",
         "InferenceSession",
     ): "of bytes that the reader of the module has accepted",
-    ("rans.evaluation.fly.controllers", "load_from_zip_file"): "a pickle, with --trust only",
+    ("rans.evaluation.fly.foreign_policy", "load_from_zip_file"): "a pickle, with --trust only",
     (
-        "rans.evaluation.fly.controllers",
+        "rans.evaluation.fly.foreign_policy",
         "pickle.loads",
     ): "statistics of a policy, with --trust only",
     ("rans.evaluation.fly.exported", "exec"): "agent.py, with --trust only, from its text",

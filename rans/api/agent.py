@@ -53,7 +53,7 @@ class Agent(AgentData):
 
     def __init__(self, run: LoadedRun, spec: str = "") -> None:
         super().__init__(run, spec)
-        self._memory: tuple[np.ndarray, ...] | None = None
+        self._memory: Any = None
 
     def under(self, conditions: str | Path | Conditions | None) -> Agent:
         """The same agent, to be evaluated under other conditions: a name, a file or a `Conditions`; None: its own.
@@ -85,10 +85,10 @@ class Agent(AgentData):
     def predict(
         self,
         observation: Any,
-        state: tuple[np.ndarray, ...] | None = None,
+        state: Any = None,
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
-    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+    ) -> tuple[np.ndarray, Any]:
         """The action for an observation and the memory after it, as Stable-Baselines3's ``predict``.
 
         Args:
@@ -117,7 +117,7 @@ class Agent(AgentData):
                 f"an observation is an array of numbers, (width,) or (N, width), got {brief(observation)}."
             ) from error
         dtype = action_space(self.craft).dtype
-        # A network of RANS has a memory; exported agents decide from the observation alone.
+        # A network of RANS, then policies of other libraries and exported agents; all may have a memory.
         if isinstance(controller, Network):
             output, memory = predict(
                 controller.network, observation, state, episode_start, deterministic
@@ -133,8 +133,9 @@ class Agent(AgentData):
                 "rans.Pilot(agent, env) flies it in a Gymnasium loop."
             )
         rows = observation.reshape(-1, observation.shape[-1])
-        commands = controller.act(None, None, rows)
-        return commands.reshape(*observation.shape[:-1], -1).astype(dtype), None
+        starts = None if episode_start is None else np.reshape(episode_start, -1)
+        commands, memory = controller.decide(rows, state, starts)
+        return commands.reshape(*observation.shape[:-1], -1).astype(dtype), memory
 
     def fly(
         self,

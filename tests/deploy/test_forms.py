@@ -24,6 +24,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import user_policy
+from rans.evaluation.fly.exported import ExportedPython
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
 from rans.fast.learn.run_folder import RunFolder
@@ -287,6 +288,26 @@ def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
     expected = fly(craft, task, Agent(network, "agent"), starts, timing).commands
     for _ in range(2):
         np.testing.assert_array_equal(fly(craft, task, policy, starts, timing).commands, expected)
+
+
+def test_what_an_exported_agent_remembers_ends_with_its_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As an object, whose states are with the caller: two flights by turns do not mix."""
+    monkeypatch.setenv("RANS_TRUST", "1")
+    network, setup, seen = remembering()
+    written(tmp_path, network, "numpy")
+    agent = ExportedPython(tmp_path, setup.craft)
+    agent.reset(4)
+    alone = [agent.act(None, None, rows) for rows in seen[:8]]
+    first = second = None
+    for k, rows in enumerate(seen[:8]):
+        command, first = agent.decide(rows, first)
+        np.testing.assert_array_equal(command, alone[k])
+        _, second = agent.decide(seen[7 - k], second)
+    begins = np.array([True, True, False, False])
+    again, _ = agent.decide(seen[0], first, begins)
+    np.testing.assert_array_equal(again[:2], alone[0][:2])
 
 
 @pytest.mark.slow

@@ -115,6 +115,10 @@ def _controller(folder: Path, craft: Spacecraft, task: Task) -> Any:
     raise ConfigError(f"{folder} has a contract but neither agent.onnx nor agent.py.")
 
 
+_KEPT = ("memory", "last", "held")
+"""What an exported agent.py keeps from one control period to the next, each (N, ...)."""
+
+
 class ExportedPython:
     """The agent of an exported ``agent.py``, which runs that file's code.
 
@@ -149,6 +153,21 @@ class ExportedPython:
         return answered(
             self.name, lambda: self._agent.act(observation), self._craft, len(observation)
         )
+
+    def decide(
+        self, observation: np.ndarray, memory: Any, episode_start: np.ndarray | None = None
+    ) -> tuple[np.ndarray, Any]:
+        """Commands (N, commands) and what agent.py keeps after them; see `UserPolicy.decide`."""
+        count = len(observation)
+        with failing_as_config_error(self._folder / "agent.py"):
+            self._agent.reset(count)
+            if memory is not None:
+                begins = np.zeros(count, bool) if episode_start is None else episode_start
+                for name, before in zip(_KEPT, memory, strict=True):
+                    rows = begins.reshape(-1, *[1] * (before.ndim - 1))
+                    setattr(self._agent, name, np.where(rows, getattr(self._agent, name), before))
+        commands = self.act(None, None, observation)
+        return commands, tuple(getattr(self._agent, name) for name in _KEPT)
 
 
 OBSERVERS = (UserPolicy, ExportedPython)

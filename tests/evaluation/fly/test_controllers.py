@@ -22,12 +22,12 @@ from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import (
     CONTROLLERS,
-    OnnxPolicy,
     controller,
     is_user_policy,
     user_policy,
 )
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.foreign_policy import OnnxPolicy
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -293,8 +293,8 @@ class Session:
     def get_inputs(self) -> list[SimpleNamespace]:
         return [SimpleNamespace(name=name, shape=["N", self.width]) for name in self.inputs]
 
-    def get_outputs(self) -> list[None]:
-        return [None]
+    def get_outputs(self) -> list[SimpleNamespace]:
+        return [SimpleNamespace(name="command", shape=["N", 8])]
 
     def run(self, outputs: None, feed: dict[str, np.ndarray]) -> list[np.ndarray]:
         return [(feed["seen"][:, :8] > 0).astype(np.int64)]
@@ -310,7 +310,9 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
     with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
         user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
-    with pytest.raises(ConfigError, match=r"must have one input, the observation, or .* got a, b"):
+    with pytest.raises(
+        ConfigError, match=r"must have one input, the observation, and .* the inputs b and 0 such"
+    ):
         user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
     with pytest.raises(ConfigError, match="wide observes 22 numbers, but floating-platform has 10"):
         user_policy(f"onnx:{tmp_path / 'wide'}", CRAFT, GoToPose())
@@ -329,6 +331,9 @@ class _Answers:
     def get_inputs(self) -> list[SimpleNamespace]:
         return [SimpleNamespace(name="observation", shape=["N", 10])]
 
+    def get_outputs(self) -> list[SimpleNamespace]:
+        return [SimpleNamespace(name="command", shape=["N", 8])]
+
     def run(self, _: None, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
         return [self._answer(inputs["observation"])]
 
@@ -337,6 +342,7 @@ def test_a_network_answers_each_observation_for_itself() -> None:
     """Asked twice and once alone: a batch mean and a random number show, a function of the row does not."""
     seen = np.random.default_rng(3).normal(size=(32, 10)).astype(np.float32)
     random = np.random.default_rng(4)
+    begun = np.ones(len(seen), bool)
 
     def by_row(rows: np.ndarray) -> np.ndarray:
         return (rows[:, :8] > 0.0).astype(np.float32)
@@ -347,8 +353,10 @@ def test_a_network_answers_each_observation_for_itself() -> None:
     def sampled(rows: np.ndarray) -> np.ndarray:
         return (random.random((len(rows), 8)) < 0.5).astype(np.float32)
 
-    np.testing.assert_array_equal(OnnxPolicy(_Answers(by_row), "it.onnx")(seen), by_row(seen))
+    np.testing.assert_array_equal(
+        OnnxPolicy(_Answers(by_row), "it.onnx")(seen, None, begun)[0], by_row(seen)
+    )
     with pytest.raises(ConfigError, match=r"it\.onnx answers an observation alone otherwise"):
-        OnnxPolicy(_Answers(mixed), "it.onnx")(seen)
+        OnnxPolicy(_Answers(mixed), "it.onnx")(seen, None, begun)
     with pytest.raises(ConfigError, match=r"it\.onnx answers the same observations differently"):
-        OnnxPolicy(_Answers(sampled), "it.onnx")(seen)
+        OnnxPolicy(_Answers(sampled), "it.onnx")(seen, None, begun)

@@ -13,7 +13,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.fly.controllers import policy_of, user_policy
+from rans.evaluation.fly.controllers import user_policy
+from rans.evaluation.fly.foreign_policy import policy_of
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
@@ -99,7 +100,9 @@ def test_a_model_behind_its_environment_scales_too(folder: Path) -> None:
     normalized = VecNormalize.load(str(folder / "vecnormalize.pkl"), environment)
     model = PPO.load(folder / "model.zip", env=normalized, device="cpu")
     policy = policy_of(model, CRAFT, GoToPose())
-    np.testing.assert_array_equal(policy(OBSERVATIONS), predicted(folder, OBSERVATIONS))
+    answer, memory = policy(OBSERVATIONS, None, np.ones(64, bool))
+    np.testing.assert_array_equal(answer, predicted(folder, OBSERVATIONS))
+    assert memory is None
 
 
 @pytest.mark.parametrize("content", [b"no pickle", pickle.dumps({"obs_rms": 1})])

@@ -23,7 +23,10 @@ PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose()
 SHORT = Timing(episode_steps=2)
 FULL = UserPolicy(
-    "half open", lambda seen: np.tile([1, 0, 0, 0, 1, 0, 0, 0], (len(seen), 1)), PLATFORM, TASK
+    "half open",
+    lambda seen, memory, starts: (np.tile([1, 0, 0, 0, 1, 0, 0, 0], (len(seen), 1)), None),
+    PLATFORM,
+    TASK,
 )
 FOUND = {effect.name: effect for effect in applicable_effects(PLATFORM, Timing())}
 

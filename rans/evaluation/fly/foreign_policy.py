@@ -1,0 +1,532 @@
+"""Policies of other libraries: a Stable-Baselines3 model or file, a torch module, an ONNX network, a function.
+
+A policy is more than its network. Each of its parts is flown with it, or the policy is refused in a sentence:
+
+- memory: the states that ``predict`` returns, and those that an ONNX network takes and gives, are carried from one
+  control period to the next and begin anew with an episode; a recurrent layer with a hidden state is refused;
+- normalization: a VecNormalize around a model, or beside its file, scales its observations; other wrappers that
+  change observations or actions are refused by their names;
+- stacked observations, another order or scale of actions: the spaces must be those of the task and the craft;
+- numbers: observations are float32, as RANS's environments give them.
+"""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.effectors.commands import action_space, allowed, of_outputs
+from rans.errors import ConfigError, RansWarning, brief, is_installed, require
+from rans.files import first_line, read_bytes
+from rans.model.spacecraft import Spacecraft
+from rans.registry import resolve_typed
+from rans.tasks import Task, observation_width
+
+Decision = tuple[Any, Any]
+"""Commands (N, commands), zeros and ones or numbers between, and the memory after them; None: there is none."""
+
+ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], Decision]
+"""Function of observations (N, width), float32, of the memory after the step before (None: all episodes begin), and
+of where an episode begins, (N,) bool. It keeps nothing itself, so that many flights may ask it by turns."""
+
+
+def policy_of(policy: Any, craft: Spacecraft, task: Task) -> ForeignPolicy:
+    """The policy of an object: SB3's ``predict``, a torch module's call, or a function of observations.
+
+    Raises:
+        ConfigError: it is none of these, its spaces are not those of the task and the craft, or it has a part that
+            cannot be flown.
+    """
+    who = f"the {type(policy).__name__}"
+    if callable(getattr(policy, "predict", None)):
+        spaces = [getattr(policy, name, None) for name in ("observation_space", "action_space")]
+        if None not in spaces:
+            _check_spaces(who, spaces[0], spaces[1], craft, task)
+        _check_wrappers(who, policy)
+        environment = getattr(policy, "get_vec_normalize_env", lambda: None)()
+        return _predicting(who, policy, None if environment is None else environment.normalize_obs)
+    if not callable(policy) or isinstance(policy, type):
+        raise ConfigError(
+            "a policy is a Stable-Baselines3 model, a torch module or a function of observations "
+            f"(N, width), got {brief(policy)}."
+        )
+    _check_module(who, policy)
+    return lambda observation, memory, starts: (_called(policy, observation), None)
+
+
+def _predicting(
+    who: str, policy: Any, scale: Callable[[np.ndarray], np.ndarray] | None
+) -> ForeignPolicy:
+    """The policy of an object with ``predict``, whose second result is its memory."""
+    try:
+        parameters = inspect.signature(policy.predict).parameters
+    except (TypeError, ValueError):  # a function of a compiled module
+        parameters = {}
+    anything = not parameters or any(
+        parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values()
+    )
+    takes = [name for name in ("state", "episode_start") if anything or name in parameters]
+
+    def decide(observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
+        options = {
+            name: value
+            for name, value in (("state", memory), ("episode_start", starts))
+            if name in takes
+        }
+        scaled = observation if scale is None else scale(observation)
+        result = policy.predict(scaled, deterministic=True, **options)
+        if not isinstance(result, tuple) or len(result) != 2:
+            raise ConfigError(
+                f"predict of {who} must return actions and a state, which is None without a memory, got "
+                f"{brief(type(result).__name__)}."
+            )
+        commands, after = result
+        if after is not None and "state" not in takes:
+            raise ConfigError(
+                f"predict of {who} returns a state and takes none: give it the arguments state and episode_start."
+            )
+        return commands, after
+
+    return decide
+
+
+_CHANGING = ("ObservationWrapper", "ActionWrapper", "VecFrameStack", "VecTransposeImage")
+"""Classes of wrappers of Gymnasium and of Stable-Baselines3 that change what a policy reads or commands."""
+
+
+def _wrappers(environment: Any) -> Iterator[Any]:
+    """Wrappers around the environments of a model, of Stable-Baselines3 and then of Gymnasium."""
+    while (inner := getattr(environment, "venv", None)) is not None:
+        yield environment
+        environment = inner
+    environment = next(iter(getattr(environment, "envs", [])), None)
+    while (inner := getattr(environment, "env", None)) is not None:
+        yield environment
+        environment = inner
+
+
+def _check_wrappers(who: str, policy: Any) -> None:
+    """Refuse (`ConfigError`) a model behind a wrapper that changes observations or actions, but VecNormalize."""
+    environment = getattr(policy, "get_env", lambda: None)()
+    for wrapper in _wrappers(environment):
+        if any(kind.__name__ in _CHANGING for kind in type(wrapper).__mro__):
+            raise ConfigError(
+                f"{who} was trained behind {type(wrapper).__name__}, which changes observations or actions "
+                "and would not be flown: give a function of observations that does the same and asks the model."
+            )
+
+
+_RECURRENT = ("RNN", "LSTM", "GRU", "RNNCell", "LSTMCell", "GRUCell")
+"""Layers with a state, as torch and ONNX name them."""
+_BATCH_DEPENDENT = ("Dropout", "BatchNorm")
+"""Beginnings of the names of layers that answer otherwise in training."""
+
+
+def _check_module(who: str, module: Any) -> None:
+    """Refuse (`ConfigError`) a torch module whose memory is out of reach, or which is in training mode."""
+    for layer in getattr(module, "modules", list)():
+        # A module of TorchScript has one class for all layers, and the layer's own name.
+        kind = getattr(layer, "original_name", type(layer).__name__)
+        if kind in _RECURRENT:
+            raise ConfigError(
+                f"{who} has a memory ({kind}), and a module is asked with the observation alone: give an "
+                "object whose predict(observation, state, episode_start, deterministic) returns actions and the "
+                "state after them."
+            )
+        if kind.startswith(_BATCH_DEPENDENT) and getattr(layer, "training", False):
+            raise ConfigError(
+                f"{who} is in training mode and has a {kind}, which answers otherwise then: call its eval() first."
+            )
+
+
+def _called(function: Callable[[Any], Any], observation: np.ndarray) -> Any:
+    """Commands of a torch module or a function."""
+    import torch
+
+    if isinstance(function, torch.nn.Module):
+        first = next(function.parameters(), torch.zeros(0))
+        with torch.no_grad():
+            result: Any = function(torch.as_tensor(observation, device=first.device))
+        if isinstance(result, torch.Tensor):
+            result = result.cpu().numpy()
+    else:
+        result = function(observation)
+    if isinstance(result, tuple):
+        raise ConfigError(
+            f"a policy that is called answers with commands alone, got {len(result)} values: one with a memory has "
+            "predict(observation, state, episode_start, deterministic), as in Stable-Baselines3."
+        )
+    return result
+
+
+# Stable-Baselines3
+
+
+def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPolicy:
+    """Policy of any SB3 algorithm: the file names the policy's class; a VecNormalize beside it scales for it."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    _check_file(name)
+    if not trust:
+        return _ours(Path(name), craft, task)
+    try:
+        data, parameters, _ = load_from_zip_file(name, device="cpu")
+        assert data is not None  # every SB3 file has data
+        spaces = data["observation_space"], data["action_space"]
+        policy = data["policy_class"](*spaces, lambda _: 0.0, **data["policy_kwargs"])
+        policy.load_state_dict(parameters["policy"])
+    except Exception as error:  # a damaged pickle raises anything
+        reason = first_line(error).partition(". ")[
+            0
+        ]  # The rest is torch's advice to unpickle the file without checks.
+        raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: {reason}.") from error
+    policy.set_training_mode(False)
+    _check_spaces(name, *spaces, craft, task)
+    scale = _normalization(Path(name), craft, task)
+    if scale is None and _met_scaled_observations(data, craft):
+        warnings.warn(
+            f"{name} was trained on observations that were scaled, as SB3's VecNormalize does, and its file "
+            "does not hold the scales: observations are passed to it as they are. Save the VecNormalize "
+            f"as {Path(name).stem}_vecnormalize.pkl beside it.",
+            RansWarning,
+            stacklevel=2,
+        )
+    return _predicting(name, policy, scale)
+
+
+def _statistics_file(file: Path) -> Path | None:
+    """File of the VecNormalize that a policy's file was saved with, by the names that SB3 and its zoo use."""
+    checkpoint = re.sub(r"_(\d+_steps)$", r"_vecnormalize_\1", file.stem)
+    names = f"{file.stem}_vecnormalize.pkl", f"{checkpoint}.pkl", "vecnormalize.pkl"
+    return next(
+        (candidate for name in names if (candidate := file.with_name(name)).is_file()), None
+    )
+
+
+_LARGEST_STATISTICS = 2**24
+"""Bytes: means and variances of some numbers, and what SB3 keeps beside them of thousands of environments."""
+
+
+def _normalization(
+    file: Path, craft: Spacecraft, task: Task
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Normalisation of observations by the VecNormalize beside a trusted SB3 file; None: there is none."""
+    statistics = _statistics_file(file)
+    if statistics is None:
+        return None
+    content = read_bytes(statistics, _LARGEST_STATISTICS)
+    try:
+        normalizer = pickle.loads(content)
+        shape = np.shape(normalizer.obs_rms.mean) if normalizer.norm_obs else None
+        normalize: Callable[[np.ndarray], np.ndarray] = normalizer.normalize_obs
+    except Exception as error:  # a damaged pickle raises anything
+        raise ConfigError(
+            f"{statistics} lies beside {file.name} and is no VecNormalize that Stable-Baselines3 saved: "
+            f"{first_line(error).rstrip('.')}."
+        ) from error
+    width = observation_width(task, craft.dimension)
+    if shape not in (None, (width,)):
+        raise ConfigError(
+            f"{statistics} scales observations of shape {shape}, but {craft.name} has ({width},): it is "
+            "another policy's."
+        )
+    return normalize
+
+
+def _met_scaled_observations(data: dict[str, Any], craft: Spacecraft) -> bool:
+    """Whether the observations that an SB3 file holds are not a task's own.
+
+    Off-policy algorithms keep those before the scaling. Of others the last ones are kept, whose first columns
+    are a row of a rotation.
+    """
+    if data.get("_last_original_obs") is not None:
+        return True
+    last = data.get("_last_obs")
+    if not isinstance(last, np.ndarray) or last.ndim != 2:
+        return False
+    lengths = np.linalg.norm(last[:, : craft.dimension], axis=1)
+    return bool(np.any(np.abs(lengths - 1.0) > 1e-3))  # far above the rounding of float32
+
+
+def _ours(file: Path, craft: Spacecraft, task: Task) -> ForeignPolicy:
+    """Policy of an agent that RANS wrote, which holds no pickle."""
+    from rans.fast.agent_files.agent import is_agent, read_policy
+    from rans.policy.predict import policy_spaces, predict
+
+    if not is_agent(file):
+        raise ConfigError(
+            f"sb3:{file} is a pickle: opening it runs whatever code is in it. If you know who "
+            "made it, add --trust."
+        )
+    if statistics := _statistics_file(file):
+        raise ConfigError(
+            f"{statistics}, beside {file.name}, has the scales of its observations (VecNormalize) and is a pickle: "
+            "opening it runs whatever code is in it. If you know who made it, add --trust; if it is another "
+            "policy's, move it away."
+        )
+    network = read_policy(file).network
+    _check_spaces(str(file), *policy_spaces(network.architecture), craft, task)
+
+    def decide(observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
+        commands, after = predict(network, observation, memory, starts)
+        return np.stack(of_outputs(craft, tuple(commands.T)), axis=1), after
+
+    return decide
+
+
+def _check_spaces(
+    name: str, observation_space: Any, expected: Any, craft: Spacecraft, task: Task
+) -> None:
+    from gymnasium.spaces import MultiBinary, MultiDiscrete
+
+    width = observation_width(task, craft.dimension)
+    count = craft.command_count
+    if observation_space.shape != (width,):
+        wide = observation_space.shape[-1] if observation_space.shape else 0
+        stacked = (
+            ": the usual cause are stacked observations (VecFrameStack), which are not flown"
+            if wide > width and wide % width == 0
+            else ""
+        )
+        raise ConfigError(
+            f"{name} observes {observation_space.shape}, but {craft.name} has ({width},){stacked}."
+        )
+    accepted = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
+    if expected not in accepted:
+        takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
+        wheels = f" and {craft.wheel_count} reaction wheels" if craft.wheels else ""
+        raise ConfigError(
+            f"{name} acts by {expected}, but {craft.name} has {craft.thruster_count} thrusters{wheels}, which "
+            f"take {takes}: {', '.join(dict.fromkeys(map(str, accepted)))}."
+        )
+
+
+# ONNX
+
+
+class _Port(NamedTuple):
+    """A state that a network takes and gives."""
+
+    name: str
+    shape: tuple[int, ...]
+    """Shape for one episode; its axis of episodes has length 1."""
+    axis: int
+    """Axis of episodes."""
+
+    def zeros(self, count: int) -> np.ndarray:
+        """State of so many episodes that begin."""
+        return np.zeros((*self.shape[: self.axis], count, *self.shape[self.axis + 1 :]), np.float32)
+
+    def rows(self, state: np.ndarray, row: int) -> np.ndarray:
+        """State of one episode."""
+        return np.take(state, [row], axis=self.axis)
+
+
+def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
+    """Policy of an ONNX network, whose first input is the observation and whose first output is the command.
+
+    Its states are the inputs after the first, and in the same order the outputs after the first: (N, m), or
+    (layers, N, m) as layers of torch have them.
+    """
+    onnxruntime = require("onnxruntime")
+    _check_file(name)
+    try:
+        session = onnxruntime.InferenceSession(name, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's errors have no common class
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise ConfigError(f"{name} is no ONNX network: {reason[:400]}.") from error
+    inputs = session.get_inputs()
+    if not inputs:
+        raise ConfigError(f"{name} has no input, and the first one must be the observation.")
+    width = observation_width(task, craft.dimension)
+    shape = inputs[0].shape
+    if len(shape) == 2 and isinstance(shape[1], int) and shape[1] != width:
+        raise ConfigError(
+            f"{name} observes {shape[1]} numbers, but {craft.name} has {width} for "
+            f"{type(task).__name__}."
+        )
+    return OnnxPolicy(session, name)
+
+
+_ALONE = 16
+"""Observations of the first batch of a network that are asked for alone."""
+
+
+class OnnxPolicy:
+    """Policy of a session of ONNX Runtime.
+
+    A network that was exported for a batch of one is run for one observation after the other. Of the first batch
+    it is asked twice, and once for single observations.
+
+    Raises:
+        ConfigError: its states are not given as they are taken, a layer keeps a state that it does not give, or its
+            answers differ then.
+    """
+
+    def __init__(self, session: Any, file: str = "the network") -> None:
+        self._session = session
+        self._file = file
+        self._is_checked = False
+        inputs: list[Any] = session.get_inputs()
+        first, states = inputs[0], inputs[1:]
+        self._observation = first.name
+        self._is_single = bool(first.shape[:1] == [1])
+        self._ports: list[_Port] = [
+            self._port(*pair) for pair in zip(states, self._givens(states), strict=True)
+        ]
+        if not states:
+            self._check_layers()
+
+    def _givens(self, states: list[Any]) -> list[Any]:
+        """Outputs after the command, one for each state that the network takes."""
+        givens = self._session.get_outputs()[1 : 1 + len(states)]
+        if len(givens) < len(states):
+            raise ConfigError(
+                f"{self._file} must have one input, the observation, and after it the states that it also gives "
+                f"after its command, in the same order, got the inputs {', '.join(x.name for x in states)} and "
+                f"{len(givens)} such outputs."
+            )
+        return givens
+
+    def _port(self, taken: Any, given: Any) -> _Port:
+        """A state, of the same shape as it is taken and given."""
+        shape = list(taken.shape)
+        # The axis of episodes is the first of (N, m) and the second of (layers, N, m).
+        axis = len(shape) - 2
+        sizes = [size for k, size in enumerate(shape) if k != axis]
+        whole = all(isinstance(size, int) and 0 < size <= _LARGEST_STATE for size in sizes)
+        fits = len(given.shape) == len(shape) and all(
+            not isinstance(a, int) or not isinstance(b, int) or a == b
+            for k, (a, b) in enumerate(zip(shape, given.shape, strict=True))
+            if k != axis
+        )
+        if axis not in (0, 1) or not whole or not fits or shape[axis] == 0:
+            raise ConfigError(
+                f"the state {taken.name} of {self._file} must be (N, m) or (layers, N, m), and given back in the "
+                f"same shape, got {shape} taken and {list(given.shape)} given as {given.name}."
+            )
+        self._is_single |= bool(shape[axis] == 1)
+        return _Port(
+            taken.name, tuple(1 if k == axis else size for k, size in enumerate(shape)), axis
+        )
+
+    def _check_layers(self) -> None:
+        """Refuse (`ConfigError`) a network without states that has a recurrent layer."""
+        if not is_installed("onnx") or not Path(self._file).is_file():
+            return
+        import onnx
+
+        content = read_bytes(Path(self._file), _LARGEST_NETWORK)
+        nodes = onnx.load_model_from_string(content).graph.node
+        if kinds := sorted({node.op_type for node in nodes if node.op_type in _RECURRENT}):
+            raise ConfigError(
+                f"{self._file} has a memory ({', '.join(kinds)}) that it neither takes nor gives, so that it would "
+                "begin anew in every control period: export its states as inputs after the observation and as "
+                "outputs after the command."
+            )
+
+    def __call__(self, observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
+        """Commands (N, commands) for observations (N, width), and the states after them."""
+        count = len(observation)
+        states = [port.zeros(count) for port in self._ports]
+        if memory is not None:
+            states = [
+                np.where(_along(starts, port), zeros, state)
+                for port, zeros, state in zip(self._ports, states, memory, strict=True)
+            ]
+        command, *after = self._run(observation, states)
+        if not self._is_checked and count > 1:
+            self._check(observation, states, command)
+            self._is_checked = True
+        return command, tuple(after[: len(self._ports)]) if self._ports else None
+
+    def _check(
+        self, observation: np.ndarray, states: list[np.ndarray], command: np.ndarray
+    ) -> None:
+        """Reject (`ConfigError`) a network that answers otherwise a second time, or to one observation alone."""
+        again = self._run(observation, states)[0]
+        if not np.array_equal(again, command, equal_nan=True):
+            raise ConfigError(
+                f"{self._file} answers the same observations differently a second time: the usual cause is a "
+                "dropout, or an action that is sampled. Export the deterministic policy, in evaluation mode."
+            )
+        rows = range(min(_ALONE, len(command)))
+        alone = [self._of_row(observation, states, k)[0][0] for k in rows]
+        # Sums in another order differ by rounding, which may turn a choice between 0 and 1 in one of several.
+        off = [
+            not np.allclose(action, command[k], rtol=1e-3, atol=1e-3)
+            for k, action in enumerate(alone)
+        ]
+        if sum(off) > 1:
+            raise ConfigError(
+                f"{self._file} answers an observation alone otherwise than among {len(command)}: its flights would "
+                "mix. The usual cause is a batch normalization that was exported in training mode."
+            )
+
+    def _of_row(
+        self, observation: np.ndarray, states: list[np.ndarray], row: int
+    ) -> list[np.ndarray]:
+        """Outputs for one observation."""
+        own = [port.rows(state, row) for port, state in zip(self._ports, states, strict=True)]
+        return self._asked(observation[row : row + 1], own)
+
+    def _asked(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
+        named = {port.name: state for port, state in zip(self._ports, states, strict=True)}
+        return self._session.run(None, {self._observation: observation, **named})
+
+    def _run(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
+        """Outputs of the network, in the order of the observations."""
+        if not self._is_single:
+            return self._asked(observation, states)
+        rows = [self._of_row(observation, states, k) for k in range(len(observation))]
+        axes = [0, *(port.axis for port in self._ports)]
+        # Outputs after the states, such as a value, are not read.
+        return [np.concatenate([row[k] for row in rows], axis=axis) for k, axis in enumerate(axes)]
+
+
+_LARGEST_STATE = 2**16
+"""Numbers along an axis of a state; layers in control have some hundred."""
+_LARGEST_NETWORK = 2**26
+"""Bytes of a network whose layers are looked through; networks in control have less than a thousandth of it."""
+
+
+def _along(starts: np.ndarray, port: _Port) -> np.ndarray:
+    """Where an episode begins, along the axis of episodes of a state."""
+    sizes = [1] * len(port.shape)
+    sizes[port.axis] = len(starts)
+    return np.reshape(starts, sizes)
+
+
+def _python(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
+    module, colon, function = name.rpartition(":")
+    if not module or not colon or not function:
+        raise ConfigError(
+            f"python:{name} must name a module and a function, as python:my_policy:act."
+        )
+    try:
+        policy = resolve_typed(name)
+    except ConfigError as error:
+        raise ConfigError(f"python:{name} cannot be imported: {error}") from error
+    if not callable(policy):
+        raise ConfigError(f"python:{name} is a {type(policy).__name__}, no function.")
+    return policy_of(policy, craft, task)
+
+
+def _check_file(name: str) -> None:
+    if not Path(name).is_file():
+        raise ConfigError(f"there is no file {name}.")
+
+
+LOADERS: dict[str, Callable[[str, Spacecraft, Task, bool], ForeignPolicy]] = {
+    "sb3": _sb3,
+    "onnx": _onnx,
+    "python": _python,
+}
+"""What opens a policy, by the first word of its text, from the rest of it, the craft, the task and trust."""

@@ -1,0 +1,316 @@
+"""Policies of other libraries are flown with all that belongs to them, or refused."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
+
+import rans
+from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import ObjectPolicy, UserPolicy, user_policy
+from rans.evaluation.fly.foreign_policy import policy_of
+from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
+
+CRAFT = load_spacecraft("floating-platform")
+TASK = GoToPose()
+STEPS = np.random.default_rng(2).normal(size=(5, 6, 10)).astype(np.float32)
+"""Observations of five control periods of six episodes."""
+
+
+class Counting:
+    """Opens as many thrusters as control periods have passed since the episode began, as LSTMs of sb3-contrib do:
+    the state is the second result, and zeros where an episode starts."""
+
+    def predict(
+        self,
+        observation: np.ndarray,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = False,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        count = np.zeros(len(observation), int) if state is None else state[0]
+        if episode_start is not None:
+            count = np.where(episode_start, 0, count)
+        return (np.arange(8) <= count[:, None]).astype(int), (count + 1,)
+
+
+def opened(policy: UserPolicy) -> list[list[int]]:
+    """Open thrusters of each episode in each of five periods."""
+    return [policy.act(None, None, step).sum(axis=1).astype(int).tolist() for step in STEPS]
+
+
+def test_a_memory_lasts_from_one_period_to_the_next_and_ends_with_the_episode() -> None:
+    policy = ObjectPolicy(Counting(), CRAFT, TASK)
+    for _ in range(2):
+        policy.reset(6)
+        assert opened(policy) == [[k] * 6 for k in (1, 2, 3, 4, 5)]
+
+
+def test_an_agent_of_it_remembers_until_its_reset() -> None:
+    agent = rans.load_agent(Counting(), "go-to-pose")
+    for _ in range(2):
+        agent.reset()
+        assert [int(agent.act(step[0]).sum()) for step in STEPS] == [1, 2, 3, 4, 5]
+    _, state = agent.predict(STEPS[0])
+    _, state = agent.predict(STEPS[1], state)
+    starts = np.array([True, False] * 3)
+    assert agent.predict(STEPS[2], state, starts)[0].sum(axis=1).tolist() == [1, 3] * 3
+    assert agent.evaluate(episodes=4)["solved"].value == 0.0
+
+
+class Sharpened(ActorCriticPolicy):
+    """A policy of SB3 with a memory: it acts on the sum of this observation and the one before."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> Any:
+        before = np.zeros_like(observation) if state is None else state[0]
+        if episode_start is not None:
+            before = np.where(episode_start[:, None], 0.0, before)
+        actions, _ = super().predict(observation + before, deterministic=deterministic)
+        return actions, (observation,)
+
+
+def test_a_file_of_sb3_keeps_the_memory_of_its_policy(tmp_path: Path) -> None:
+    environment = rans.SB3VecEnv(rans.Engine(CRAFT, TASK, num_envs=2))
+    model = PPO(Sharpened, environment, n_steps=2, batch_size=2, seed=3)
+    model.save(tmp_path / "model.zip")
+    policy = user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, TASK, trust=True)
+    differs = False
+    before = np.zeros_like(STEPS[0])
+    for step in STEPS:
+        expected = model.policy.predict(step, (before,), deterministic=True)[0]
+        differs |= bool((expected != model.policy.predict(step, deterministic=True)[0]).any())
+        np.testing.assert_array_equal(policy.act(None, None, step), expected)
+        before = step
+    assert differs  # or the memory would not matter
+
+
+@pytest.mark.slow
+def test_recurrent_ppo_flies_as_sb3_contrib_lets_it(tmp_path: Path) -> None:
+    contrib = pytest.importorskip("sb3_contrib")
+    environment = rans.SB3VecEnv(rans.Engine(CRAFT, TASK, num_envs=32))
+    options = {"lstm_hidden_size": 16, "net_arch": [16]}
+    model = contrib.RecurrentPPO(
+        "MlpLstmPolicy", environment, n_steps=8, batch_size=64, seed=0, policy_kwargs=options
+    ).learn(2048)
+    model.save(tmp_path / "model.zip")
+    product = user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, TASK, trust=True)
+    product.reset(32)
+    observation: Any = environment.reset()
+    state, starts, differs = None, np.ones(32, bool), 0
+    for _ in range(50):
+        action, state = model.predict(observation, state, starts, deterministic=True)
+        starts = np.zeros(32, bool)
+        np.testing.assert_array_equal(product.act(None, None, observation), action)
+        differs += (action != model.predict(observation, deterministic=True)[0]).any(axis=1).sum()
+        observation = environment.step(action)[0]
+    assert differs > 0
+
+
+class Forgetful:
+    def predict(self, observation: Any, deterministic: bool = True) -> Any:
+        return np.zeros((len(observation), 8)), (observation,)
+
+
+class Alone:
+    def predict(self, observation: Any, deterministic: bool = True) -> Any:
+        return np.zeros((len(observation), 8))
+
+
+@pytest.mark.parametrize(
+    ("policy", "sentence"),
+    [(Forgetful(), "returns a state and takes none"), (Alone(), "must return actions and a state")],
+)
+def test_what_predict_cannot_be_flown_with_is_refused(policy: Any, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        ObjectPolicy(policy, CRAFT, TASK).act(None, None, STEPS[0])
+
+
+class Recurrent(torch.nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.memory = torch.nn.GRU(10, 8)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return (self.memory(x[None])[0][0] > 0.0).float()
+
+
+def scripted() -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # other libraries write such files
+        return torch.jit.script(Recurrent())
+
+
+@pytest.mark.parametrize(
+    ("module", "sentence"),
+    [
+        (Recurrent, r"the Recurrent has a memory \(GRU\)"),
+        (scripted, r"has a memory \(GRU\)"),
+        (
+            lambda: torch.nn.Sequential(torch.nn.Linear(10, 8), torch.nn.Dropout()),
+            r"training mode and has a Dropout.*eval\(\)",
+        ),
+    ],
+)
+def test_modules_of_torch_with_what_is_out_of_reach(
+    module: Callable[[], Any], sentence: str
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        policy_of(module(), CRAFT, TASK)
+
+
+def test_pairs_of_a_function_are_no_commands() -> None:
+    policy = ObjectPolicy(lambda seen: (seen[:, :8] * 0, None), CRAFT, TASK)
+    with pytest.raises(
+        ConfigError, match=r"commands alone, got 2 values: one with a memory has pred"
+    ):
+        policy.act(None, None, STEPS[0])
+
+
+def stacked() -> Any:
+    return VecFrameStack(rans.SB3VecEnv(rans.Engine(CRAFT, TASK, num_envs=2)), 3)
+
+
+class Doubled(gymnasium.ObservationWrapper[Any, Any, Any]):
+    def observation(self, observation: Any) -> Any:
+        return 2.0 * observation
+
+
+def doubled() -> Any:
+    return DummyVecEnv([lambda: Doubled(gymnasium.make("rans/GoToPose2D-v0"))])
+
+
+@pytest.mark.parametrize(
+    ("environment", "sentence"),
+    [
+        (stacked, r"observes \(30,\), but floating-platform has \(10,\): .* stacked"),
+        (doubled, "trained behind Doubled, which changes observations or actions"),
+    ],
+)
+def test_wrappers_that_would_not_be_flown(environment: Any, sentence: str) -> None:
+    model = PPO("MlpPolicy", environment(), n_steps=2, batch_size=2)
+    with pytest.raises(ConfigError, match=sentence):
+        ObjectPolicy(model, CRAFT, TASK)
+
+
+UNITS = 3
+
+
+def network(file: Path, count: int | str = "N", states: bool = True) -> Path:
+    """A network of an LSTM whose outputs are 1 where a sum over its units is above 0, as RSL-RL exports one."""
+    random = np.random.default_rng(4)
+
+    def table(name: str, *shape: int) -> Any:
+        return numpy_helper.from_array(random.normal(size=shape).astype(np.float32), name)
+
+    axes = numpy_helper.from_array(np.array([0]), "axes")
+    tables = [table("w", 1, 4 * UNITS, 10), table("r", 1, 4 * UNITS, UNITS), table("k", UNITS, 8)]
+    before = ["", "h_in", "c_in"] if states else []
+    nodes = [
+        helper.make_node("Unsqueeze", ["obs", "axes"], ["sequence"]),
+        helper.make_node(
+            "LSTM", ["sequence", "w", "r", "", *before], ["", "h_out", "c_out"], hidden_size=UNITS
+        ),
+        helper.make_node("Squeeze", ["h_out", "axes"], ["row"]),
+        helper.make_node("MatMul", ["row", "k"], ["sum"]),
+        helper.make_node("Sign", ["sum"], ["sign"]),
+        helper.make_node("Relu", ["sign"], ["actions"]),
+    ]
+
+    def port(name: str, *shape: Any) -> Any:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+
+    graph = helper.make_graph(
+        nodes,
+        "lstm",
+        [port("obs", count, 10)]
+        + [port(name, 1, count, UNITS) for name in ("h_in", "c_in") if states],
+        [port("actions", count, 8)]
+        + [port(name, 1, count, UNITS) for name in ("h_out", "c_out") if states],
+        [*tables, axes],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    file.write_bytes(model.SerializeToString())
+    return file
+
+
+@pytest.mark.parametrize("count", ["N", 1])
+def test_networks_with_two_states_of_layers(tmp_path: Path, count: int | str) -> None:
+    """Against ONNX Runtime, to which this test itself hands the states from one period to the next."""
+    file = network(tmp_path / "lstm.onnx", count)
+    policy = user_policy(f"onnx:{file}", CRAFT, TASK)
+    session = onnxruntime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
+    differs = False
+    for episode in range(6 if count == 1 else 1):
+        rows = slice(episode, episode + 1) if count == 1 else slice(None)
+        zeros = np.zeros((1, len(STEPS[0, rows]), UNITS), np.float32)
+        states = [zeros, zeros]
+        expected = []
+        for step in STEPS:
+            fed = {"obs": step[rows], "h_in": states[0], "c_in": states[1]}
+            command, *states = map(np.asarray, session.run(None, fed))
+            differs |= not np.array_equal(
+                command, np.asarray(session.run(None, fed | {"h_in": zeros})[0])
+            )
+            expected.append(command)
+        for _ in range(2):
+            policy.reset(6)
+            for step, command in zip(STEPS, expected, strict=True):
+                np.testing.assert_array_equal(policy.act(None, None, step)[rows], command)
+    assert differs  # or the states would not matter
+
+
+def test_a_network_that_hides_its_states_is_refused(tmp_path: Path) -> None:
+    file = network(tmp_path / "hidden.onnx", states=False)
+    with pytest.raises(ConfigError, match=r"has a memory \(LSTM\) that it neither takes nor gives"):
+        user_policy(f"onnx:{file}", CRAFT, TASK)
+
+
+def test_a_state_of_another_shape_than_it_is_taken_is_refused(tmp_path: Path) -> None:
+    def port(name: str, *shape: Any) -> Any:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+
+    nodes = [
+        helper.make_node("Slice", ["obs", "low", "high", "axis"], ["actions"]),
+        helper.make_node("Concat", ["m", "m"], ["after"], axis=1),
+    ]
+    columns = {"low": 0, "high": 8, "axis": 1}
+    graph = helper.make_graph(
+        nodes,
+        "odd",
+        [port("obs", "N", 10), port("m", "N", 4)],
+        [port("actions", "N", 8), port("after", "N", 8)],
+        [numpy_helper.from_array(np.array([k]), name) for name, k in columns.items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    file = tmp_path / "odd.onnx"
+    file.write_bytes(model.SerializeToString())
+    with pytest.raises(
+        ConfigError, match=r"state m of .*odd\.onnx must be \(N, m\).*4.* taken.*8.*after"
+    ):
+        user_policy(f"onnx:{file}", CRAFT, TASK)
+
+
+def test_a_network_with_states_is_not_exported(tmp_path: Path) -> None:
+    from rans.deploy.foreign_program import foreign_program
+
+    with pytest.raises(ConfigError, match="3 inputs"):
+        foreign_program(network(tmp_path / "lstm.onnx"), 10, CRAFT)
