@@ -100,6 +100,7 @@ def log_in_space(
     times: np.ndarray,
     readings: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     wheel_speeds: np.ndarray | None = None,
+    notes: tuple[str, ...] = (),
 ) -> FlightLog:
     """Log of readings in space (M, 3), (M, 4), (M, 3), (M, 3), of which a planar craft has its plane.
 
@@ -117,4 +118,5 @@ def log_in_space(
         velocity[:, :2] if flat else velocity,
         spin[:, 2] if flat else spin,
         wheel_speeds,
+        notes,
     )

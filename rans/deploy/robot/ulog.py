@@ -14,7 +14,7 @@ import numpy as np
 from rans.deploy.robot.frames import swapped_attitude, swapped_body, swapped_world
 from rans.deploy.robot.logs import log_in_space
 from rans.errors import ConfigError, counted, require
-from rans.evaluation.identify.log import FlightLog
+from rans.evaluation.identify.log import FlightLog, unstamped, unstamped_note
 from rans.evaluation.identify.motion import rotate
 from rans.files import first_line, read_bytes
 from rans.model.spacecraft import Spacecraft
@@ -31,8 +31,11 @@ _LARGEST_MESSAGE = 2**16
 _MAGIC = b"ULog\x01\x12\x35"
 _HEADER = 16
 """Bytes before the first message."""
-_KINDS = b"BFIMPQARDLCSO"
-"""Kinds of messages (docs.px4.io, ULog file format)."""
+_LEAST = dict(zip(b"BFIMPQARDLCSO", (40, 3, 3, 4, 3, 4, 4, 2, 3, 9, 11, 8, 2), strict=True))
+"""Kinds of messages, and the least number of bytes that the fields of each take (docs.px4.io, ULog file format)."""
+_FLAGS = 19
+"""Byte at which the flags begin, which are the content of the first message: 8 of flags that a reader may ignore, 8
+of others, the lowest bit of which says that data was appended, and three offsets of 8 bytes."""
 _DEEPEST_FORMAT = 8
 """Levels of messages within messages; PX4's have two."""
 
@@ -58,7 +61,7 @@ def read_ulog(file: Path, craft: Spacecraft) -> FlightLog:
         ConfigError: the file is no ULog, is damaged, lost messages while commands were given, or lacks poses or
             commands.
     """
-    topics, losses = _ulog(file)
+    topics, losses, appended = _ulog(file)
     motors = topics.get(_MOTORS)
     if motors is None:
         raise ConfigError(
@@ -72,7 +75,9 @@ def read_ulog(file: Path, craft: Spacecraft) -> FlightLog:
             f"the log {file} has {counted(recorded, 'motor')}, but {craft.name!r} takes {count} commands."
         )
     commands = np.nan_to_num(_stacked(motors, controls).T, nan=0.0)
-    given = _ascending(file, _MOTORS, motors["timestamp"])
+    early = {"command": unstamped(motors["timestamp"])}
+    commands = commands[early["command"] :]
+    given = _ascending(file, _MOTORS, motors["timestamp"][early["command"] :])
 
     odometry = next((name for name in _ODOMETRIES if name in topics), None)
     try:
@@ -108,19 +113,49 @@ def read_ulog(file: Path, craft: Spacecraft) -> FlightLog:
             )
     begin = min(given[0], times[0])
     readings = position, attitude, velocity, spin
-    return log_in_space(file, craft, given - begin, commands, times - begin, readings)
+    notes = [
+        f"{file}: commands are those of {_MOTORS}, at their time; readings are those of {odometry} when they were "
+        "sampled, turned from north, east, down to x east, y north, z up.",
+        *unstamped_note(file, early),
+    ]
+    if edges.size:
+        notes.append(
+            f"{file}: the estimator was reset {counted(len(edges), 'time')}; {len(parts)} parts, of which the one "
+            f"with most readings, {len(longest):,} of {len(resets):,}, was read."
+        )
+    further = [
+        name
+        for name in motors
+        if name.startswith("control[") and name not in controls and np.any(motors[name] > 0.0)
+    ]
+    if further:
+        notes.append(
+            f"{file}: {craft.name} takes {count} commands; not read are {', '.join(sorted(further))}, which were "
+            "given too."
+        )
+    if appended:
+        notes.append(
+            f"{file}: {appended:,} bytes that were appended to the log, as after a crash, were not read."
+        )
+    return log_in_space(
+        file, craft, given - begin, commands, times - begin, readings, notes=tuple(notes)
+    )
 
 
-def _ulog(file: Path) -> tuple[Topics, list[tuple[float, float]]]:
-    """Topics that are needed, first instance of each, and times and lengths of losses, s."""
+def _ulog(file: Path) -> tuple[Topics, list[tuple[float, float]], int]:
+    """Topics that are needed, first instance of each, times and lengths of losses, s, and bytes appended."""
     pyulog = require("pyulog")
     names = [_MOTORS, *_ODOMETRIES, *_ESTIMATES]
-    content = _whole_messages(file, read_bytes(file, _LARGEST_ULOG, "the log "))
+    content = read_bytes(file, _LARGEST_ULOG, "the log ")
+    if not content.startswith(_MAGIC) or len(content) < _HEADER:
+        raise ConfigError(f"{file} is no ULog, or damaged: it does not begin with its mark.")
+    main = _main_part(file, content)
+    whole = _whole_messages(file, main)
     try:
         # It prints what it thinks of a damaged file.
         with contextlib.redirect_stdout(io.StringIO()):
-            _check_formats(pyulog.ULog(io.BytesIO(content), parse_header_only=True).message_formats)
-            log = pyulog.ULog(io.BytesIO(content), names)
+            _check_formats(pyulog.ULog(io.BytesIO(whole), parse_header_only=True).message_formats)
+            log = pyulog.ULog(io.BytesIO(whole), names)
     except Exception as error:  # a damaged log may raise anything
         raise ConfigError(f"{file} is no ULog, or damaged: {first_line(error)}.") from error
     if log.file_corruption:
@@ -131,7 +166,30 @@ def _ulog(file: Path) -> tuple[Topics, list[tuple[float, float]]]:
     found = {
         dataset.name: dataset.data for dataset in reversed(log.data_list) if dataset.name in names
     }
-    return found, [(1e-6 * dropout.timestamp, 1e-3 * dropout.duration) for dropout in log.dropouts]
+    losses = [(1e-6 * dropout.timestamp, 1e-3 * dropout.duration) for dropout in log.dropouts]
+    return found, losses, len(content) - len(main)
+
+
+def _main_part(file: Path, content: bytes) -> bytes:
+    """A ULog without the data that PX4 appended, as after a crash, to a log that may end within a message.
+
+    Raises:
+        ConfigError: the flags say that data was appended where none can be.
+    """
+    size, kind = struct.unpack_from("<HB", content.ljust(_FLAGS, b"\0"), _HEADER)
+    flags = bytearray(content[_FLAGS : _FLAGS + 40])
+    if kind != ord("B") or size < 40 or len(flags) < 40 or not flags[8] & 1:
+        return content
+    offsets = [offset for offset in struct.unpack_from("<QQQ", flags, 16) if offset]
+    begin = min(offsets, default=len(content))
+    if begin < _FLAGS + size:
+        raise ConfigError(
+            f"the log {file} is damaged: by its flags data was appended at byte {begin:,}, which is within its "
+            "header. Copy it from the card again."
+        )
+    flags[8] &= ~1 & 0xFF
+    flags[16:40] = bytes(24)
+    return content[:_FLAGS] + bytes(flags) + content[_FLAGS + 40 : begin]
 
 
 def _whole_messages(file: Path, content: bytes) -> bytes:
@@ -140,17 +198,20 @@ def _whole_messages(file: Path, content: bytes) -> bytes:
     The library looks for a way on after what it does not know, which in some damaged files takes forever.
 
     Raises:
-        ConfigError: the file does not begin as a ULog does, or has a message of no known kind.
+        ConfigError: the file has a message of no known kind, or of fewer bytes than its kind has.
     """
-    if not content.startswith(_MAGIC) or len(content) < _HEADER:
-        raise ConfigError(f"{file} is no ULog, or damaged: it does not begin with its mark.")
     at = _HEADER
     while at + 3 <= len(content):
         size, kind = struct.unpack_from("<HB", content, at)
-        if kind not in _KINDS:
+        if kind not in _LEAST:
             raise ConfigError(
                 f"the log {file} is damaged: its message at byte {at:,} is of no known kind. Copy it from the card "
                 "again."
+            )
+        if size < _LEAST[kind]:
+            raise ConfigError(
+                f"the log {file} is damaged: its message at byte {at:,} has {size} bytes, and those of its kind, "
+                f"{chr(kind)}, have {_LEAST[kind]} at least. Copy it from the card again."
             )
         if at + 3 + size > len(content):
             break

@@ -367,6 +367,12 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
     if not logs:
         raise ConfigError("at least one log is needed.")
     first = WINDOW if window is None else window
+    for log in logs:
+        if (period := float(np.median(np.diff(log.times)))) > first:
+            raise ConfigError(
+                f"the log {log.source} has a reading every {period:g} s, longer than a window, {first:g} s; "
+                "are its times in seconds? window= sets longer ones."
+            )
     short = _Problem(craft, logs, min(first, _SHORT))
     nominal = np.array([parameter.nominal for parameter in short.parameters])
     latency = [parameter.name for parameter in short.parameters].index("latency")

@@ -18,6 +18,23 @@ LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
 _FEWEST_READINGS = 20
 """Readings of a log: fewer leave no residuals to judge a fit of a dozen parameters by."""
+MOST_READINGS = 2**19
+"""Readings of a log: an hour at 100 Hz has 360,000, and a fit takes some kilobytes for each."""
+_LONGEST_LOG = 7200.0
+"""s: longest log. Predictions have at least 50 instants a second, for each of which a fit takes some kilobytes."""
+_SHORTEST_PERIOD = 1e-4
+"""s: least median time between commands or readings, a tenth of that of the fastest motion capture."""
+_LONGEST_PERIOD = 60.0
+"""s: largest one; from windows of 5 to 40 s with one reading nothing is identified."""
+_UNITS_OF_TIME = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+_BOUNDS = {
+    "position": (1e9, "m"),
+    "attitude": (1e6, "rad"),
+    "velocity": (1e6, "m/s"),
+    "spin": (1e4, "rad/s"),
+    "wheel speed": (1e6, "rad/s"),
+}
+"""Largest readings, far above those of any laboratory; a heading of 1e6 rad still has nine digits of an angle."""
 
 POSE_COLUMNS = {2: ("x", "y", "heading"), 3: ("x", "y", "z", "qw", "qx", "qy", "qz")}
 """Columns of a CSV file with the pose: m, and rad or the unit quaternion from body to world."""
@@ -54,6 +71,8 @@ class FlightLog:
     """(M,) or (M, 3), rad/s, in the body frame B."""
     wheel_speeds: np.ndarray | None = None
     """(M, W), rad/s: speed of each reaction wheel about its axis, relative to the body; None: not measured."""
+    notes: tuple[str, ...] = ()
+    """Sentences of its reader: units, frames and clocks as it took them, and what it left out."""
 
     @property
     def duration(self) -> float:
@@ -66,12 +85,31 @@ class FlightLog:
         return float(np.median(np.diff(self.command_times)))
 
 
+def unstamped(times: np.ndarray) -> int:
+    """How many messages at the beginning (T,) have no time: those of 0, before times that begin elsewhere.
+
+    A recorder with the simulated time, or a sensor whose clock is not set, stamps with 0 at first.
+    """
+    count = int(np.argmax(times != 0)) if np.any(times != 0) else 0
+    begins_elsewhere = count and (count > 1 or times[count] > _LONGEST_PERIOD)
+    return count if begins_elsewhere else 0
+
+
+def unstamped_note(source: object, counts: dict[str, int]) -> tuple[str, ...]:
+    """A sentence on messages without a time that were left out, by what they are; none if there are none."""
+    parts = [counted(count, what) for what, count in counts.items() if count]
+    if not parts:
+        return ()
+    return (f"{source}: {' and '.join(parts)} at the beginning had the time 0 and were left out.",)
+
+
 def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     """The log without readings before its first command, if it can be of this spacecraft.
 
     Raises:
-        ConfigError: there are too few commands or readings, times do not ascend, numbers are not finite, or the
-            log has another number of commands than the spacecraft.
+        ConfigError: there are too few or too many commands or readings, times do not ascend or cannot be seconds,
+            numbers are not finite or beyond all measure, or the log has another number of commands than the
+            spacecraft.
     """
     what = f"the log {log.source}"
     if log.commands.shape[1] != craft.command_count:
@@ -83,9 +121,12 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
         raise ConfigError(
             f"{what} has {counted(len(log.command_times), 'command')}; at least 3 are needed."
         )
-    for name, times in (("commands", log.command_times), ("readings", log.times)):
-        if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):
-            raise ConfigError(f"{what}: the times of its {name} must be finite and ascend.")
+    if len(log.times) > MOST_READINGS:
+        raise ConfigError(
+            f"{what} has {len(log.times):,} readings; at most {MOST_READINGS:,} are fitted: cut it, or thin it out."
+        )
+    _check_times(what, "commands", log.command_times)
+    _check_times(what, "readings", log.times)
     if not np.isfinite(log.commands).all():
         raise ConfigError(f"{what} has commands that are not finite numbers.")
     low = np.array([command.low for command in craft.commands])
@@ -117,10 +158,80 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             f"{what} has speeds of {speeds.shape[1]} wheels, but {craft.name!r} has {craft.wheel_count}."
         )
     parts["wheel_speeds"] = speeds[inside]
-    poses = np.column_stack([parts["position"], parts["attitude"]])
-    if np.isnan(poses).all():
-        raise ConfigError(f"{what} has no poses: positions and attitudes are needed.")
-    return FlightLog(log.source, log.command_times, log.commands, **parts)
+    _check_readings(what, parts)
+    return FlightLog(log.source, log.command_times, log.commands, **parts, notes=log.notes)
+
+
+def _check_times(what: str, name: str, times: np.ndarray) -> None:
+    """Refuse times that do not ascend, or that cannot be those of one flight in seconds."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of times of 1e308
+        gaps = np.diff(times)
+        length = float(times[-1] - times[0]) if len(times) else 0.0
+    if not (np.isfinite(times).all() and (gaps > 0.0).all()):
+        raise ConfigError(f"{what}: the times of its {name} must be finite and ascend.")
+    if not len(gaps):
+        return
+    period = float(np.median(gaps))
+    largest = int(np.argmax(gaps))
+    if not _SHORTEST_PERIOD <= period <= _LONGEST_PERIOD:
+        unit = next(
+            (unit for unit, factor in _UNITS_OF_TIME.items() if period * factor <= _LONGEST_PERIOD),
+            "",
+        )
+        question = f"in {unit}" if unit and period > _LONGEST_PERIOD else "in other units than s"
+        raise ConfigError(
+            f"{what}: the times of its {name} have a period of {period:g} s, and one from {_SHORTEST_PERIOD:g} to "
+            f"{_LONGEST_PERIOD:g} s is read; are the times {question}?"
+        )
+    if not length <= _LONGEST_LOG:
+        if gaps[largest] > 0.5 * length:
+            raise ConfigError(
+                f"{what}: the times of its {name} jump by {gaps[largest]:.3g} s after {times[largest]:g} s; are "
+                "there messages without a time stamp, or two flights?"
+            )
+        raise ConfigError(
+            f"{what}: the times of its {name} cover {length:.4g} s, and at most {_LONGEST_LOG:g} s are fitted: cut "
+            "it, or name its parts as logs of their own."
+        )
+
+
+def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
+    """Refuse readings beyond all measure, quaternions that are none, and logs without poses."""
+    times = parts["times"]
+    for (name, (bound, unit)), values in zip(
+        _BOUNDS.items(), list(parts.values())[1:], strict=True
+    ):
+        rows = values.reshape(len(times), -1)
+        beyond = np.abs(rows) > bound  # NaN, which was not measured, is not
+        if beyond.any():
+            row, column = np.argwhere(beyond)[0]
+            raise ConfigError(
+                f"{what}: the {name} at {times[row]:g} s is {rows[row, column]:g} {unit}, beyond {bound:g} {unit}; "
+                "is it in other units, or damaged?"
+            )
+    position, attitude = parts["position"], parts["attitude"]
+    if attitude.ndim == 2:
+        length = np.linalg.norm(attitude, axis=1)
+        # Of four digits each, as people write them, it is within 1e-4 of 1.
+        wrong = np.abs(length - 1.0) > 0.01
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise ConfigError(
+                f"{what}: the quaternion at {times[row]:g} s has the length {length[row]:.4g} instead of 1; is the "
+                "order of columns another one?"
+            )
+    has_pose = ~np.isnan(position).any(axis=1)
+    has_pose &= ~np.isnan(attitude.reshape(len(times), -1)).any(axis=1)
+    if not has_pose.any():
+        lacks = [
+            name
+            for name, values in (("positions", position), ("attitudes", attitude))
+            if np.isnan(values).all()
+        ]
+        raise ConfigError(
+            f"{what} has no {' and no '.join(lacks) or 'reading with both position and attitude'}: a fit needs "
+            "positions in the world and attitudes, and a log of attitudes alone, as of a satellite, is not fitted."
+        )
 
 
 def _column(cell: str, what: str) -> str:
@@ -141,46 +252,61 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
 
     ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on;
     the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on (rad/s), may be missing. An empty
-    cell is a value that was not measured, or the last command. The file that `rans.Flight.to_csv` writes is such a
-    file: units in parentheses and underscores are left out, and ``t`` and ``w`` are ``time`` and ``spin``.
+    cell is a value that was not measured, or the last command; an empty line counts as none. The file that
+    `rans.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t`` and
+    ``w`` are ``time`` and ``spin``. Columns of other names are not read.
 
     Raises:
-        ConfigError: the file cannot be read, a column is missing, or a cell is no number.
+        ConfigError: the file cannot be read, a column is missing or there twice, or a cell is no number.
     """
-    rows = list(csv.reader(io.StringIO(read_text(file, LARGEST_LOG, "the log "))))
+    what = f"the log {file}"
+    reader = csv.reader(io.StringIO(read_text(file, LARGEST_LOG, "the log ")))
+    try:
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:  # a cell of more characters than any number has, or a zero byte
+        raise ConfigError(
+            f"{what}, line {reader.line_num}, is no line of a table: {error}."
+        ) from error
     if not rows:
-        raise ConfigError(f"the log {file} is empty.")
-    if len(rows[0]) == 1 and ";" in rows[0][0]:
-        raise ConfigError(f"the log {file} has semicolons between its columns: write commas.")
+        raise ConfigError(f"{what} is empty.")
+    (_, names), *rows = rows
+    for name, character in (("semicolons", ";"), ("tabs", "\t")):
+        if len(names) == 1 and character in names[0]:
+            raise ConfigError(f"{what} has {name} between its columns: write commas.")
     # The header names the columns, in any order.
-    header = [_column(cell, f"the log {file}") for cell in rows[0]]
+    header = [_column(cell, what) for cell in names]
     inputs = [f"u{k}" for k in range(craft.command_count)]
-    needed = ["time", *POSE_COLUMNS[craft.dimension], *inputs]
+    wheels = [f"s{k}" for k in range(craft.wheel_count)]
+    d = craft.dimension
+    needed = ["time", *POSE_COLUMNS[d], *inputs]
     if missing := [name for name in needed if name not in header]:
         raise ConfigError(
-            f"the log {file} has no {', '.join(missing)} among its columns, {brief(', '.join(rows[0]))}; the "
+            f"{what} has no {', '.join(missing)} among its columns, {brief(', '.join(names))}; the "
             f"commands of {craft.name} are {inputs[0]} to {inputs[-1]}."
         )
     if more := [name for name in header if re.fullmatch(r"u\d+", name) and name not in inputs]:
         raise ConfigError(
-            f"the log {file} has the commands {', '.join(more)} too, but those of {craft.name} are {inputs[0]} to "
+            f"{what} has the commands {', '.join(more)} too, but those of {craft.name} are {inputs[0]} to "
             f"{inputs[-1]}; the usual cause is another spacecraft."
         )
+    read = {*needed, *RATE_COLUMNS[d], *wheels}
+    if twice := [name for name in header if name in read and header.count(name) > 1]:
+        raise ConfigError(f"{what} has the column {twice[0]} twice.")
     # Cells: an empty one is NaN, since commands and readings have lines of their own.
-    numbers = np.full((len(rows) - 1, len(header)), np.nan)
-    for k, row in enumerate(rows[1:]):
+    numbers = np.full((len(rows), len(header)), np.nan)
+    for k, (line, row) in enumerate(rows):
         if len(row) != len(header):
             raise ConfigError(
-                f"the log {file}, line {k + 2}, has {len(row)} cells instead of {len(header)}."
+                f"{what}, line {line}, has {len(row)} cells instead of {len(header)}."
             )
         for j, cell in enumerate(row):
-            if not cell.strip():
+            if not cell.strip() or header[j] not in read:
                 continue
             try:
                 numbers[k, j] = float(cell)
             except ValueError as error:
                 raise ConfigError(
-                    f"the log {file}, line {k + 2}, column {header[j]}: {brief(cell)} is no number."
+                    f"{what}, line {line}, column {header[j]}: {brief(cell)} is no number."
                 ) from error
 
     def columns(names: tuple[str, ...] | list[str]) -> np.ndarray:
@@ -190,24 +316,36 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         )
 
     # Lines with a command, and lines with a reading.
-    d = craft.dimension
+    time = columns(["time"])[:, 0]
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])
-    speeds = columns([f"s{k}" for k in range(craft.wheel_count)]) if craft.wheels else None
+    speeds = columns(wheels) if wheels else None
     commands = columns(inputs)
     has_command = ~np.isnan(commands).any(axis=1)
     measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
     if speeds is not None:
         measured |= ~np.isnan(speeds).all(axis=1)
-    time = columns(["time"])[:, 0]
+    given = np.flatnonzero(has_command)
+    taken = np.flatnonzero(measured)
+    early = {"command": unstamped(time[given]), "reading": unstamped(time[taken])}
+    given = given[early["command"] :]
+    taken = taken[early["reading"] :]
+    notes = [
+        f"{file}: times are read in s, positions and velocities in the world in m and m/s, attitudes from body to "
+        "world, and angular velocities in the body in rad/s.",
+        *unstamped_note(file, early),
+    ]
+    if others := [name.strip() for name, key in zip(names, header, strict=True) if key not in read]:
+        notes.append(f"{file}: columns that were not read: {brief(', '.join(others))}.")
     return FlightLog(
         str(file),
-        time[has_command],
-        commands[has_command],
-        time[measured],
-        pose[measured, :d],
-        pose[measured, 2] if d == 2 else pose[measured, 3:],
-        rates[measured, :d],
-        rates[measured, 2] if d == 2 else rates[measured, 3:],
-        None if speeds is None else speeds[measured],
+        time[given],
+        commands[given],
+        time[taken],
+        pose[taken, :d],
+        pose[taken, 2] if d == 2 else pose[taken, 3:],
+        rates[taken, :d],
+        rates[taken, 2] if d == 2 else rates[taken, 3:],
+        None if speeds is None else speeds[taken],
+        tuple(notes),
     )

@@ -170,9 +170,11 @@ def check_identifiable(craft: Spacecraft) -> None:
     """Refuse craft whose motion this module does not predict.
 
     Raises:
-        ConfigError: the craft burns propellant, has a sloshing liquid, or effectors of other kinds.
+        ConfigError: the craft has no thruster, burns propellant, has a sloshing liquid, or effectors of other
+            kinds.
     """
     reasons = {
+        "has no thruster": not craft.thrusters,
         "burns propellant": craft.propellant is not None,
         "has a sloshing liquid": craft.slosh is not None,
         "has effectors of other kinds": bool(craft.further_effectors),
@@ -186,7 +188,10 @@ def check_identifiable(craft: Spacecraft) -> None:
 
 
 def windows_of(log: FlightLog, length: float) -> list[slice]:
-    """Slices of the readings into windows of about a length (s), each of which begins with a pose."""
+    """Slices of the readings into windows of about a length (s), each of which begins with a pose.
+
+    A window ends before a gap longer than itself: readings after it, up to the next pose, are in none.
+    """
     has_pose = ~np.isnan(log.position).any(axis=1)
     has_pose &= ~np.isnan(log.attitude.reshape(len(log.times), -1)).any(axis=1)
     edges = np.arange(log.times[0], log.times[-1], length)
@@ -197,9 +202,12 @@ def windows_of(log: FlightLog, length: float) -> list[slice]:
         after = np.flatnonzero((log.times >= edge - 1e-9) & has_pose)
         if len(after) and (not starts or after[0] > starts[-1]):
             starts.append(int(after[0]))
-    return [
-        slice(begin, end) for begin, end in zip(starts, [*starts[1:], len(log.times)], strict=True)
-    ]
+    gaps = np.flatnonzero(np.diff(log.times) > length) + 1
+    ends = []
+    for begin, end in zip(starts, [*starts[1:], len(log.times)], strict=True):
+        after = gaps[(gaps > begin) & (gaps < end)]
+        ends.append(int(after[0]) if len(after) else end)
+    return [slice(begin, end) for begin, end in zip(starts, ends, strict=True)]
 
 
 def predicted(

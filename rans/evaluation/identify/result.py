@@ -256,7 +256,7 @@ class Identification:
                 f"Successive residuals are correlated in {names}: something acts that the model lacks, or a filter "
                 "smooths the readings, and intervals are too narrow."
             )
-        return result
+        return [*result, *(note for log in self.fit.logs for note in log.notes)]
 
     def write(self, folder: str | Path) -> Path:
         """Write spacecraft.toml, conditions.toml and identified.json, and return the folder.

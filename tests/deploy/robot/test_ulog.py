@@ -105,6 +105,56 @@ def written(content: bytes, folder: Path) -> Path:
     return file
 
 
+def appended(main: bytes, extra: bytes, offset: int | None = None) -> bytes:
+    """A log to which PX4 appended messages after a crash: the flags have the first offset of them."""
+    at = len(main) if offset is None else offset
+    flags = bytes(8) + b"\x01" + bytes(7) + struct.pack("<QQQ", at, 0, 0)
+    head = main[:16] + message("B", flags)
+    return head + main[len(head) :] + extra
+
+
+def test_a_log_with_a_crash_dump_is_read_to_where_it_begins(tmp_path: Path) -> None:
+    """The log ends within a message, as when the power went. The library reads the same rows."""
+    dump = message("I", bytes([23]) + b"char[4] hardfault_plain" + b"DUMP")
+    whole = flight()
+    content = appended(whole[:-17], dump)
+    log = read_ulog(written(content, tmp_path), PLATFORM)
+    foreign = pyulog.ULog(io.BytesIO(content))
+    assert not foreign.file_corruption
+    lengths = {data.name: len(data.data["timestamp"]) for data in foreign.data_list}
+    assert len(log.times) == lengths["vehicle_odometry"] == 30
+    assert len(log.commands) == lengths["actuator_motors"] == 29
+    assert any(f"{len(dump)} bytes that were appended" in note for note in log.notes)
+    # Without the flag what follows is damage; an offset within the header is none.
+    with pytest.raises(ConfigError, match="damaged"):
+        read_ulog(written(whole[:-17] + dump, tmp_path), PLATFORM)
+    with pytest.raises(ConfigError, match="within its header"):
+        read_ulog(written(appended(whole, dump, 20), tmp_path), PLATFORM)
+    # An offset beyond the end is that of a dump that is missing.
+    late = read_ulog(written(appended(whole, b"", len(whole) + 10), tmp_path), PLATFORM)
+    assert len(late.times) == 30
+
+
+@pytest.mark.parametrize("kind", ["D", "I", "A", "L"])
+def test_messages_of_no_bytes_are_refused_at_once(kind: str, tmp_path: Path) -> None:
+    """The library looks for a way on after each of them, for minutes."""
+    with pytest.raises(ConfigError, match="has 0 bytes"):
+        read_ulog(written(flight() + 1000 * message(kind, b""), tmp_path), PLATFORM)
+
+
+def test_motors_without_a_time_are_left_out(tmp_path: Path) -> None:
+    rows = [("actuator_motors", struct.pack("<QQ", 0, 0) + motors(0)[16:])] * 3
+    rows += [
+        row
+        for k in range(30)
+        for row in (("vehicle_odometry", odometry(k)), ("actuator_motors", motors(k)))
+    ]
+    content = ulog({"vehicle_odometry": ODOMETRY, "actuator_motors": MOTORS}, rows)
+    log = read_ulog(written(content, tmp_path), PLATFORM)
+    assert log.commands == pytest.approx(np.eye(8)[np.arange(30) % 8])
+    assert any("3 commands" in note for note in log.notes)
+
+
 @pytest.mark.parametrize("velocity_frame", [1, 3])
 @pytest.mark.parametrize("again", [False, True])
 def test_a_flight_comes_in_our_frames(again: bool, velocity_frame: int, tmp_path: Path) -> None:
