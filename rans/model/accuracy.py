@@ -75,7 +75,7 @@ def chosen(
         ConfigError: one command moves or turns the craft too far in a period for its state to be represented.
     """
     period = timing.control_period
-    alpha = spin_up(craft, body) / craft.lightest * period**2
+    alpha = spin_up(craft, body) / _lightest(craft, body) * period**2
     _check_range(craft, body, alpha, period)
     if timing.substeps is not None:
         return timing
@@ -105,7 +105,7 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
         thruster.force * (numbers(gain) + numbers(leak))
         for thruster, (gain, leak) in zip(craft.thrusters, gains_and_leaks, strict=True)
     )
-    path = 0.5 * float(np.max(force / numbers(flown.mass))) / craft.lightest * period**2
+    path = 0.5 * float(np.max(force / numbers(flown.mass))) / _lightest(craft, body) * period**2
     for size, limit, does, cause in (
         (path, FARTHEST, "moves it by {:.3g} m", "a mass"),
         (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia"),
@@ -134,13 +134,20 @@ def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> f
     return _STEP[3] / (1.0 + uneven * float(np.max(factors)))
 
 
+def _lightest(craft: Spacecraft, body: Body | None) -> float:
+    """Least mass with an empty tank over mass with a full tank of several bodies; inertia has the same ratio."""
+    if craft.propellant is None or body is None:
+        return craft.lightest
+    return float(np.min(1.0 - craft.propellant.mass / numbers(body.mass)))
+
+
 def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
     """Fastest nutation of a craft whose reaction wheels hold their largest momentum, rad/s; 0 in the plane."""
     if craft.dimension == 2 or not craft.wheels:
         return 0.0
     momentum = math.hypot(*(wheel.max_momentum for wheel in craft.wheels))
     least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
-    return momentum / (least * craft.lightest)
+    return momentum / (least * _lightest(craft, body))
 
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:

@@ -123,16 +123,23 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
 
 
 def check_liquid(craft: Spacecraft, body: Body) -> None:
-    """Refuse bodies of a craft with a sloshing liquid that leave no rigid craft around it.
+    """Refuse bodies that leave no craft around its propellant, or no rigid craft around its sloshing liquid.
 
     Args:
         craft: any; one without `Spacecraft.slosh` has no liquid to scale.
         body: of numbers, or of arrays or tensors (N,).
 
     Raises:
-        ConfigError: as much liquid swings as the craft has mass, or more; the liquid at rest has all of the
-            inertia; or the craft has no liquid, and the body a factor on it.
+        ConfigError: there is as much propellant, or as much liquid swings, as the craft has mass, or more; the
+            liquid at rest has all of the inertia; or the craft has no liquid, and the body a factor on it.
     """
+    least = float(np.min(numbers(body.mass)))
+    tank = craft.propellant
+    if tank is not None and tank.mass > least * (1.0 - 1e-3):
+        raise ConfigError(
+            f"the body's mass, {least:g} kg, includes a full tank, and the propellant of {craft.name!r}, "
+            f"{tank.mass:g} kg, may be 99.9 % of it at most. The usual cause is the mass with an empty tank."
+        )
     slosh = craft.slosh
     if slosh is None:
         if body.slosh_mass is not None or body.slosh_damping is not None:

@@ -290,8 +290,9 @@ class Conditions(NamedArguments, Settings):
         Raises:
             ConfigError: there are shortest on or off times, but the thrusters are not on/off, more thrusters fail
                 than there are, there is no thruster of a number that is to fail, the spacecraft cannot have
-                random layouts, or no inertia is left beside its sloshing liquid.
+                random layouts, no mass is left beside its propellant, or no inertia beside its sloshing liquid.
         """
+        self._check_propellant(craft)
         self._check_slosh(craft)
         stretches = [part.body.stretch for part in (self, *self.others) if part.body.stretch != 1.0]
         if stretches and (craft.dimension == 2 or craft.slosh is not None):
@@ -366,6 +367,17 @@ class Conditions(NamedArguments, Settings):
     def _largest(self, section: str, name: str) -> float:
         """Upper bound of a range in all conditions of the mixture."""
         return max(largest(getattr(getattr(part, section), name)) for part in (self, *self.others))
+
+    def _check_propellant(self, craft: Spacecraft) -> None:
+        """Reject masses of which the propellant in a full tank is all, or more."""
+        tank = craft.propellant
+        least = min(bounds(part.body.mass)[0] for part in (self, *self.others))
+        if tank is not None and tank.mass > least * craft.mass * (1.0 - 1e-3):
+            raise ConfigError(
+                f"Conditions of body.mass from {least:g} leave {craft.name!r} no mass with an empty tank: a full "
+                f"one has {tank.mass:g} kg of propellant, and the craft with it weighs {least * craft.mass:g} kg. "
+                f"Draw factors above {tank.mass / craft.mass:.4g}, for which the propellant is 99.9 % at most."
+            )
 
     def _check_slosh(self, craft: Spacecraft) -> None:
         """Reject masses, inertias and centres of mass that leave no rigid craft around a sloshing liquid."""

@@ -7,10 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from scipy.integrate import solve_ivp
 
+import rans
 from rans.effectors.motion import held, states_at_checks
 from rans.errors import ConfigError
+from rans.model.accuracy import chosen
 from rans.model.actuators import Propellant
 from rans.model.body import Body
 from rans.model.drift import UniformGravity
@@ -18,6 +21,7 @@ from rans.model.dynamics import PlanarState, undelayed
 from rans.model.fields import Heading, Vec2, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import BodyConditions, Conditions
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from tests.support.effector_crafts import BURNING, LANDER, commands, platform, rocket, states
@@ -150,3 +154,60 @@ def test_craft_without_propellant_count_no_exhaust() -> None:
 def test_a_tank_that_cannot_exist_is_refused(tank: Propellant, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         platform(propellant=tank)
+
+
+LIGHT = replace(BURNING, propellant=Propellant(3.0, 0.5))
+"""3 of 5.32 kg are propellant, which its thrusters burn within a second or two."""
+
+
+@pytest.mark.filterwarnings("ignore:.*can hardly be controlled:UserWarning")
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_conditions_leave_mass_to_a_craft_with_an_empty_tank(dimension: int) -> None:
+    """Half of the mass is propellant: with 0.499 times the mass the empty craft would weigh less than nothing."""
+    craft = LIGHT if dimension == 2 else LANDER
+    tank = craft.propellant
+    assert tank is not None
+    craft = replace(craft, propellant=replace(tank, mass=0.5 * craft.mass))
+    task = "go-to-pose"
+    for low in (0.1, 0.499, 0.5):
+        light = Conditions(body=BodyConditions(mass=(low, 1.0)))
+        among_others = Conditions(others=(light,))
+        for conditions in (light, among_others):
+            with pytest.raises(ConfigError, match="propellant"):
+                rans.Engine(craft, task, 2, conditions=conditions)
+        with pytest.raises(ConfigError, match="propellant"):
+            rans.Engine(
+                craft,
+                task,
+                2,
+                body=replace(Body.of(craft), mass=np.array([1.0, low]) * craft.mass),
+            )
+    for most in (0.501, 1.0):
+        rans.Engine(craft, task, 2, conditions=Conditions(body=BodyConditions(mass=(0.501, most))))
+
+
+@pytest.mark.filterwarnings("ignore:.*can hardly be controlled:UserWarning")
+def test_the_lightest_craft_that_conditions_may_have_flies_on_an_empty_tank() -> None:
+    """Of its 3.19 kg 0.19 are no propellant; its thrust lasts until that is gone and moves it no further."""
+    conditions = Conditions(body=BodyConditions(mass=0.6))
+    engine = rans.Engine(
+        LIGHT, rans.GoToPose(fail_distance=1e9, fail_spin=1e9), 8, conditions=conditions
+    )
+    spin = []
+    for k in range(40):
+        result = engine.step(torch.from_numpy(commands(LIGHT, 8, seed=k)).float())
+        assert torch.isfinite(torch.as_tensor(result.observation)).all()
+        spin.append(np.array(engine.state.w))
+    assert (np.array(engine.state.stores[0]) == 0.0).all()
+    np.testing.assert_array_equal(spin[-1], spin[-2])
+
+
+@pytest.mark.filterwarnings("ignore:.*can hardly be controlled:UserWarning")
+def test_substeps_are_for_the_lightest_craft() -> None:
+    """An empty craft of a body with half the mass has less than half of the designed one's inertia."""
+    body = Body.of(LIGHT)
+    light = replace(body, mass=0.6 * body.mass, inertia=(0.6 * body.inertia[0],))
+    timing = Timing(control_period=0.2)
+    few, many = (chosen(LIGHT, timing, x).substeps or 0 for x in (body, light))
+    # Empty they weigh 2.32 and 0.192 kg, and their inertia is in proportion.
+    assert many > 5 * few
