@@ -62,11 +62,8 @@ CALLS = {
 ENDS = {call.rpartition(".")[2] for call in CALLS}
 
 ALLOWED = {
-    (
-        "rans.proof.check",
-        "json.loads",
-    ): "shares no code; the command reads the file before by rans.files",
-    ("rans.proof.check", "tomllib.loads"): "the same, by rans.proof.problem",
+    ("rans.proof.check_file", "json.loads"): "a reader of its own, with bounds of its own",
+    ("rans.proof.check_file", "tomllib.loads"): "the same",
     ("rans.proof.check_trap", "json.loads"): "the same",
     ("rans.proof.check_trap", "tomllib.loads"): "the same",
     ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",

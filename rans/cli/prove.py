@@ -58,7 +58,7 @@ class Prove:
     """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
     are 1/512 of the range of a start by default."""
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Plant, starts and property, a TOML file; see docs/proofs.md."""
+    """Plant, starts and property, a TOML file; see docs/proofs.md. With --check the certificate must be of it."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
     check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
@@ -90,7 +90,7 @@ class Prove:
             return self._check_trap(self.agent, self.check)
         if self.agent is not None:
             return self._trap(self.agent)
-        if (self.problem is None) == (self.check is None):
+        if self.problem is None and self.check is None:
             raise ConfigError("name a --problem to prove, or a certificate to --check.")
         return self._check(self.check) if self.check is not None else self._prove()
 
@@ -261,23 +261,49 @@ class Prove:
         """Check the certificate of a network."""
         require("onnx")
         require("flint")
+        from rans.proof.balls import Refused
         from rans.proof.certificate import LARGEST
+        from rans.proof.check_file import claim_of, difference, problem_table, statement
         from rans.proof.network import LARGEST as LARGEST_NETWORK
-        from rans.proof.problem import problem_of
+        from rans.proof.problem import read_problem
 
         assert self.onnx is not None
         contents = read_bytes(certificate, LARGEST), read_bytes(self.onnx, LARGEST_NETWORK)
-        table = parse_json(contents[0], certificate)
-        if not (isinstance(table, dict) and table.keys() >= {"network", "problem", "cells"}):
-            raise ConfigError(f"{certificate} is no certificate of rans prove.")
-        problem_of(str(table["problem"]), certificate)  # the checker itself reads without bounds
-        count = len(table["cells"])
-        # One job at least: without cells too a checker looks at the cover and at the network.
-        chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)] or [range(0)]
-        return self._judged(_checked, [(*contents, list(chunk)) for chunk in chunks], count, _CHUNK)
+        differing = ""
+        try:
+            claim = claim_of(contents[0])
+            if self.problem is not None:
+                differing = difference(
+                    claim.problem, problem_table(read_problem(self.problem).text)
+                )
+        except Refused as refusal:
+            Terminal().say(f"Refused: {refusal}")
+            return 1
+        if differing:
+            Terminal().say(
+                f"Refused: it is of another problem than {self.problem}, by {differing}."
+            )
+            return 1
+        count = len(claim.cells)
+        chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
+        return self._judged(
+            _checked,
+            [(*contents, list(chunk)) for chunk in chunks],
+            count,
+            _CHUNK,
+            f"\nProved of {self.onnx} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
+            + statement(claim.problem),
+        )
 
-    def _judged(self, judge: Callable[..., Any], jobs: list[Any], count: int, chunk: int) -> int:
-        """Judge cells in several processes, and print the result."""
+    def _judged(
+        self,
+        judge: Callable[..., Any],
+        jobs: list[Any],
+        count: int,
+        chunk: int,
+        statement: str = "",
+    ) -> int:
+        """Judge cells in several processes, and print the result, with the statement that is proved."""
         from rans.processes import Workers, nothing
 
         begun = time.monotonic()
@@ -294,7 +320,7 @@ class Prove:
         margins = f", and the least margin is {least:.3g}" if np.isfinite(least) else ""
         Terminal().say(
             f"Accepted: {count:,} cells cover the starts{margins}, in ball arithmetic; "
-            f"{time.monotonic() - begun:.1f} s."
+            f"{time.monotonic() - begun:.1f} s.{statement}"
         )
         return 0
 
@@ -351,6 +377,9 @@ def _verdict(judge: Callable[[], float]) -> tuple[float, str]:
         return judge(), ""
     except Refused as refusal:
         return 0.0, str(refusal)
-    except (ValueError, KeyError, TypeError, IndexError, ArithmeticError) as error:
-        # Judges read without bounds: a damaged file raises one of these.
+    except (
+        *(ValueError, LookupError, TypeError, AttributeError),
+        *(ArithmeticError, RecursionError, MemoryError),
+    ) as error:
+        # What a damaged file raises where a judge does not expect it.
         return 0.0, f"it is damaged: {type(error).__name__} {error}"

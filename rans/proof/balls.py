@@ -13,6 +13,10 @@ from typing import Any
 import numpy as np
 from flint import arb, arb_mat
 
+_PRODUCTS = 100_000
+"""Largest number of products of terms in a product of polynomials, which takes a second; attitude control of six
+states has 600."""
+
 
 class Refused(Exception):
     """The certificate is refused; the message says why."""
@@ -148,22 +152,42 @@ def diagonal(values: Sequence[Any]) -> Any:
 
 
 def polynomial(text: str, states: int, width: int) -> dict[tuple[int, ...], Any]:
-    """Polynomial of states x0, x1, ... and commands u0, ...: coefficients by exponents of all of them."""
+    """Polynomial of states x0, x1, ... and commands u0, ...: coefficients by exponents of all of them.
+
+    Args:
+        text: a formula of these names, finite numbers, +, -, * and brackets.
+        states: number of states.
+        width: number of states and commands.
+
+    Raises:
+        Refused: the formula has anything else, or too many terms.
+    """
+    names = [f"x{i}" for i in range(states)] + [f"u{i}" for i in range(width - states)]
 
     def read(node: Any) -> dict[tuple[int, ...], Any]:
-        if isinstance(node, ast.Constant):
-            return {(0,) * width: arb(float(str(node.value)))}
-        if isinstance(node, ast.Name):
-            variable = int(node.id[1:]) + (states if node.id[0] == "u" else 0)
-            return {tuple(int(i == variable) for i in range(width)): arb(1)}
-        if isinstance(node, ast.UnaryOp):
-            return plus({}, read(node.operand), -1)
-        left, right = read(node.left), read(node.right)
-        if isinstance(node.op, ast.Mult):
-            return polynomial_product(left, right)
-        return plus(left, right, 1 if isinstance(node.op, ast.Add) else -1)
+        match node:
+            case ast.Constant(value=int() | float() as value) if (
+                type(value) is not bool and abs(value) < 1e300
+            ):
+                return {(0,) * width: arb(float(value))}
+            case ast.Name(id=name) if name in names:
+                return {tuple(int(i == names.index(name)) for i in range(width)): arb(1)}
+            case ast.UnaryOp(op=ast.USub()):
+                return plus({}, read(node.operand), -1)
+            case ast.BinOp(op=ast.Add()):
+                return plus(read(node.left), read(node.right))
+            case ast.BinOp(op=ast.Sub()):
+                return plus(read(node.left), read(node.right), -1)
+            case ast.BinOp(op=ast.Mult()):
+                return polynomial_product(read(node.left), read(node.right))
+        raise Refused(
+            f"its formula {text[:80]!r} has more than numbers, {', '.join(names)}, +, - and *."
+        )
 
-    return read(ast.parse(text, mode="eval").body)
+    try:
+        return read(ast.parse(text, mode="eval").body)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise Refused(f"its formula {text[:80]!r} cannot be read.") from error
 
 
 def plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any]:
@@ -176,6 +200,8 @@ def plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any
 
 def polynomial_product(a: dict[Any, Any], b: dict[Any, Any]) -> dict[Any, Any]:
     """Product of polynomials."""
+    if len(a) * len(b) > _PRODUCTS:
+        raise Refused("its plant has polynomials of too many terms.")
     result: dict[Any, Any] = {}
     for key, value in a.items():
         for key2, value2 in b.items():

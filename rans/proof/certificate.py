@@ -8,7 +8,7 @@ from pathlib import Path
 from rans.files import read_bytes, write_json
 from rans.proof.prove import Proof
 
-LARGEST = 2**30
+LARGEST = 2**28
 """Bytes of a certificate that is read; a million cells of four states have 10^8."""
 
 

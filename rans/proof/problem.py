@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, counted
 from rans.files import read_text
 from rans.structure import read_toml
 
@@ -189,7 +189,9 @@ def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> 
         return _value(operand, values, text, depth + 1)
 
     match node:
-        case ast.Constant(value=int() | float() as number):
+        case ast.Constant(value=int() | float() as number) if (
+            type(number) is not bool and abs(number) < 1e300
+        ):
             return float(number)
         case ast.Name(id=name) if name in values:
             return values[name]
@@ -225,82 +227,108 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
             f"{where} must have the keys {', '.join(sorted(required))}, and has {', '.join(table)}."
         )
     # Sizes first, as all else depends on them.
-    derivative = tuple(str(entry) for entry in table["derivative"])
+    derivative = table["derivative"]
+    if not (
+        isinstance(derivative, list)
+        and all(isinstance(entry, str) for entry in derivative)
+        and 1 <= len(derivative) <= MOST_STATES
+    ):
+        raise ConfigError(f"{where}: derivative must be a list of 1 to {MOST_STATES} formulas.")
     count = len(derivative)
-    commands = table["commands"]
+    name = table["name"]
+    if not (isinstance(name, str) and len(name) <= 200):
+        raise ConfigError(f"{where}: name must be a text of at most 200 characters.")
     steps = table["steps"]
-    period = table["period"]
-    if not (1 <= count <= MOST_STATES and isinstance(commands, int) and 1 <= commands <= count):
-        raise ConfigError(
-            f"{where}: a problem has 1 to {MOST_STATES} states and 1 to as many commands."
-        )
-    if not (isinstance(steps, int) and 1 <= steps <= MOST_STEPS):
-        raise ConfigError(
-            f"{where}: steps must be a whole number from 1 to {MOST_STEPS}, got {steps}."
-        )
-    if not (isinstance(period, int | float) and 0.0 < period <= 1e4):
+    commands = table["commands"]
+    for key, value, largest in (("steps", steps, MOST_STEPS), ("commands", commands, count)):
+        if type(value) is not int or not 1 <= value <= largest:
+            raise ConfigError(
+                f"{where}: {key} must be a whole number from 1 to {largest}, got {brief(value)}."
+            )
+    (period,) = _numbers([table["period"]], 1, f"{where}: period")
+    if not 0.0 < period <= 1e4:
         raise ConfigError(f"{where}: period must be above 0 and at most 10,000 s, got {period}.")
-    lower, upper = (_numbers(table["start"].get(end), count, where) for end in ("lower", "upper"))
-    if any(low > high for low, high in zip(lower, upper, strict=True)):
-        raise ConfigError(f"{where}: start.lower must not be above start.upper.")
-    end = None
-    if "end" in table:
-        end = Within(*(_numbers(table["end"].get(key), count, where) for key in ("lower", "upper")))
+    lower, upper = _corners(table["start"], count, f"{where}: start")
     problem = Problem(
-        str(table["name"]),
-        derivative,
+        name,
+        tuple(derivative),
         commands,
-        float(period),
+        period,
         steps,
         lower,
         upper,
         _property(table["keep"], count, where),
-        end,
+        Within(*_corners(table["end"], count, f"{where}: end")) if "end" in table else None,
         text,
     )
     problem.rates([1.0] * count, [1.0] * commands)  # refuses formulas that are no polynomials
     return problem
 
 
-def _property(
-    table: dict[str, Any], count: int, where: object
-) -> SpeedLimit | Avoid | KeepOut | Within:
+def _property(table: Any, count: int, where: object) -> SpeedLimit | Avoid | KeepOut | Within:
     match table:
-        case {"speed_limit": dict() as limit} if limit.keys() == {
+        case {"speed_limit": dict() as limit, **rest} if not rest and limit.keys() == {
             "position",
             "velocity",
             "base",
             "slope",
         }:
-            indices = [tuple(limit["position"]), tuple(limit["velocity"])]
-            _check_states([*indices[0], *indices[1]], count, where)
-            base, slope = _numbers([limit["base"], limit["slope"]], 2, where)
+            position = _state_numbers(
+                limit["position"], count, f"{where}: keep.speed_limit.position"
+            )
+            velocity = _state_numbers(
+                limit["velocity"], count, f"{where}: keep.speed_limit.velocity"
+            )
+            base, slope = _numbers([limit["base"], limit["slope"]], 2, f"{where}: keep.speed_limit")
             if slope < 0.0:
                 raise ConfigError(f"{where}: keep.speed_limit.slope must be >= 0, got {slope}.")
-            return SpeedLimit(indices[0], indices[1], base, slope)
-        case {"avoid": dict() as box} if box.keys() == {"lower", "upper"}:
-            return Avoid(_numbers(box["lower"], count, where), _numbers(box["upper"], count, where))
-        case {"within": dict() as box} if box.keys() == {"lower", "upper"}:
-            return Within(*(_numbers(box[key], count, where) for key in ("lower", "upper")))
-        case {"keep_out": dict() as ball} if ball.keys() == {"position", "radius"}:
-            _check_states(ball["position"], count, where)
-            return KeepOut(tuple(ball["position"]), *_numbers([ball["radius"]], 1, where))
+            if len(velocity) != 2:
+                raise ConfigError(
+                    f"{where}: keep.speed_limit.velocity must be two states: a limit of a velocity in the plane is "
+                    "proved."
+                )
+            return SpeedLimit(position, velocity, base, slope)
+        case {"avoid": dict() as box, **rest} if not rest:
+            return Avoid(*_corners(box, count, f"{where}: keep.avoid"))
+        case {"within": dict() as box, **rest} if not rest:
+            return Within(*_corners(box, count, f"{where}: keep.within"))
+        case {"keep_out": dict() as ball, **rest} if not rest and ball.keys() == {
+            "position",
+            "radius",
+        }:
+            position = _state_numbers(ball["position"], count, f"{where}: keep.keep_out.position")
+            (radius,) = _numbers([ball["radius"]], 1, f"{where}: keep.keep_out.radius")
+            if not radius > 0.0:
+                raise ConfigError(f"{where}: keep.keep_out.radius must be above 0, got {radius}.")
+            return KeepOut(position, radius)
     raise ConfigError(
         f"{where}: keep is speed_limit with position, velocity, base and slope, keep_out with position and radius, "
         "or avoid or within with lower and upper."
     )
 
 
-def _check_states(numbers: Any, count: int, where: object) -> None:
-    """Refuse what is no list of numbers of states."""
-    if not all(isinstance(i, int) and 0 <= i < count for i in numbers):
-        raise ConfigError(
-            f"{where}: position and velocity are numbers of states, 0 to {count - 1}."
-        )
+def _state_numbers(numbers: Any, count: int, where: str) -> tuple[int, ...]:
+    """Numbers of states, each at most once."""
+    good = isinstance(numbers, list) and 1 <= len(numbers) <= count
+    if not good or not all(type(i) is int and 0 <= i < count for i in numbers):
+        raise ConfigError(f"{where} must be a list of numbers of states, 0 to {count - 1}.")
+    if len(set(numbers)) != len(numbers):
+        raise ConfigError(f"{where} has a state twice.")
+    return tuple(numbers)
 
 
-def _numbers(values: Any, count: int, where: object) -> tuple[float, ...]:
+def _corners(box: Any, count: int, where: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Lower and upper corner of a box."""
+    if not isinstance(box, dict) or box.keys() != {"lower", "upper"}:
+        raise ConfigError(f"{where} must have lower and upper, and nothing else.")
+    lower, upper = (_numbers(box[key], count, f"{where}.{key}") for key in ("lower", "upper"))
+    if any(low > high for low, high in zip(lower, upper, strict=True)):
+        raise ConfigError(f"{where}.lower must not be above {where.rpartition(' ')[2]}.upper.")
+    return lower, upper
+
+
+def _numbers(values: Any, count: int, where: str) -> tuple[float, ...]:
     good = isinstance(values, list) and len(values) == count
-    if not good or not all(isinstance(x, int | float) and abs(x) < 1e9 for x in values):
-        raise ConfigError(f"{where}: {brief(values)} must be {count} numbers below 1e9.")
+    if not good or not all(type(x) in (int, float) and abs(x) < 1e9 for x in values):
+        raise ConfigError(f"{where}: {brief(values)} must be {counted(count, 'number')} below 1e9.")
     return tuple(float(x) for x in values)
