@@ -45,7 +45,14 @@ from rans.api import (
     view,
 )
 from rans.api.names import load_conditions, load_spacecraft, load_task
-from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed, WorkerLost
+from rans.errors import (
+    ConfigError,
+    NonFiniteState,
+    RansError,
+    RansWarning,
+    SolverFailed,
+    WorkerLost,
+)
 from rans.executors import run_on
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.slosh import Slosh
@@ -270,6 +277,7 @@ __all__ = [
     "ConfigError",
     "NonFiniteState",
     "RansError",
+    "RansWarning",
     "SolverFailed",
     "WorkerLost",
     "__version__",

@@ -11,6 +11,8 @@ whose version 1 of AEM more programs read than version 2.
 from __future__ import annotations
 
 import math
+import re
+import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, checked
+from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.files import read_text, write_text
 from rans.flight import Flight
 from rans.model.drift import EARTH, ClohessyWiltshire
@@ -103,6 +105,8 @@ class OrbitState:
     """Position, (3,) m."""
     v: np.ndarray
     """Velocity, (3,) m/s."""
+    is_leap_second: bool = False
+    """Whether the instant is in a leap second, 23:59:60 UTC: one second after `epoch`, which cannot hold it."""
 
 
 def is_on_orbit(task: Task, dimension: int) -> bool:
@@ -168,7 +172,7 @@ def write_ccsds(
     if not 0 <= episode < count:
         raise ConfigError(f"the flight has episodes 0 to {count - 1}, got {episode}.")
     # States up to the end of the episode, in the Hill frame.
-    start = _instant(epoch, "epoch")
+    start, _ = _instant(epoch, "epoch")
     steps = len(flight.commands) if flight.lengths is None else int(flight.lengths[episode])
     times = flight.times[: steps + 1]
     columns = [*flight.states.p.columns(), *flight.states.v.columns()]
@@ -217,7 +221,10 @@ def write_ccsds(
 
 
 def read_opm(file: str | Path) -> OrbitState:
-    """Read the state of an Orbit Parameter Message in the keyword notation.
+    """Read the state of an Orbit Parameter Message in the keyword notation, around the Earth, in UTC.
+
+    Units in brackets are converted, and are km and km/s without one. Covariances, Keplerian elements and properties
+    of the spacecraft are not read.
 
     >>> message = "CCSDS_OPM_VERS = 3.0, OBJECT_NAME = iss, CENTER_NAME = EARTH, REF_FRAME = EME2000"
     >>> message += ", TIME_SYSTEM = UTC, EPOCH = 2026-01-01T00:00:00, X = 6800.0, Y = 0.0, Z = 0.0"
@@ -229,31 +236,133 @@ def read_opm(file: str | Path) -> OrbitState:
     [0.0, 4700.0, 6000.0]
 
     Raises:
-        ConfigError: the file is no such message, or a number of its state is missing.
+        ConfigError: the file is no such message, its frame is not inertial, or a number of its state is missing or
+            in another unit.
     """
     file = Path(file)
-    fields: dict[str, str] = {}
-    for line in read_text(file).splitlines():
-        key, equals, value = line.partition("=")
-        if equals and not key.strip().startswith("COMMENT"):
-            fields.setdefault(key.strip(), value.split("[")[0].strip())
-    if "CCSDS_OPM_VERS" not in fields:
+    fields = _keywords(read_text(file, _LARGEST, "the message "), file)
+    for key, expected in (("CENTER_NAME", "EARTH"), ("TIME_SYSTEM", "UTC")):
+        if fields.get(key, "").upper() != expected:
+            raise ConfigError(
+                f"{key} of {file} must be {expected}, got {brief(fields.get(key, ''))}."
+            )
+    frame = fields.get("REF_FRAME", "")
+    _check_frame(frame, f"REF_FRAME of {file}")
+    if "REF_FRAME_EPOCH" in fields:
+        frame = f"{frame} at {fields['REF_FRAME_EPOCH']}"
+    state = np.array([_quantity(fields, key, file) for key in _STATE])
+    p, v = state[:3], state[3:]
+    radius = float(np.linalg.norm(p))
+    if not _NEAREST <= radius <= _FARTHEST:
         raise ConfigError(
-            f"{file} is no Orbit Parameter Message in the keyword notation: it has no line CCSDS_OPM_VERS = ..."
+            f"the position of {file} must be {_NEAREST / 1e3:,.0f} to {_FARTHEST / 1e3:,.0f} km from the Earth's "
+            f"centre, got {radius / 1e3:,.6g} km: the usual cause are other units, which stand in brackets after a "
+            "number, as [m]."
         )
-    if (centre := fields.get("CENTER_NAME", "")).upper() != "EARTH":
-        raise ConfigError(f"CENTER_NAME of {file} must be EARTH, got {centre!r}.")
-    if (system := fields.get("TIME_SYSTEM", "")).upper() != "UTC":
-        raise ConfigError(f"TIME_SYSTEM of {file} must be UTC, got {system!r}.")
-    try:
-        numbers = np.array([float(fields[key]) for key in _STATE])
-    except (KeyError, ValueError) as error:
-        raise ConfigError(f"{file} must have numbers for {', '.join(_STATE)}; {error}.") from None
-    if not np.isfinite(numbers).all():
-        raise ConfigError(f"the state of {file} must be finite, got {numbers.tolist()}.")
-    epoch = _instant(fields.get("EPOCH", ""), f"EPOCH of {file}")
-    name, frame = fields.get("OBJECT_NAME", ""), fields.get("REF_FRAME", "")
-    return OrbitState(name, frame, epoch, 1e3 * numbers[:3], 1e3 * numbers[3:])
+    if burns := sum(key.startswith("MAN_EPOCH_IGNITION") for key in fields):
+        warnings.warn(
+            f"{file} has {counted(burns, 'manoeuvre')}, which RANS does not read: the state is that before them.",
+            RansWarning,
+            stacklevel=2,
+        )
+    epoch, is_leap_second = _instant(fields.get("EPOCH", ""), f"EPOCH of {file}")
+    return OrbitState(fields.get("OBJECT_NAME", ""), frame, epoch, p, v, is_leap_second)
+
+
+_LARGEST = 2**20
+"""Bytes of a message of one state; with covariance and manoeuvres they have some thousand."""
+_NEAREST = 6.35e6
+"""Least distance of a state from the Earth's centre, m: its radius at the poles is 6,357 km."""
+_FARTHEST = 1.5e9
+"""Greatest distance, m: that at which the Sun's attraction takes over (Hill's sphere)."""
+_INERTIAL = re.compile(
+    r"EME2000|J2000|[GI]CRF[123]?|TEME(OFDATE|OFEPOCH)?|(TOD|MOD|TOE|MOE)(_EARTH)?", re.ASCII
+)
+"""Frames that do not turn with the Earth or an orbit: annex B of CCSDS 502.0-B-3, and SANA's registry of celestial
+body reference frames. Those of date turn by precession, 8e-12 rad/s, which is below what orbits are read for."""
+_TURNING = re.compile(
+    r"ITRF|TDR|GTOD|PEF|TIRF|WGS|ECEF|EFG|RTN|RSW|RIC|TNW|LVLH|QSW|NTW|VNC|VVLH|PQW"
+)
+"""Beginnings of names of frames that turn with the Earth or with the orbit."""
+_UNITS = {
+    False: {"km": 1e3, "m": 1.0},
+    True: {"km/s": 1e3, "m/s": 1.0},
+}
+"""Units of positions (False) and velocities (True) in m and m/s."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EeDd][+-]?\d{1,3})?", re.ASCII)
+"""A number as KVN and Fortran write it."""
+_KEYWORDS = re.compile(
+    "CCSDS_OPM_VERS|CREATION_DATE|ORIGINATOR|MESSAGE_ID|CLASSIFICATION|OBJECT_NAME|OBJECT_ID|CENTER_NAME|REF_FRAME|"
+    "REF_FRAME_EPOCH|TIME_SYSTEM|EPOCH|[XYZ](_DOT)?|SEMI_MAJOR_AXIS|ECCENTRICITY|INCLINATION|RA_OF_ASC_NODE|"
+    "ARG_OF_PERICENTER|TRUE_ANOMALY|MEAN_ANOMALY|GM|MASS|SOLAR_RAD_(AREA|COEFF)|DRAG_(AREA|COEFF)|COV_REF_FRAME|"
+    "C[XYZ](_DOT)?_[XYZ](_DOT)?|USER_DEFINED_\\w+|"
+    "MAN_(EPOCH_IGNITION|DURATION|DELTA_MASS|REF_FRAME|DV_[123])",
+    re.ASCII,
+)
+"""Keywords of an OPM, CCSDS 502.0-B-3, table 3-1 to 3-3. Those of manoeuvres may stand once for each."""
+
+
+def _keywords(text: str, file: Path) -> dict[str, str]:
+    """Values of an OPM by keyword; those of the second manoeuvre and later ones have the line's number behind.
+
+    Raises:
+        ConfigError: a line is no keyword of an OPM with a value, a keyword stands twice, or the version is another.
+    """
+    fields: dict[str, str] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        key, equals, value = (part.strip() for part in line.partition("="))
+        if not line.strip() or re.match(r"\s*COMMENT\b", line):
+            continue
+        if not fields and key != "CCSDS_OPM_VERS":
+            raise ConfigError(
+                f"{file} is no Orbit Parameter Message in the keyword notation: it does not begin with "
+                "CCSDS_OPM_VERS = ..., and other notations, such as XML, are not read."
+            )
+        if not equals or not _KEYWORDS.fullmatch(key):
+            raise ConfigError(
+                f"line {number} of {file} is no keyword of an OPM with a value, got {brief(line.strip())}."
+            )
+        if key in fields and not key.startswith("MAN_"):
+            raise ConfigError(f"{key} stands twice in {file}, again in line {number}.")
+        fields[key if key not in fields else f"{key} {number}"] = value
+    version = fields.get("CCSDS_OPM_VERS", "")
+    if version not in ("1.0", "2.0", "3.0"):
+        raise ConfigError(
+            f"CCSDS_OPM_VERS of {file} must be 1.0, 2.0 or 3.0, got {brief(version)}."
+        )
+    return fields
+
+
+def _quantity(fields: dict[str, str], key: str, file: Path) -> float:
+    """Number of a keyword of the state in m or m/s; without a unit it is in km or km/s."""
+    if key not in fields:
+        raise ConfigError(f"{file} must have numbers for {', '.join(_STATE)}, got none for {key}.")
+    known = _UNITS["DOT" in key]
+    text, bracket, rest = fields[key].partition("[")
+    unit = rest.removesuffix("]").strip() if bracket else next(iter(known))
+    if unit not in known or (bracket and not rest.endswith("]")):
+        raise ConfigError(
+            f"{key} of {file} is in {brief(bracket + rest)}, and {' and '.join(known)} are read."
+        )
+    number = text.strip()
+    value = float(re.sub("[Dd]", "e", number)) if _NUMBER.fullmatch(number) else math.nan
+    if not math.isfinite(value):
+        raise ConfigError(f"{key} of {file} must be a finite number, got {brief(number)}.")
+    return known[unit] * value
+
+
+def _check_frame(frame: str, what: str) -> None:
+    """Refuse (`ConfigError`) a frame that turns, and one that is not known not to."""
+    if _INERTIAL.fullmatch(frame.upper().partition(" AT ")[0]):
+        return
+    reason = (
+        "it turns with the Earth or the orbit, and a velocity in it is not that of the orbit"
+        if _TURNING.match(frame.upper())
+        else "whether it turns is not known"
+    )
+    raise ConfigError(
+        f"{what} must be an inertial frame, such as EME2000, GCRF, ICRF, TEME or TOD, got {brief(frame)}: {reason}."
+    )
 
 
 def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.ndarray, np.ndarray]:
@@ -277,11 +386,14 @@ def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.nda
         Mean motion n of the target, rad/s, and position, m, and velocity, m/s, of the craft in the Hill frame.
 
     Raises:
-        ConfigError: both have different instants or frames, or the orbit's eccentricity exceeds 0.01.
+        ConfigError: both have different instants or frames, a frame is not known to be inertial, or the orbit's
+            eccentricity exceeds 0.01.
     """
     for name, state in (("target", target), ("craft", craft)):
         checked(name, state, OrbitState)
-    if target.epoch != craft.epoch or target.frame != craft.frame:
+        _check_frame(state.frame, f"the frame of the {name}")
+    instants = [(state.epoch, state.is_leap_second) for state in (target, craft)]
+    if instants[0] != instants[1] or target.frame.upper() != craft.frame.upper():
         raise ConfigError(
             f"target and craft must have one epoch and frame, got {target.epoch} in {target.frame} and "
             f"{craft.epoch} in {craft.frame}."
@@ -329,20 +441,40 @@ def _message(
     return "\n".join(lines) + "\n"
 
 
-def _instant(text: str, what: str) -> datetime:
-    """An instant from ISO 8601, calendar or day of the year, UTC."""
-    value = text.removesuffix("Z")
-    for form in (
-        "%Y-%m-%dT%H:%M:%S.%f",
-        "%Y-%m-%dT%H:%M:%S",
-        "%Y-%jT%H:%M:%S.%f",
-        "%Y-%jT%H:%M:%S",
-    ):
-        try:
-            return datetime.strptime(value, form).replace(tzinfo=UTC)
-        except ValueError:
-            continue
-    raise ConfigError(f"{what} must be an instant such as 2026-01-01T00:00:00, got {text!r}.")
+_INSTANT = re.compile(
+    r"(\d{4})-(?:(\d{2})-(\d{2})|(\d{3}))T(\d{2}):(\d{2})(?::(\d{2})(?:\.(\d+))?)?Z?", re.ASCII
+)
+"""Year, month and day or day of the year, hour, minute, second and its decimals: CCSDS 301.0-B-4, codes A and B."""
+
+
+def _instant(text: str, what: str) -> tuple[datetime, bool]:
+    """An instant of UTC to the microsecond, and whether it is in a leap second, one second after it."""
+    match = _INSTANT.fullmatch(text.strip())
+    try:
+        if match is None:
+            raise ValueError
+        year, month, day, of_year, hour, minute, second, decimals = match.groups()
+        date = (
+            datetime(int(year), 1, 1) + timedelta(days=int(of_year) - 1)
+            if of_year
+            else datetime(int(year), int(month), int(day))
+        )
+        # Leap seconds end a June or a December, of UTC.
+        is_leap = second == "60" and (date.month, date.day, hour, minute) in (
+            (6, 30, "23", "59"),
+            (12, 31, "23", "59"),
+        )
+        if date.year != int(year):
+            raise ValueError
+        micro = int(f"{decimals or 0:0<6}"[:6])
+        whole = 59 if is_leap else int(second or 0)
+        return date.replace(
+            hour=int(hour), minute=int(minute), second=whole, microsecond=micro, tzinfo=UTC
+        ), is_leap
+    except (ValueError, OverflowError):
+        raise ConfigError(
+            f"{what} must be an instant such as 2026-01-01T00:00:00, got {brief(text)}."
+        ) from None
 
 
 def _text(instant: datetime) -> str:

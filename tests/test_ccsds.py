@@ -132,10 +132,165 @@ def test_refusals(flight: Flight, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no Orbit Parameter Message"):
         read_opm(other)
     other.write_text("CCSDS_OPM_VERS = 3.0\nCENTER_NAME = EARTH\nTIME_SYSTEM = UTC\nX = 7\n")
-    with pytest.raises(ConfigError, match="must have numbers for X, Y"):
+    with pytest.raises(ConfigError, match=r"REF_FRAME of .* must be an inertial frame.*got ''"):
         read_opm(other)
     now = datetime(2026, 1, 1, tzinfo=UTC)
     speed = 1.1 * np.sqrt(EARTH / RADIUS)
     eccentric = OrbitState("", "EME2000", now, np.array([RADIUS, 0, 0]), np.array([0, speed, 0]))
     with pytest.raises(ConfigError, match=r"eccentricity must be at most 0.01, got 0.21"):
         relative_state(eccentric, eccentric)
+
+
+STATE = {
+    "CCSDS_OPM_VERS": "3.0",
+    "CREATION_DATE": "2026-01-01T00:00:00",
+    "ORIGINATOR": "TEST",
+    "OBJECT_NAME": "A",
+    "OBJECT_ID": "2026-001A",
+    "CENTER_NAME": "EARTH",
+    "REF_FRAME": "EME2000",
+    "TIME_SYSTEM": "UTC",
+    "EPOCH": "2026-01-01T00:00:00",
+    "X": "7000.0",
+    "Y": "0",
+    "Z": "0",
+    "X_DOT": "0",
+    "Y_DOT": "7.546",
+    "Z_DOT": "0",
+}
+
+
+def opm(folder: Path, more: str = "", **changed: str | None) -> Path:
+    """A message with other values, or without a keyword (None)."""
+    lines = [f"{key} = {value}" for key, value in (STATE | changed).items() if value is not None]
+    file = folder / "a.opm"
+    file.write_text("\n".join(lines) + f"\n{more}\n")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("changed", "p", "v"),
+    [
+        ({}, 7e6, 7546.0),
+        ({"X": "7000000.0 [m]", "Y_DOT": "7546.0 [m/s]"}, 7e6, 7546.0),
+        ({"X": "7000.0 [km]", "Y_DOT": "7.546[km/s]"}, 7e6, 7546.0),
+        ({"X": "7.0D3", "Y_DOT": "75.46d-1"}, 7e6, 7546.0),
+        ({"X": "+.7e4", "Y_DOT": "7546.E-3"}, 7e6, 7546.0),
+    ],
+)
+def test_units_and_numbers(tmp_path: Path, changed: dict[str, Any], p: float, v: float) -> None:
+    state = read_opm(opm(tmp_path, **changed))
+    assert (state.p[0], state.v[1]) == pytest.approx((p, v), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"X": "23e6 [ft]"}, r"X of .*a\.opm is in '\[ft\]', and km and m are read"),
+        ({"X": "7000 [km/s]"}, r"is in '\[km/s\]'"),
+        ({"Y_DOT": "7.546 [km]"}, r"Y_DOT of .* is in '\[km\]', and km/s and m/s are read"),
+        ({"X": "7000 [km"}, r"is in '\[km'"),
+        ({"X": "7000000.0"}, r"6,350 to 1,500,000 km .* got 7e\+06 km: .*other units"),
+        ({"X": "7.0"}, "got 7 km"),
+        ({"X": "7_000"}, "X of .* must be a finite number, got '7_000'"),
+        ({"X": "nan"}, "must be a finite number, got 'nan'"),
+        ({"X": None}, "got none for X"),
+        ({"CCSDS_OPM_VERS": "99"}, "must be 1.0, 2.0 or 3.0, got '99'"),
+        ({"CENTER_NAME": "MOON"}, "must be EARTH, got 'MOON'"),
+        ({"TIME_SYSTEM": "GPS"}, "must be UTC, got 'GPS'"),
+        ({"more": "X = 6900"}, "X stands twice in .* again in line 16"),
+        ({"more": "X 6900"}, "line 16 of .* is no keyword of an OPM with a value, got 'X 6900'"),
+        ({"more": "XX = 6900"}, "line 16 of .* is no keyword"),
+    ],
+)
+def test_what_a_message_says_otherwise_is_refused(
+    tmp_path: Path, changed: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        read_opm(opm(tmp_path, **changed))
+
+
+@pytest.mark.parametrize("frame", ["EME2000", "GCRF", "ICRF", "TEME", "TOD", "TOD_EARTH", "J2000"])
+def test_inertial_frames_are_read(tmp_path: Path, frame: str) -> None:
+    state = read_opm(opm(tmp_path, REF_FRAME=frame))
+    assert relative_state(state, state)[1].tolist() == [0.0, 0.0, 0.0]
+
+
+TURNING = ["ITRF2000", "ITRF-97", "TDR", "GTOD", "RTN", "TNW", "LVLH"]
+
+
+@pytest.mark.parametrize("frame", [*TURNING, "anything", "EME1950", "", None])
+def test_frames_that_may_turn_are_refused_by_name(tmp_path: Path, frame: str | None) -> None:
+    reason = "turns with the Earth or the orbit" if frame in TURNING else "turns is not known"
+    sentence = rf"inertial frame, .*got '{frame or ''}': .*{reason}"
+    with pytest.raises(ConfigError, match=sentence):
+        read_opm(opm(tmp_path, REF_FRAME=frame))
+    state = replace(read_opm(opm(tmp_path)), frame=frame or "")
+    with pytest.raises(ConfigError, match=f"the frame of the target .*{reason}"):
+        relative_state(state, state)
+
+
+@pytest.mark.parametrize(
+    ("text", "micro"),
+    [
+        ("2024-12-31T12:30:05.123456789", 5_123_456),
+        ("2024-12-31T12:30:05.1", 5_100_000),
+        ("2024-12-31T12:30:05", 5_000_000),
+        ("2024-12-31T12:30", 0),
+        ("2024-366T12:30:05Z", 5_000_000),
+    ],
+)
+def test_epochs_as_other_programs_write_them(tmp_path: Path, text: str, micro: int) -> None:
+    state = read_opm(opm(tmp_path, EPOCH=text))
+    whole = datetime(2024, 12, 31, 12, 30, tzinfo=UTC)
+    assert (state.epoch - whole).total_seconds() == micro * 1e-6
+    assert not state.is_leap_second
+
+
+def test_a_leap_second_is_an_instant_of_its_own(tmp_path: Path) -> None:
+    states = [
+        read_opm(opm(tmp_path, EPOCH=text))
+        for text in ("2016-12-31T23:59:59.5", "2016-12-31T23:59:60.5", "2017-01-01T00:00:00.5")
+    ]
+    for k, state in enumerate(states):
+        for other in (*states[:k], *states[k + 1 :]):
+            with pytest.raises(ConfigError, match="must have one epoch and frame"):
+                relative_state(state, other)
+        relative_state(state, state)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "2026-366T00:00:00",
+        "2026-000T00:00:00",
+        "2026-02-29T00:00:00",
+        "2026-03-15T23:59:60",
+        "2016-12-31T23:59:61",
+        "2026-01-01T24:00:00",
+        "2026-01-01 00:00:00",
+        "2026-01-01T00:00:00+01:00",
+    ],
+)
+def test_instants_that_are_none(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r"EPOCH of .* must be an instant"):
+        read_opm(opm(tmp_path, EPOCH=text))
+
+
+def test_manoeuvres_are_named(tmp_path: Path) -> None:
+    burn = "MAN_EPOCH_IGNITION = 2026-01-01T00:01:00\nMAN_DURATION = 5 [s]"
+    with pytest.warns(rans.RansWarning, match="has 2 manoeuvres, which RANS does not read"):
+        read_opm(opm(tmp_path, f"{burn}\n{burn}"))
+
+
+def test_a_foreign_reader_agrees(tmp_path: Path) -> None:
+    """On a message with covariance and Keplerian elements, which are not read."""
+    more = "SEMI_MAJOR_AXIS = 7000 [km]\nECCENTRICITY = 0.001\nINCLINATION = 0 [deg]\n"
+    more += "RA_OF_ASC_NODE = 0 [deg]\nARG_OF_PERICENTER = 0 [deg]\nTRUE_ANOMALY = 0 [deg]\n"
+    more += "GM = 398600.44 [km**3/s**2]\nMASS = 10 [kg]"
+    file = opm(tmp_path, more, X="7001.5 [km]", Z_DOT="-1.25 [km/s]")
+    foreign = read(file).body.segment.data.state_vector
+    state = read_opm(file)
+    expected = [float(foreign.x.value), float(foreign.y_dot.value), float(foreign.z_dot.value)]
+    assert [state.p[0], state.v[1], state.v[2]] == pytest.approx([1e3 * x for x in expected])

@@ -79,7 +79,7 @@ API = {
         "Engine PPO PPOSettings MemorySettings FilterSettings ScheduleSettings ExplorationSettings SB3VecEnv "
         "SpacecraftEnv SpacecraftVectorEnv"
     ),
-    "Errors": "RansError ConfigError NonFiniteState SolverFailed WorkerLost",
+    "Errors": "RansError ConfigError NonFiniteState SolverFailed WorkerLost RansWarning",
 }
 """Public names by what they are for; `check_api` compares them with `rans.__all__`."""
 
