@@ -208,6 +208,7 @@ def _show(assurance: Assurance, file: Path) -> None:
         "A wider terminal says what each of them means, as the page does.",
     )
     console.say(decision_sentence(result))
+    console.say(assurance.scope.sentence.replace(", see below", ", see the page"))
     for finding in findings(assurance):
         console.say(f"{_MARKS[finding.passed]}{finding.text}.")
     if assurance.searched:

@@ -22,6 +22,7 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
 from rans.evaluation.fly.controllers import is_user_policy
+from rans.evaluation.measure.scope import Scope, scope
 from rans.fast.distributed import ALONE, Processes
 from rans.files import environment as this_environment
 from rans.files import read_json
@@ -29,7 +30,11 @@ from rans.policy.network import Network
 from rans.progress import Progress, Stages, unseen, unseen_stages
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import conditions_text
+from rans.scenario import scenarios
 from rans.verdict import Failure, kinds_of_failure
+
+_STARTS = 1000
+"""Number of starts whose ranges are stated: their ends are within a thousandth or so of those of all starts."""
 
 
 @dataclass
@@ -74,6 +79,12 @@ class Assurance:
                 f"{', '.join(parts)}."
             )
         return result
+
+    @cached_property
+    def scope(self) -> Scope:
+        """What the flights are asked, from which starts and under which conditions."""
+        setup = self.run.judged
+        return scope(setup, scenarios(setup.task, setup.craft, self.campaign.seed, _STARTS))
 
     @cached_property
     def hashes(self) -> dict[str, str]:
@@ -240,6 +251,7 @@ class Assurance:
         return {
             "about": self.about,
             "campaign": campaign.to_json(),
+            "scope": self.scope.to_json(),
             "decision": campaign.decision,
             "bounds": {name: _bound(campaign.bound(kind)) for name, kind in kinds.items()},
             "replays": self.replays

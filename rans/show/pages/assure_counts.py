@@ -5,7 +5,7 @@ Both are of what its JSON file holds, `rans.evaluation.assure.assurance.Assuranc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rans.show.pages.page import Table
@@ -54,6 +54,13 @@ def counts(result: Mapping[str, Any]) -> Table:
     ]
     sure = _sure(result)
     return Table(("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows)
+
+
+def asked(result: Mapping[str, Any]) -> Iterator[Table]:
+    """Requirement, length, starts and conditions; none in files of version 0.2.0."""
+    if "scope" in result:
+        rows = [[str(text) for text in row] for row in result["scope"]["rows"]]
+        yield Table(("what was asked", "it is"), rows)
 
 
 def _sure(result: Mapping[str, Any]) -> str:

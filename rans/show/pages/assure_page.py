@@ -31,7 +31,9 @@ def assurance_page(assurance: Assurance, worst_case: str = "") -> Page:
     described = run.conditions.description if run.conditions else "perfect"
     result = assurance.to_json()
     counted = Section("What failed", _TEXT, [counts(result)], findings=[*findings(assurance)])
+    asked = Section("What was asked", "", [Table(("", "it is"), assurance.scope.rows)])
     sections = [
+        asked,
         counted,
         _plan(assurance),
         *_again(assurance),
@@ -49,12 +51,13 @@ def assurance_page(assurance: Assurance, worst_case: str = "") -> Page:
                 "task": type(run.task).__name__,
                 "spacecraft": run.craft.name,
                 "conditions": described or assurance.conditions,
-                "flights": f"{campaign.flights:,} of {run.timing.episode_steps} steps, scenarios 0 to "
+                "flights": f"{campaign.flights:,}, scenarios 0 to "
                 f"{campaign.flights - 1:,} of seed {campaign.seed}; "
                 f"{', '.join(sorted(campaign.ways))}, {campaign.seconds:,.0f} s",
                 "environment": assurance.environment,
             }
         ),
+        assurance.scope.sentence,
         decision_sentence(result),
     )
 

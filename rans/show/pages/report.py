@@ -21,7 +21,7 @@ from rans.files import folders_with, inside, number, read_json, read_json_lines,
 from rans.model.spacecraft_file import read_spacecraft
 from rans.proof.proved import proved
 from rans.show.figures.panels import STYLE, series_style
-from rans.show.pages.assure_counts import counts, decision_sentence, is_over
+from rans.show.pages.assure_counts import asked, counts, decision_sentence, is_over
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import (
     Finding,
@@ -460,7 +460,7 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
     return Section(
         "Stress",
         f"{stress['title']}.",
-        [Table(("conditions", "held"), rows)],
+        [Table(("conditions", "held"), rows), *asked(stress)],
         findings=findings,
         summary=rows,
         link="stress.html",
@@ -477,7 +477,7 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     return Section(
         _title(file),
         f"Flown by {result['command']}.",
-        [table],
+        [table, *asked(result)],
         findings=[Finding(decision_sentence(result), passed)],
         summary=[
             ("flights that failed", failed),

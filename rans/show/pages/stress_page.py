@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from rans.display import NotebookRepr
 from rans.errors import counted
 from rans.evaluation.fly.contestants import view_command
+from rans.evaluation.measure.scope import Scope, conditions_texts, scope
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
 from rans.evaluation.stress.run import Stress
@@ -173,6 +175,7 @@ class StressReport(NotebookRepr):
         return {
             "title": self.title(),
             "text": TEXT,
+            "scope": {"sentence": self._scope.asked, "rows": self._asked()},
             "seed": stress.contest.seed,
             "contestants": {
                 contestant.name: {
@@ -195,13 +198,14 @@ class StressReport(NotebookRepr):
         stress = self.stress
         contest = self.stress.contest
         sections = [
+            Section("What was asked", "", [Table(("", "it is"), self._asked())]),
             Section(
                 "Conditions and failed thrusters",
                 " ".join([TEXT, *self.notes()]),
                 [Table(("held, %", *stress.names), self.named_rows())],
                 [Picture.of(figures.named_figure(stress), "Held episodes, %.")],
                 [*(Finding(text, False) for text in stress.failures), *map(Finding, self.held())],
-            )
+            ),
         ]
         if self._flown_effects():
             text = (
@@ -236,8 +240,25 @@ class StressReport(NotebookRepr):
         }
         return Page(f"Stress: {self.title()}", sections, header(about), self._verdict())
 
+    @cached_property
+    def _scope(self) -> Scope:
+        return scope(self.stress.contest.setup, self.stress.contest.starts)
+
+    def _asked(self) -> list[tuple[str, str]]:
+        """Requirement, length and starts, and the content of every scenario that has a name."""
+        contents = [
+            (f"scenario {level.name}", "; ".join(conditions_texts(level.conditions)))
+            for level in self.stress.named
+        ]
+        return [*(row for row in self._scope.rows if row[0] != "conditions"), *contents]
+
     def _verdict(self) -> str:
-        """The page's first sentence."""
+        """The page's first sentences: the result, and what was asked."""
+        if result := self._result():
+            return f"{result} {self._scope.asked}"
+        return ""
+
+    def _result(self) -> str:
         if self.stress.failures:
             return ""
         if self.is_partial:

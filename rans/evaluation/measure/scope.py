@@ -1,0 +1,247 @@
+"""What a verdict is about, in words and units: conditions, requirement, length and starts of flights.
+
+Pages that somebody signs state it by its content: a name such as "lab", or of a file, says nothing to a reader who
+does not have it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.display import default, meanings
+from rans.episode import Setup
+from rans.errors import counted
+from rans.model.fields import leaves
+from rans.randomization.conditions import Conditions
+from rans.scenario import Scenario
+from rans.tasks.base import Task
+from rans.tasks.quantities import QUANTITIES
+from rans.verdict import last_fifth
+
+_NAMED = 3
+"""Largest number of ranges of conditions in a sentence."""
+_NOMINAL = "nominal conditions"
+_TOGETHER = {
+    "faults.count": ("faults.kinds", "faults.time", "faults.among", "faults.share"),
+    "faults.thrusters": ("faults.kinds", "faults.time", "faults.share"),
+    "sensors.outage": ("sensors.outage_every",),
+    "disturbances.slow_force": ("disturbances.slow_period",),
+    "disturbances.slow_torque": ("disturbances.slow_period",),
+    "disturbances.kicks": ("disturbances.kick", "disturbances.kick_spin"),
+    "layouts.count": ("layouts.seed", "layouts.fewest"),
+}
+"""Settings that mean something with others, so that they are stated with these, though they are the defaults."""
+_UNIT = re.compile(r", (N m s|N m|N s|rad/s|m/s|rad|N|m|s)(?=[;,.]| \(|$)")
+"""A unit behind the first statement of a setting's docstring."""
+_PARENTHESIS = re.compile(r" \([^()]*\)")
+
+
+class Scope(NamedTuple):
+    """What flights were asked and under what, for people who were not there."""
+
+    asked: str
+    """Requirement, length and starts in short."""
+    conditions: str
+    """Conditions in short."""
+    rows: list[tuple[str, str]]
+    """All of it in full: what, and its content."""
+
+    @property
+    def sentence(self) -> str:
+        """All of it in short."""
+        return f"{self.asked} Conditions: {self.conditions}."
+
+    def to_json(self) -> dict[str, Any]:
+        """Data for `rans.files.write_json`."""
+        return {"sentence": self.sentence, "rows": [list(row) for row in self.rows]}
+
+
+def scope(setup: Setup, begun: Scenario) -> Scope:
+    """The scope of flights of a setup, from starts and goals with fields (N,)."""
+    conditions = setup.conditions or Conditions()
+    asked = requirement(setup)
+    started = starts(setup.task, begun)
+    seconds = f"{_number(setup.timing.episode_steps * setup.timing.control_period)} s"
+    length = (
+        f"{seconds}: {setup.timing.episode_steps:,} control periods of "
+        f"{_number(setup.timing.control_period)} s"
+    )
+    failing = [("a flight also fails", text) for text in _fails(setup.task)]
+    return Scope(
+        f"Requirement: {asked}. Flights of {seconds}. Starts: {started}.",
+        conditions_sentence(conditions),
+        [
+            ("requirement", asked),
+            *failing,
+            ("length of a flight", length),
+            ("starts", f"{started} (of {counted(len(_size(begun.start.v)), 'start')})"),
+            *([("safety filter", type(setup.guard).__name__)] if setup.guard else []),
+            *(("conditions", row) for row in conditions_texts(conditions)),
+        ],
+    )
+
+
+def requirement(setup: Setup) -> str:
+    """What a flight must do to count as solved."""
+    task = setup.task
+    bounds = ", ".join(
+        f"{name} within {_number(QUANTITIES[name].display[0] * bound)} {QUANTITIES[name].display[1]}"
+        for name, bound in task.tolerances().items()
+    )
+    kind = type(task)
+    if kind.done is not Task.done:
+        won = (kind.done.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+        won = won.removeprefix("Whether ")
+        text = f"the mission is won in time: {won[:1].lower()}{won[1:]}"
+        if kind.constraints is not Task.constraints:
+            text += ", without a violated constraint"
+        return text + (f" ({bounds})" if bounds else "")
+    steps = setup.timing.episode_steps
+    since = (steps - last_fifth(steps) + 1) * setup.timing.control_period
+    return f"{bounds} of the goal at every step of the last fifth, from {_number(since)} s on"
+
+
+def starts(task: Task, begun: Scenario) -> str:
+    """Ranges of the errors, the speed and the spin of starts with fields (N,)."""
+    ranges = []
+    for name, error in task.errors(begun.start, begun.goal).items():
+        # Distances and speeds of starts are too large for the centimetres of tolerances.
+        unit, factor = _displayed(QUANTITIES[name].unit)
+        ranges.append(f"{name} error {_span(factor * np.asarray(error, dtype=float))} {unit}")
+    speed = _size(begun.start.v)
+    spin = _size(begun.start.w)
+    ranges += [f"speed {_span(speed)} m/s", f"spin {_span(np.degrees(spin))} deg/s"]
+    return ", ".join(ranges)
+
+
+def conditions_sentence(conditions: Conditions) -> str:
+    """The first few ranges that differ from nominal, and how many more there are."""
+    if conditions.others:
+        return f"a mixture of {1 + len(conditions.others)} sets of conditions, see below"
+    texts = [*conditions_texts(conditions)]
+    more = len(texts) - _NAMED
+    return "; ".join(texts[:_NAMED]) + (f"; and {more} more, see below" if more > 0 else "")
+
+
+def conditions_texts(conditions: Conditions) -> Iterator[str]:
+    """Every range of conditions that differs from nominal, in words with its unit.
+
+    Of a mixture what all of its parts have in common comes first, and then a text for each part.
+    """
+    parts = (conditions, *conditions.others)
+    texts = [[*_ranges(dataclasses.replace(part, others=()))] for part in parts]
+    common = [text for text in texts[0] if all(text in others for others in texts)]
+    yield from common
+    if len(parts) == 1:
+        if not common:
+            yield _NOMINAL
+        return
+    total = sum(part.weight for part in parts)
+    for part, ranges in zip(parts, texts, strict=True):
+        own = "; ".join(text for text in ranges if text not in common)
+        yield f"in {_number(100.0 * part.weight / total)} % of the flights: {own or 'no more'}"
+
+
+def _ranges(conditions: Conditions) -> Iterator[str]:
+    values = dict(_settings(conditions))
+    changed = [name for name, (value, _, is_default) in values.items() if not is_default]
+    named = dict.fromkeys(
+        other for name in changed for other in (name, *_TOGETHER.get(name, ())) if other in values
+    )
+    if not {"stuck", "weak"} & {*conditions.faults.kinds}:
+        named.pop("faults.share", None)
+    for name in named:
+        value, text, _ = values[name]
+        what, unit, factor = meaning(name, text)
+        yield f"{what}: {_value(value, factor)} {unit}".rstrip()
+
+
+def _settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, tuple[Any, str, bool]]]:
+    """Of every setting its name, and its value, its docstring, and whether it is the default."""
+    texts = _meanings(type(settings))
+    for setting in dataclasses.fields(settings):
+        value = getattr(settings, setting.name)
+        name = f"{prefix}{setting.name}"
+        if dataclasses.is_dataclass(value):
+            yield from _settings(value, f"{name}.")
+        elif setting.name not in ("description", "weight", "others"):
+            yield name, (value, texts.get(setting.name, ""), value == default(setting))
+
+
+def meaning(name: str, text: str) -> tuple[str, str, float]:
+    """What a setting of conditions is in words, the unit that readers know, "" for none, and its factor.
+
+    Args:
+        name: of the setting, such as thrusters.latency.
+        text: its docstring.
+    """
+    where, _, last = name.rpartition(".")
+    quantity = where.rpartition(".")[2]
+    what, unit = _statement(text or name)
+    if name == "sensors.delay":
+        return what, "control periods", 1.0
+    if quantity not in QUANTITIES:
+        return what, *_displayed(unit)
+    what = f"{quantity} reading: {what}"
+    if last == "dropout":
+        return what, "", 1.0
+    factor, shown = QUANTITIES[quantity].display
+    return what, f"{shown} per m" if last.endswith("_per_m") else shown, factor
+
+
+def _statement(text: str) -> tuple[str, str]:
+    """The first statement of a setting's docstring, and its unit, "" for none."""
+    statement = re.split(r"[.;:](?: |$)", _PARENTHESIS.sub("", text))[0]
+    unit = _UNIT.search(statement)
+    said = statement[: unit.start()] if unit else statement.split(", ")[0]
+    return said[:1].lower() + said[1:], unit[1] if unit else ""
+
+
+def _displayed(unit: str) -> tuple[str, float]:
+    """Angles in degrees, others as they are: the unit, and its factor."""
+    return ("deg" + unit[3:], math.degrees(1.0)) if unit.startswith("rad") else (unit, 1.0)
+
+
+def _fails(task: Task) -> Iterator[str]:
+    """Bounds beyond which the task declares a flight failed, by its settings."""
+    texts = _meanings(type(task))
+    for setting in dataclasses.fields(task):  # type: ignore[arg-type]
+        text = texts.get(setting.name, "")
+        if setting.name.startswith("fail_") and text:
+            what, unit = _statement(text)
+            unit, factor = _displayed(unit)
+            yield f"{what}: {_value(getattr(task, setting.name), factor)} {unit}".rstrip()
+
+
+_meanings = cache(meanings)
+"""Docstrings are read from the source, which takes as long as all the rest."""
+
+
+def _size(vector: Any) -> np.ndarray:
+    """Lengths of vectors, or sizes of numbers."""
+    columns = [np.asarray(x, dtype=float) for x in leaves(vector)]
+    return np.sqrt(sum(column**2 for column in columns))
+
+
+def _span(values: np.ndarray) -> str:
+    # Three digits, and rounding errors of states at rest are no motion.
+    low, high = (f"{round(float(x), 6) + 0.0:.3g}" for x in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def _value(value: Any, factor: float = 1.0) -> str:
+    if isinstance(value, tuple):
+        is_range = len(value) == 2 and all(isinstance(x, float) for x in value)
+        return (" to " if is_range else ", ").join(_value(x, factor) for x in value)
+    return _number(factor * value) if isinstance(value, float) else str(value)
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"

@@ -1,0 +1,54 @@
+"""The page that people sign states what was asked: conditions, tolerances, length and starts by their content."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from rans.api.pages import flyers
+from rans.evaluation.assure.assurance import Assurance
+from rans.evaluation.assure.bounds import plan
+from rans.evaluation.assure.campaign import Campaign
+from rans.evaluation.stress.effects import Level
+from rans.evaluation.stress.outcome import StressOutcome
+from rans.files import plain
+from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.show.pages.assure_page import assurance_page
+from rans.show.pages.report import assurance_section, stress_section
+from rans.show.pages.stress_page import StressReport
+from tests.support.evaluation_flights import two_episodes
+from tests.support.stress_runs import small
+
+OWN = Conditions(BodyConditions(mass=(0.83, 1.21)), ThrusterConditions(latency=(0.0, 0.047)))
+
+
+def test_an_assurance_says_what_was_asked(tmp_path: Path) -> None:
+    (run,) = flyers(("any-craft-2d",), None, False)
+    run = run._replace(timing=replace(run.timing, control_period=0.2, episode_steps=188))
+    campaign = Campaign(plan(0.99, 2000, None), 1, flights=2000)
+    assurance = Assurance("any-craft-2d", "mine.toml", campaign, given=run.under(OWN))
+    page = assurance_page(assurance)
+    # Above the first section, and in full in it.
+    for text in ("0.83 to 1.21", "0 to 0.047 s", "5 cm", "5 deg", "37.6 s", "3 to 4 m"):
+        assert text in page.verdict
+        assert text in str(page.sections[0].tables)
+    # The report of its folder has it from the file.
+    content = json.loads(json.dumps(plain(assurance.to_json())))
+    section = assurance_section(tmp_path / "assurance.json", content)
+    assert "0.83 to 1.21" in str(section.tables)
+    del content["scope"]  # of version 0.2.0
+    assert len(assurance_section(tmp_path / "assurance.json", content).tables) == 1
+
+
+def test_a_stress_test_says_what_was_asked(tmp_path: Path) -> None:
+    stress = small("lqr:go-to-pose-2d", episodes=2)
+    stress.named = [Level("mine.toml", None, OWN)]
+    stress.effects = []
+    stress.outcomes = {("mine.toml", stress.names[0]): StressOutcome.of(two_episodes())}
+    report = StressReport(stress, tmp_path, 1)
+    page = report.page()
+    assert all(text in page.verdict for text in ("5 cm", "5 deg", "25 s", "position error 3"))
+    assert "0.83 to 1.21" in str(page.sections[0].tables)
+    content = json.loads(json.dumps(plain(report.to_json())))
+    assert "0.83 to 1.21" in str(stress_section(content).tables)
