@@ -16,7 +16,7 @@ import numpy as np
 from rans.display import NotebookRepr, figure_of
 from rans.effectors.wheels import wheel_speeds
 from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
-from rans.errors import ConfigError, brief, checked, counted
+from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.files import write_text
 from rans.model.accuracy import chosen, fastest
 from rans.model.body import Body, check_liquid
@@ -396,7 +396,7 @@ def fly(
         np.stack(guarded) if guarded else None,
     )
     if move is None and (refusal := outran(flight, world.timing)):
-        warnings.warn(refusal, stacklevel=2)
+        warnings.warn(refusal, RansWarning, stacklevel=2)
     return flight
 
 

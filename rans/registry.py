@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
 
-from rans.errors import ConfigError, brief, meant, meant_file, of_user_code
+from rans.errors import ConfigError, RansWarning, brief, meant, meant_file, of_user_code
 from rans.files import first_line
 
 T = TypeVar("T")
@@ -245,6 +245,7 @@ def _entry_points(group: str) -> list[EntryPoint]:
                 warnings.warn(
                     f"the entry points of the package {package.name} cannot be read, and nothing of it is "
                     f"registered: {first_line(error)}; the usual cause is a line without '='.",
+                    RansWarning,
                     stacklevel=2,
                 )
     return [entry for several in points.values() for entry in several]

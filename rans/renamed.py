@@ -10,7 +10,7 @@ from dataclasses import fields, is_dataclass, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, RansDeprecationWarning, brief
 
 T = TypeVar("T")
 
@@ -159,6 +159,6 @@ def _read(old: str, new: str, owner: Any) -> Any:
 def _warn(cls: type, old: str, advice: str) -> None:
     warnings.warn(
         f"{cls.__name__}.{old} {DEPRECATED}: {advice}.",
-        DeprecationWarning,
+        RansDeprecationWarning,
         stacklevel=3,
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from rans.api.judging import CRAFT, SpacecraftLike
 from rans.api.names import load_spacecraft, load_task
-from rans.errors import ConfigError, brief, is_finite, one_of, whole
+from rans.errors import ConfigError, RansDeprecationWarning, brief, is_finite, one_of, whole
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
@@ -159,7 +159,7 @@ def optimal_trajectory(
             raise ConfigError("keep_out is the former name of zones: give zones alone.")
         warnings.warn(
             f"keep_out of rans.optimal_trajectory {DEPRECATED}: name it zones.",
-            DeprecationWarning,
+            RansDeprecationWarning,
             stacklevel=2,
         )
     balls = tuple(tuple(_numbers("zone", zone)) for zone in former or zones)

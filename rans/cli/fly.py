@@ -15,7 +15,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli.options import Former, Trust
 from rans.cli.states import POSE, read_state, read_zones
-from rans.errors import ConfigError, brief, positive
+from rans.errors import ConfigError, RansDeprecationWarning, brief, positive
 from rans.renamed import DEPRECATED
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class Fly:
         if zones and not any("," in word for word in zones):
             warnings.warn(
                 f"zones without commas {DEPRECATED}: write --zones X,Y,R ...",
-                DeprecationWarning,
+                RansDeprecationWarning,
                 stacklevel=1,
             )
             size = craft.dimension + 1

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_origin, get_type_hints
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansDeprecationWarning
 from rans.executors import FORMS
 from rans.renamed import DEPRECATED
 
@@ -152,7 +152,7 @@ def _warn(name: str, option: str, advice: str, arguments: Sequence[str]) -> None
             f"{option} is the former word of {both}, and both are given: leave {option} out."
         )
     warnings.warn(
-        f"{option} of rans {name} {DEPRECATED}: {advice}.", DeprecationWarning, stacklevel=3
+        f"{option} of rans {name} {DEPRECATED}: {advice}.", RansDeprecationWarning, stacklevel=3
     )
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from tyro.conf import arg
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, RansDeprecationWarning, brief
 from rans.renamed import DEPRECATED
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:
     if any(word.startswith(("p.", "heading=", "q.")) for word in words):
         warnings.warn(
             f"a pose by keys, such as p.x=3, {DEPRECATED}: write {option} X Y HEADING, such as 3 1 40deg.",
-            DeprecationWarning,
+            RansDeprecationWarning,
             stacklevel=2,
         )
         return list(words)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rans.effectors.commands import check_commands, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
-from rans.errors import ConfigError, brief, checked, counted
+from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.privileged import PrivilegedObservation
 from rans.fast.stepping.compiled import stepping
@@ -177,6 +177,7 @@ class Engine:
                 f"this engine steps slower, by single operations of torch: its number of environments, "
                 f"{num_envs:,}, is not a multiple of layouts.count, so that compiled steps would have another "
                 "layout in every episode.",
+                RansWarning,
                 stacklevel=2,
             )
         buffers = self._world, None if reads_tables else self.body, num_envs, draws

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansWarning
 from rans.model.body import Body, numbers
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -91,6 +91,7 @@ def chosen(
             f"of {period:g} s and leaves it spinning at {alpha / period:.3g} rad/s; above {_HARDEST / 2:g} "
             f"rad it can hardly be controlled, and {MOST} substeps may not be accurate enough. Shorten the "
             "period; the usual cause is a moment of inertia or a force in other units.",
+            RansWarning,
             stacklevel=3,
         )
     return replace(timing, substeps=max(1, math.ceil(min(needed, MOST))))

@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 
 from rans.display import NotebookRepr
-from rans.errors import ConfigError, brief, checked, counted
+from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
 from rans.model.slosh import Slosh
 from rans.model.solids import MOST_SOLIDS, Solid
@@ -466,6 +466,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
             f"spacecraft {craft.name!r}: its {_effectors(craft)} cannot push and turn it in "
             f"every direction of its {craft.degrees_of_freedom} degrees of freedom, so most tasks cannot be "
             "solved; the usual cause is a missing or reversed thruster.",
+            RansWarning,
             stacklevel=3,
         )
 

@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, brief, meant, meant_file, text_of_name
+from rans.errors import ConfigError, RansWarning, brief, meant, meant_file, text_of_name
 from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.pace import misfits
@@ -146,7 +146,7 @@ def read_spacecraft(file: Path) -> Spacecraft:
     """
     craft = parse_spacecraft(_file_text(str(file)), str(file))
     for misfit in misfits(craft):
-        warnings.warn(f"spacecraft {craft.name!r}: {misfit}.", stacklevel=3)
+        warnings.warn(f"spacecraft {craft.name!r}: {misfit}.", RansWarning, stacklevel=3)
     return craft
 
 

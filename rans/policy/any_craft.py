@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansWarning
 from rans.model.spacecraft import Spacecraft
 from rans.model.twists import balanced, cone_pushes
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
@@ -232,6 +232,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
                 f"{craft.name} has a {allowed.name} of {figure}, and the agent for any craft was "
                 f"trained {allowed.text()}: it may not reach its goals. `rans train` makes an agent for this "
                 "craft alone.",
+                RansWarning,
                 stacklevel=2,
             )
     weight, bias = old.last.folded(*network.layer("action_net"))

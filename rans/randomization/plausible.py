@@ -8,6 +8,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from rans.errors import RansWarning
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, largest
 
@@ -104,4 +105,4 @@ def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
 def warn_of_implausible(conditions: Conditions, craft: Spacecraft) -> None:
     """Warn of each of the `implausible`."""
     for doubt in implausible(conditions, craft):
-        warnings.warn(f"{doubt}.", stacklevel=3)
+        warnings.warn(f"{doubt}.", RansWarning, stacklevel=3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 
+from rans.errors import RansWarning
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
@@ -57,7 +58,7 @@ def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
 def warn_of_obstacles(craft: Spacecraft, task: Task, timing: Timing) -> None:
     """Warn of each of the `obstacles`."""
     for obstacle in obstacles(craft, task, timing):
-        warnings.warn(f"{obstacle}.", stacklevel=3)
+        warnings.warn(f"{obstacle}.", RansWarning, stacklevel=3)
 
 
 def warn_of_unobserved_layouts(task: Task, conditions: Conditions | None) -> None:
@@ -68,5 +69,6 @@ def warn_of_unobserved_layouts(task: Task, conditions: Conditions | None) -> Non
         "episodes have random layouts of thrusters (layouts.count), which the controller does not observe: it "
         "commands them as those of the spacecraft's file. Train with observed_thrusters, or fly layouts as "
         "spacecraft of their own (rans.randomization.layout_bodies.layout_spacecraft).",
+        RansWarning,
         stacklevel=3,
     )

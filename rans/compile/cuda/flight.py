@@ -14,6 +14,7 @@ from rans.compile.cuda.flight_source import flight_source
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.flight_program import trace_flight
 from rans.episode import World
+from rans.errors import RansWarning
 from rans.flight_statistics import QUANTITIES, FlightStatistics, Sums
 from rans.model.random import seed_words
 from rans.model.trace import UNTRACEABLE
@@ -78,11 +79,14 @@ class FlightKernel:
             warnings.warn(
                 "these flights are stepped, which is slower: their kernel has no place for "
                 f"{error}.",
+                RansWarning,
                 stacklevel=4,
             )
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:
-            warnings.warn(f"these flights are stepped, which is slower: {error}", stacklevel=4)
+            warnings.warn(
+                f"these flights are stepped, which is slower: {error}", RansWarning, stacklevel=4
+            )
         else:
             return kernel
         return None

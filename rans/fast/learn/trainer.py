@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 from rans.episode import Guard
-from rans.errors import ConfigError, NonFiniteState, WorkerLost, is_installed
+from rans.errors import ConfigError, NonFiniteState, RansWarning, WorkerLost, is_installed
 from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
@@ -81,6 +81,7 @@ class Trainer:
             warnings.warn(
                 "training on a processor is several times slower without the package llvmlite: "
                 "pip install 'rans[cpu]'",
+                RansWarning,
                 stacklevel=2,
             )
         self.run = run

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from rans.compile.step_program import BufferWrite, StepProgram, StepShape, trace_step
 from rans.episode import Episode, World
-from rans.errors import is_installed
+from rans.errors import RansWarning, is_installed
 from rans.fast.stepping.step import Backend, Step, step_arrays, step_tensors
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE, Symbol
@@ -146,6 +146,7 @@ class ArrayStep:
                 warnings.warn(
                     "this engine steps slower, as its task does more than arithmetic on fields: "
                     f"{error}",
+                    RansWarning,
                     stacklevel=2,
                 )
         self._tried = True
@@ -175,6 +176,7 @@ class TorchCompiledStep:
             warnings.warn(
                 "this engine steps slower, as torch cannot compile what its task does: "
                 f"{reason.lower()}. Use functions of rans.model.fields, or do not compile.",
+                RansWarning,
                 stacklevel=2,
             )
             self._step = step_tensors

@@ -13,6 +13,7 @@ from rans.compile.cuda.observation import Observation
 from rans.compile.cuda.source import THREADS, source
 from rans.compile.step_program import StepShape, trace_step
 from rans.episode import Episode, World
+from rans.errors import RansWarning
 from rans.fast.distributed import Processes
 from rans.fast.stepping.step import Step
 from rans.model.random import Draws
@@ -85,7 +86,9 @@ class Kernel:
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:
             warnings.warn(
-                f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3
+                f"torch.compile makes this engine's step, which is slower: {error}",
+                RansWarning,
+                stacklevel=3,
             )
             return None
         return kernel

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError, checked
+from rans.errors import ConfigError, RansWarning, checked
 from rans.model.body import Body
 from rans.model.drift import steady
 from rans.model.dynamics import Wrench, advance, wrench
@@ -209,6 +209,7 @@ class ModelBased:
             warnings.warn(
                 f"{self.name} does not know the constraints of {type(self._task).__name__} and may violate "
                 "them; MPC and MPPI keep them.",
+                RansWarning,
                 stacklevel=3,
             )
 

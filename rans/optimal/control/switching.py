@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError, checked
+from rans.errors import ConfigError, RansDeprecationWarning, checked
 from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
@@ -64,7 +64,7 @@ class Curve:
             warnings.warn(
                 f"Curve.thrust_weight {DEPRECATED}: set thrust_time_weight, which is thrust_weight times the force "
                 "along every axis in N.",
-                DeprecationWarning,
+                RansDeprecationWarning,
                 stacklevel=3,
             )
 

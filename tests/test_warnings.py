@@ -1,0 +1,43 @@
+"""All warnings of RANS have classes of RANS, so that a user can filter them without their texts."""
+
+from __future__ import annotations
+
+import ast
+import warnings
+
+import pytest
+
+import rans
+from rans.errors import RansDeprecationWarning
+from tests.support.processes import ROOT
+
+
+def test_every_warning_has_a_class_of_rans() -> None:
+    others, count = [], 0
+    for file in sorted((ROOT / "rans").rglob("*.py")):
+        text = file.read_text("utf-8")
+        if "warn(" not in text:
+            continue
+        for node in ast.walk(ast.parse(text)):
+            if not isinstance(node, ast.Call) or ast.unparse(node.func) != "warnings.warn":
+                continue
+            count += 1
+            category = ast.unparse(node.args[1]) if len(node.args) > 1 else ""
+            if category not in ("RansWarning", "RansDeprecationWarning"):
+                others.append(f"{file.relative_to(ROOT)}:{node.lineno}: {category}")
+    assert not others
+    assert count > 20  # or the search itself is broken
+
+
+def test_warnings_of_rans_can_be_made_errors_and_those_of_others_left() -> None:
+    craft = rans.load_spacecraft("floating-platform")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("error", category=rans.RansWarning)
+        warnings.warn("of somebody else", UserWarning, stacklevel=1)
+        with pytest.raises(rans.RansWarning, match="may violate"):
+            rans.LQR(craft, rans.Avoid())
+
+
+def test_an_old_name_warns_as_python_shows_such() -> None:
+    assert issubclass(RansDeprecationWarning, DeprecationWarning)
