@@ -25,6 +25,10 @@ override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# Distributions of this repository beside rans itself.
+PARTS := -e ./agents $(addprefix -e ./,$(wildcard packages/*))
+DECLARED := agents/pyproject.toml $(wildcard packages/*/pyproject.toml)
+
 .PHONY: help setup demo test test-slow test-all suite lint style types docs release clean
 
 help:
@@ -80,7 +84,7 @@ docs: .venv/installed-docs
 release: build/release/bin/twine build/bare/bin/pip
 	rm -rf dist
 	build/release/bin/python -m build --outdir dist .
-	build/release/bin/python -m build --outdir dist agents
+	for part in agents packages/*; do build/release/bin/python -m build --outdir dist $$part || exit 1; done
 	build/release/bin/twine check --strict dist/*
 	@size=$$(stat -c %s dist/rans-*.whl); echo "The wheel has $$((size / 1000000)) MB."; test $$size -le $(WHEEL_BYTES) || { \
 		echo "It may have $(WHEEL_BYTES) bytes: leave out what no user needs." >&2; exit 1; }
@@ -95,12 +99,12 @@ release: build/release/bin/twine build/bare/bin/pip
 
 setup: .venv/installed
 
-.venv/installed: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt -e ./agents -e '.[all]'
+.venv/installed: pyproject.toml $(DECLARED) constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt $(PARTS) -e '.[all]'
 	@touch $@
 
-.venv/installed-dev: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt -e ./agents -e '.[dev]'
+.venv/installed-dev: pyproject.toml $(DECLARED) constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt $(PARTS) -e '.[dev]'
 	@touch .venv/installed $@
 
 build/release/bin/twine:
@@ -110,8 +114,8 @@ build/release/bin/twine:
 build/bare/bin/pip:
 	$(PYTHON) -m venv --clear build/bare
 
-.venv/installed-docs: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt -e ./agents -e '.[docs]'
+.venv/installed-docs: pyproject.toml $(DECLARED) constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt $(PARTS) -e '.[docs]'
 	@touch .venv/installed $@
 
 # Debian's Python has the module venv but, without the package python3-venv, no ensurepip. Ctrl-C waits for the

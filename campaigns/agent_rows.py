@@ -34,7 +34,7 @@ class Row:
     distance: tuple[float, float] | None = None
     """Of the starts, m, where it is not the protocol's."""
     path: str = ""
-    """To follow, for a velocity tracker; see `rans.evaluation.fly.paths.find_path`."""
+    """To follow, for a velocity tracker; see `rans_assurance.follow.paths.find_path`."""
 
     @property
     def command(self) -> str:

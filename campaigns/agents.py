@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rans_assurance.follow.follow import fly_path
+from rans_assurance.follow.paths import LookAhead, find_path
 from tyro.conf import Positional
 
 from campaigns.agent_rows import ROWS, Goal, Row
@@ -22,8 +24,6 @@ from campaigns.time_optimal import time_optimal
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.follow import fly_path
-from rans.evaluation.fly.paths import LookAhead, find_path
 from rans.evaluation.measure.metrics import samples
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, fly

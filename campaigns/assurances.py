@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from rans_assurance.assure.assurance import made
+from rans_assurance.assure.bounds import plan
+from rans_assurance.assure.evidence import sha256
 from tyro.conf import Positional
 
 from campaigns.markdown import Table
-from rans.evaluation.assure.assurance import made
-from rans.evaluation.assure.bounds import plan
-from rans.evaluation.assure.evidence import sha256
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.agent_files.agent import AGENT

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from rans_assurance.assure.bounds import lower, upper
 from scipy.spatial import ConvexHull
 
 from campaigns.standings import MISSIONS, in_document
 from rans.api.agent import load_agent
-from rans.evaluation.assure.bounds import lower, upper
 from rans.evaluation.measure.metrics import arrival_times, impulses, settling_times
 from rans.files import read_json, read_text
 from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, PerturbedOrbit

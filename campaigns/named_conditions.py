@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
+from rans_assurance.pages.stress_page import StressReport
+from rans_assurance.stress.run import prepared
 
 from campaigns.command import ended
 from campaigns.figures import stress
 from rans.evaluation.compare.entrants import contest_of
-from rans.evaluation.stress.run import prepared
 from rans.files import write_json
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED
-from rans.show.pages.stress_page import StressReport
 from rans.terminal import Terminal
 
 _AGENTS = ("go-to-pose-2d-robust", "go-to-pose-2d-faults", "go-to-pose-2d")

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+from rans.errors import ConfigError
 from rans.registry import Registry
 
-EXTRA_OF: dict[str, str] = {}
+EXTRA_OF = {
+    "assure": "assurance",
+    "faults": "assurance",
+    "follow": "assurance",
+    "stress": "assurance",
+}
 """Commands and public names that packages of this repository add, and the extra that installs each package."""
 
 PUBLIC: Registry[Any] = Registry(
@@ -31,3 +37,14 @@ def sentence_of_absent(name: str, user: str) -> str:
         if extra
         else ""
     )
+
+
+def public(name: str) -> Any:
+    """A public name of an installed package.
+
+    Raises:
+        ConfigError: the package that has it is not installed.
+    """
+    if name not in PUBLIC:
+        raise ConfigError(sentence_of_absent(name, f"rans.{name}"))
+    return PUBLIC[name]

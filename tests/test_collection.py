@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 pytest_plugins = ["pytester"]
+
+CONFTEST = Path(__file__).parents[1] / "conftest.py"
 
 
 def test_only_what_lacks_an_optional_library_is_skipped(
@@ -19,7 +22,7 @@ def test_only_what_lacks_an_optional_library_is_skipped(
     """
     monkeypatch.setitem(sys.modules, "pydrake", None)
     monkeypatch.setitem(sys.modules, "casadi", ModuleType("casadi"))
-    pytester.makeconftest("from tests.conftest import pytest_pycollect_makemodule")
+    pytester.makeconftest(CONFTEST.read_text("utf-8"))
     pytester.makepyfile(
         test_absent="import pydrake",
         test_behind_a_door="import rans.errors; rans.errors.require('pydrake')",

@@ -7,21 +7,18 @@ progress on a terminal and in a notebook.
 from rans.api.agent import Agent, load_agent
 from rans.api.drafting import init_spacecraft, join_spacecraft
 from rans.api.identification import excite, identify
-from rans.api.judging import assure, benchmark, compare, evaluate, faults, follow, stress, validate
+from rans.api.judging import benchmark, compare, evaluate, validate
 from rans.api.limits import certify, optimal_trajectory, state
 from rans.api.pages import export, report, view
 from rans.api.training import sweep, train, tune
 
 __all__ = [
     "Agent",
-    "assure",
     "benchmark",
     "certify",
     "compare",
     "evaluate",
     "export",
-    "faults",
-    "follow",
     "identify",
     "excite",
     "init_spacecraft",
@@ -30,7 +27,6 @@ __all__ = [
     "optimal_trajectory",
     "report",
     "state",
-    "stress",
     "sweep",
     "train",
     "tune",

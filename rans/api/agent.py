@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rans.abilities import public
 from rans.api.agent_data import AgentData
 from rans.api.names import conditions_if_named, load_spacecraft, load_task
 from rans.errors import ConfigError, brief
@@ -22,14 +23,12 @@ from rans.tasks.derived import check_dimension
 if TYPE_CHECKING:
     from rans.api.pages import Replay
     from rans.deploy.export import Form
-    from rans.evaluation.assure.assurance import Assurance
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
     from rans.model.dynamics import State
-    from rans.show.pages.stress_page import StressReport
 
 _COPIED = ("config.json", "spacecraft.toml", "metrics.jsonl", "card.json")
 """Files of a run that `Agent.save` copies beside the policy."""
@@ -184,17 +183,13 @@ class Agent(AgentData):
 
         return compare(self, *others, **options)
 
-    def stress(self, *others: Any, **options: Any) -> StressReport:
+    def stress(self, *others: Any, **options: Any) -> Any:
         """Fly under one disturbance at a time, at increasing magnitude; options as for `rans.stress`."""
-        from rans.api.judging import stress
+        return public("stress")(self, *others, **options)
 
-        return stress(self, *others, **options)
-
-    def assure(self, **options: Any) -> Assurance:
+    def assure(self, **options: Any) -> Any:
         """Bound the failure probability; options as for `rans.assure`."""
-        from rans.api.judging import assure
-
-        return assure(self, **options)
+        return public("assure")(self, **options)
 
     def view(self, *others: Any, **options: Any) -> Replay:
         """Fly, and return a page that replays the flights in three dimensions; options as for `rans.view`."""

@@ -29,11 +29,10 @@ def chosen_device(device: str | None, quick: bool) -> str:
     Raises:
         ConfigError: it is not here, or the compiler that the CPU's engine needs is missing.
     """
-    import torch
-
+    from rans.fast.device import torch_device
     from rans.fast.learn.trainer import check_device
 
-    result = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    result = device or torch_device()
     check_device(result)
     if not (result.startswith("cuda") or quick):
         _check_compiler()

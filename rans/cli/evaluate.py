@@ -197,17 +197,16 @@ class Evaluate:
 
     def _judge_many(self, run: LoadedRun) -> None:
         """Print and write the statistics of many flights."""
-        import torch
-
         from rans.evaluation.fly.agent import Agent
         from rans.evaluation.measure.aggregate import ROOM
         from rans.evaluation.measure.many import measure_many
+        from rans.fast.device import torch_device
         from rans.fast.flights import Flights
         from rans.verdict import Failure
 
         assert isinstance(run.controller, Agent)
         # Flights are judged as they fly; none is stored.
-        device = "cuda" if torch.cuda.is_available() else "cpu"
+        device = torch_device()
         flights = Flights(
             run.controller.network, run.judged, device, listed=_LISTED, plain=self.plain
         )

@@ -82,6 +82,10 @@ class Init:
         """Ask, check, write and draw; the exit code is 0."""
         from rans.api.drafting import check_free, check_target
 
+        if not self.file.name:
+            raise ConfigError(
+                f"name the file to write, such as mine.toml, got {str(self.file)!r}, which is a folder."
+            )
         picture = self.picture or self.file.with_suffix(".svg")
         check_target(self.file, self.overwrite)
         check_free(picture, self.overwrite)

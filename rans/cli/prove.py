@@ -200,7 +200,7 @@ class Prove:
 
     def _prove(self) -> int:
         """Prove a property of a network with the plant of a problem's file."""
-        from rans.evaluation.assure.assurance import torch_device
+        from rans.fast.device import torch_device
         from rans.proof.certificate import write_certificate
         from rans.proof.network import LARGEST, network_of
         from rans.proof.problem import read_problem

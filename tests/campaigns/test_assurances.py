@@ -1,4 +1,4 @@
-"""The campaign of assurances at a small size; what it counts is tested in tests/evaluation/assure."""
+"""The campaign of assurances at a small size; what it counts is tested in packages/assurance/tests."""
 
 from __future__ import annotations
 

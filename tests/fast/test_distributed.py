@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 import torch
 import torch.distributed as dist
+from rans_assurance.assure.bounds import plan
+from rans_assurance.assure.campaign import Campaign
 from torch.multiprocessing.spawn import start_processes
 
 from rans.cli import main
 from rans.episode import Setup
 from rans.errors import ConfigError, WorkerLost
-from rans.evaluation.assure.bounds import plan
-from rans.evaluation.assure.campaign import Campaign
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
 from rans.fast.learn.config import MemorySettings, PPOSettings

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from rans_assurance.follow.follow import Following, fly_path
+from rans_assurance.follow.paths import LookAhead, Path
 
-from rans.evaluation.fly.follow import Following, fly_path
-from rans.evaluation.fly.paths import LookAhead, Path
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2

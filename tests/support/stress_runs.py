@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rans_assurance.stress.run import Stress, prepared
+
 from rans.evaluation.compare.entrants import contest_of
-from rans.evaluation.stress.run import Stress, prepared
 from rans.randomization.conditions_file import load_conditions
 
 FIRST = "pretrained:go-to-pose-2d"

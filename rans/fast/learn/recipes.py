@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from rans.errors import ConfigError, brief, meant, meant_file, one_of
+from rans.fast.device import torch_device
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
@@ -73,7 +74,7 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
     Raises:
         ConfigError: there is no such task, recipe or spacecraft, or the recipe's file is wrong.
     """
-    device = device or _usual_device()
+    device = device or torch_device()
     if task in RECIPES:
         return recipe(task, device)
     if task.endswith(".toml"):
@@ -258,10 +259,3 @@ def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
 def _multiplied(steps: Any, factor: int) -> Any:
     """Number of steps times a factor; any other value is kept, and `from_table` rejects it."""
     return steps * factor if type(steps) is int else steps
-
-
-def _usual_device() -> str:
-    """A GPU if there is one."""
-    import torch  # late: names are checked without it
-
-    return "cuda" if torch.cuda.is_available() else "cpu"

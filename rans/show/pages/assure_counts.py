@@ -1,6 +1,6 @@
 """Counts of an assurance as a sentence and a table, for its own page and for the report of a run.
 
-Both are of what its JSON file holds, `rans.evaluation.assure.assurance.Assurance.to_json`.
+Both are of what its JSON file holds.
 """
 
 from __future__ import annotations

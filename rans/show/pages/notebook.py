@@ -16,7 +16,6 @@ from rans.randomization.conditions import Conditions
 from rans.show import markup
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.svg import data_uri, svg
-from rans.show.pages.stress_page import StressReport
 from rans.show.tables.listing import (
     Listing,
     conditions_listing,
@@ -90,21 +89,6 @@ def _comparison(comparison: Comparison) -> str:
 def _(flight: Flight) -> str:
     picture = data_uri(svg(episode_figure(flight)))
     return f'<p>{_said(repr(flight))}</p><img style="max-width:100%" src="{picture}" alt="The first episode">'
-
-
-@html_of.register
-def _(report: StressReport) -> str:
-    held = Listing(
-        f"Share held, %: {report.title()}",
-        ("scenario", *report.stress.names),
-        [tuple(cell or "-" for cell in row) for row in report.named_rows()],
-    )
-    borne = Listing(
-        "Size of a disturbance up to which 99 % are held",
-        tuple(report.effect_columns()),
-        [tuple(row) for row in report.effect_rows()],
-    )
-    return _table(held) + (_table(borne) if report.stress.effects else "")
 
 
 def listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

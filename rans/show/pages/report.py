@@ -448,7 +448,7 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
 
 
 def stress_section(stress: Mapping[str, Any]) -> Section:
-    """Shares held under conditions without a size (`rans.show.pages.stress_page`); stress.html has the rest."""
+    """Shares held under conditions without a size; stress.html has the rest."""
     flown = stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
     rows = [
         (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"]))

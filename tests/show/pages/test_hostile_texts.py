@@ -12,13 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rans_assurance.assure.assurance import Assurance
+from rans_assurance.assure.bounds import plan
+from rans_assurance.assure.campaign import Campaign
+from rans_assurance.pages.assure_page import assurance_page
+from rans_assurance.pages.stress_page import StressReport
 
 import rans
 from rans.api.pages import flyers
 from rans.errors import RansError
-from rans.evaluation.assure.assurance import Assurance
-from rans.evaluation.assure.bounds import plan
-from rans.evaluation.assure.campaign import Campaign
 from rans.evaluation.measure.aggregate import measure
 from rans.evaluation.stress.effects import Level
 from rans.evaluation.stress.outcome import StressOutcome
@@ -27,7 +29,6 @@ from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 from rans.show import markup
-from rans.show.pages.assure_page import assurance_page
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.comparison_page import page as comparison_page
 from rans.show.pages.notebook import html_of
@@ -36,7 +37,6 @@ from rans.show.pages.playground import playground
 from rans.show.pages.race import median_and_slowest
 from rans.show.pages.report import report_from_run
 from rans.show.pages.screen import Screen
-from rans.show.pages.stress_page import StressReport
 from rans.show.scene.view import View
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, live, ran

@@ -1,0 +1,156 @@
+"""What every test runs under, and the spacecraft that many of them fly."""
+
+from __future__ import annotations
+
+import gc
+import io
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import gymnasium
+import pytest
+from hypothesis import settings
+
+from rans.errors import EXTRAS, MissingPackage
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks import TASKS
+from tests.support.crafts import FREE_CRAFT, nasty_planar, nasty_spatial
+
+# The same examples in every run, and no deadline: the machine may be busy.
+settings.register_profile("rans", derandomize=True, deadline=None, database=None)
+settings.load_profile("rans")
+
+
+# Libraries keep a million objects, which a search for garbage looks through: seldom, and not these.
+gc.set_threshold(100_000, 20, 100)
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays."""
+    gc.freeze()
+
+
+class Module(pytest.Module):
+    """A file of tests, passed over where a library that it needs is not installed.
+
+    Machines with a GPU often lack Drake and CasADi, and run what has the mark gpu.
+    """
+
+    def collect(self) -> Iterable[pytest.Item | pytest.Collector]:
+        """See pytest."""
+        try:
+            return super().collect()
+        except self.CollectError as error:
+            cause = error.__cause__
+            # RANS's own modules say what they lack; a test that imports a library itself gets Python's error.
+            if isinstance(cause, MissingPackage):
+                missing = cause.module
+            else:
+                missing = cause.name if isinstance(cause, ModuleNotFoundError) else None
+            if missing in EXTRAS:  # not one of its modules, which would be misspelt
+                pytest.skip(f"needs {missing}", allow_module_level=True)
+            raise
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module:
+    """Every file of tests is a `Module`."""
+    return Module.from_parent(parent, path=module_path)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    """One torch thread: small tensors gain nothing from more, and tests run side by side."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+
+
+@pytest.fixture(autouse=True)
+def _environment_of_others() -> Iterator[None]:
+    """A test that leaves variables of RANS or Python behind fails, and those after it run without them."""
+    before = _variables()
+    yield
+    after = _variables()
+    for name in before.keys() | after.keys():
+        os.environ.pop(name, None)
+    os.environ.update(before)
+    assert after == before, (
+        "the test left the environment changed; monkeypatch.setenv undoes changes"
+    )
+
+
+@pytest.fixture(autouse=True)
+def _names_of_others() -> Iterator[None]:
+    """Names that a test types, whose code may then run, are not typed for the tests after it."""
+    registry = sys.modules.get("rans.registry")
+    before = set() if registry is None else set(registry._typed)
+    yield
+    if registry is not None:
+        registry._typed.intersection_update(before)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _few_flights_of_exports() -> Iterator[None]:
+    """Ranges of exports are those of 64 flights, as many as golden pairs need: thousands take two seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "rans.deploy.export" in sys.modules:
+            patch.setattr("rans.deploy.export.FLIGHTS", 64)
+        yield
+
+
+def _variables() -> dict[str, str]:
+    """Those that say how RANS and Python behave, such as ``RANS_TRUST`` and ``PYTHONSAFEPATH``."""
+    return {
+        name: value for name, value in os.environ.items() if name.startswith(("RANS_", "PYTHON"))
+    }
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made, but not drawn: that takes a second each, and the test looks at something else."""
+    monkeypatch.setattr("matplotlib.figure.Figure.draw_without_rendering", lambda _: None)
+    monkeypatch.setattr(
+        "matplotlib.figure.Figure.savefig",
+        lambda _, file, **__: (
+            file.write('<svg xmlns="http://www.w3.org/2000/svg"/>')
+            if isinstance(file, io.StringIO)
+            else None
+        ),
+    )
+
+
+@pytest.fixture
+def unswept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Comparisons fly no curve of a controller's weights, and measure processor times from one start."""
+    monkeypatch.setattr("rans.evaluation.compare.entrants.swept", lambda *_: [])
+    monkeypatch.setattr("rans.evaluation.compare.contest._TIMED_STARTS", 1)
+
+
+@pytest.fixture(params=FREE_CRAFT)
+def shipped(request: pytest.FixtureRequest) -> Spacecraft:
+    """Every spacecraft that comes with the package and flies every task."""
+    return load_spacecraft(request.param)
+
+
+@pytest.fixture
+def planar_craft() -> Spacecraft:
+    """See `tests.support.crafts.nasty_planar`."""
+    return nasty_planar()
+
+
+@pytest.fixture
+def spatial_craft() -> Spacecraft:
+    """See `tests.support.crafts.nasty_spatial`."""
+    return nasty_spatial()
+
+
+@pytest.fixture
+def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Tasks that a test registers are unknown to the next one."""
+    monkeypatch.setattr(TASKS, "_own", {})
+    before = set(gymnasium.registry)
+    yield
+    for added in set(gymnasium.registry) - before:
+        del gymnasium.registry[added]

@@ -1,0 +1,1 @@
+"""Assurance of agents: failure bounds, robustness sweeps, worst cases, recoverable faults, and paths."""

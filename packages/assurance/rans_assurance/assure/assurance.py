@@ -1,0 +1,300 @@
+"""Assurance of an agent: its setup, the number of flights and failures, and bounds on the failure probability."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
+from rans.evaluation.fly.controllers import is_user_policy
+from rans.evaluation.measure.scope import Scope, scope
+from rans.fast.distributed import ALONE, Processes
+from rans.files import environment as this_environment
+from rans.files import read_json
+from rans.policy.network import Network
+from rans.progress import Progress, Stages, unseen, unseen_stages
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import conditions_text
+from rans.scenario import scenarios
+from rans.verdict import Failure, kinds_of_failure
+from rans_assurance.assure.bounds import CampaignPlan, ProbabilityBound
+from rans_assurance.assure.campaign import Campaign
+from rans_assurance.assure.chances import Chances
+from rans_assurance.assure.evidence import hashes
+from rans_assurance.assure.rare import Rare, rare
+from rans_assurance.assure.replay import Replays, replays
+from rans_assurance.assure.search import Searched, on_device, searched
+
+_STARTS = 1000
+"""Number of starts whose ranges are stated: their ends are within a thousandth or so of those of all starts."""
+
+
+@dataclass
+class Assurance:
+    """Assurance of one agent: a campaign of flights, and what follows from it."""
+
+    spec: str
+    """Name of the agent, as `rans.evaluation.fly.contestants.contestant` takes it."""
+    conditions: str | None
+    """Name or file of the conditions, for texts; None: those of the training."""
+    campaign: Campaign
+    replays: Replays | None = None
+    """Failed flights, flown again; None: not yet."""
+    rare: Rare | None = None
+    """Probability of failure by subset simulation; None: not asked for."""
+    searched: Searched | None = None
+    """Search for the smallest disturbance that breaks the agent; None: not asked for."""
+    command: str = ""
+    """Command line that made the assurance."""
+    environment: dict[str, str] = field(default_factory=this_environment)
+    """Environment of the machine that flew last; another may fly the failures again."""
+    trust: bool = False
+    """Whether the policy may be a pickle, which runs the code in it."""
+    world: Conditions | None = None
+    """The conditions of that name; None: those of the training."""
+    given: LoadedRun | None = None
+    """Agent or controller to fly instead of the one of that name."""
+
+    @cached_property
+    def run(self) -> LoadedRun:
+        """The agent with the setup of its evaluation.
+
+        Raises:
+            ConfigError: there is no such agent, or it has several tasks and none was picked.
+        """
+        if self.given is not None:
+            return self.given
+        result = contestant(self.spec, trust=self.trust).under(self.world)
+        if len(parts := judged_separately(self.spec)) > 1:
+            raise ConfigError(
+                f"{self.spec} has several tasks, and each is assured by itself: name one of "
+                f"{', '.join(parts)}."
+            )
+        return result
+
+    @cached_property
+    def scope(self) -> Scope:
+        """What the flights are asked, from which starts and under which conditions."""
+        setup = self.run.judged
+        return scope(setup, scenarios(setup.task, setup.craft, self.campaign.seed, _STARTS))
+
+    @cached_property
+    def hashes(self) -> dict[str, str]:
+        """See `rans_assurance.assure.evidence.hashes`."""
+        network = self._network
+        return hashes(self.spec if network is not None else "", self.run.judged, self._file)
+
+    @property
+    def _file(self) -> Path | None:
+        """File of a policy of another library; None: there is none."""
+        named = is_user_policy(self.spec)
+        return ContestantName.parse(self.spec).policy_file if named else None
+
+    def __repr__(self) -> str:
+        bound = self.campaign.bound()
+        return (
+            f"<Assurance of {self.spec}: {bound.events:,} of {bound.flights:,} flights failed, "
+            f"probability of failure {bound.low:.2g} to {bound.high:.2g} at "
+            f"{self.campaign.plan.confidence:.3g} confidence>"
+        )
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """Facts that a campaign must share with an earlier one to continue it."""
+        plan = self.campaign.plan
+        return {
+            "agent": self.spec,
+            "conditions": conditions_text(self.run.conditions or Conditions()),
+            "seed": self.campaign.seed,
+            "confidence": plan.confidence,
+            "below": plan.below,
+            "looks": [
+                [interim.flights, interim.high_level, interim.low_level] for interim in plan.looks
+            ],
+            "hashes": self.hashes,
+        }
+
+    def fly(
+        self,
+        device: str,
+        stages: Stages = unseen_stages,
+        keep: Callable[[], object] = lambda: None,
+        processes: Processes = ALONE,
+    ) -> None:
+        """Count flights until the plan ends, from the state of the first process; see `Campaign.fly`."""
+        if processes.size > 1:
+            self.campaign.go_on_from(processes.from_first(self.campaign.to_json()))
+        progress = stages("flights", self.campaign.plan.flights)
+        progress(self.campaign.flights)
+        policy = self._network or self.run.controller
+        self.campaign.fly(policy, self.run.judged, device, progress, keep, processes)
+
+    def replay(self, worst: int, sample: int) -> None:
+        """Fly failed flights again, see `rans_assurance.assure.replay.replays`."""
+        numbers = {kind: some for kind in Failure if (some := self.campaign.numbers(kind))}
+        self.replays = replays(
+            self.run.controller, self.run.judged, self.campaign.seed, numbers, worst, sample
+        )
+
+    def sample(self, count: int, device: str) -> None:
+        """Estimate the probability of failure by subset simulation; see `rans_assurance.assure.rare.rare`."""
+        chances = Chances.of(self.run.judged)
+        network = on_device(self._needed_network("subset simulation"), device)
+        self.rare = rare(
+            chances.scores(network, torch.device(device)),
+            len(chances.places),
+            count,
+            self.campaign.seed,
+        )
+
+    def search(
+        self, world: str, conditions: Conditions, device: str, progress: Progress = unseen
+    ) -> None:
+        """Search the smallest disturbance that breaks the agent; see `rans_assurance.assure.search.searched`."""
+        self.searched = searched(
+            world,
+            conditions,
+            self.run.controller,
+            on_device(self._needed_network("the search for the worst case"), device),
+            self.run.judged,
+            self.campaign.seed,
+            progress,
+        )
+
+    @property
+    def _network(self) -> Network | None:
+        """Network of a trained agent; None for another controller."""
+        controller = self.run.controller
+        return controller.network if isinstance(controller, Agent) else None
+
+    def check_follow_ups(self, rare: int, search: str | None) -> None:
+        """Refuse, before the flights, an estimate of rarer failures or a search that the contestant cannot have.
+
+        Raises:
+            ConfigError: there is one, and the contestant is no trained agent.
+        """
+        if rare:
+            self._needed_network("subset simulation")
+        if search:
+            self._needed_network("the search for the worst case")
+
+    def _needed_network(self, needed_for: str) -> Network:
+        network = self._network
+        if network is None:
+            raise ConfigError(
+                f"{needed_for} needs an agent that RANS trained; {self.spec} is another controller."
+            )
+        return network
+
+    def view(self, number: int) -> str:
+        """Command that shows a flight again."""
+        return view_command([self.spec], self.run.task, self.conditions, number, self.campaign.seed)
+
+    def go_on(self, file: Path) -> bool:
+        """Continue an earlier, equal campaign from its file; returns whether there was one."""
+        before = read_json(file) if file.exists() else {}
+        if not isinstance(before, dict) or self._differs_in(before.get("about")):
+            return False
+        self.campaign.go_on_from(before.get("campaign", {}))
+        if self.campaign.over:
+            self.environment = before["environment"]
+        return True
+
+    def check_replaces_nothing(self, file: Path) -> None:
+        """Refuse (`ConfigError`) to overwrite another campaign that was interrupted or has more flights."""
+        before = read_json(file) if file.exists() else {}
+        try:
+            flights = before["campaign"]["flights"]
+            last_look = before["about"]["looks"][-1][0]
+            interrupted = before["decision"] == "open" and 0 < flights < last_look
+        except (KeyError, TypeError, IndexError):
+            return  # no campaign
+        larger = flights > self.campaign.plan.flights
+        if (interrupted or larger) and (differing := self._differs_in(before["about"])):
+            was = "interrupted" if interrupted else "larger"
+            go_on = "go on with the command that the file tells, " if interrupted else ""
+            raise ConfigError(
+                f"{file} holds {flights:,} of {last_look:,} flights of a campaign that was {was}, "
+                f"and this is another one (by its {', '.join(differing)}): {go_on}choose "
+                "another folder with --output, or delete that file."
+            )
+
+    def _differs_in(self, about: Any) -> list[str]:
+        """Keys of `about` that differ; hashes are compared instead of the agent's folder, which may have moved."""
+
+        def comparable(about: Any) -> dict[str, Any]:
+            recorded = about if isinstance(about, dict) else {}
+            hashes = recorded.get("hashes")
+            return {
+                key: value for key, value in recorded.items() if key not in ("agent", "hashes")
+            } | (hashes if isinstance(hashes, dict) else {})
+
+        own = comparable(self.about)
+        theirs = comparable(about)
+        return [key for key in own if key not in theirs or theirs[key] != own[key]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Data for `rans.files.write_json`."""
+        campaign = self.campaign
+        kinds = {
+            "any": None,
+            **{kind.name: kind for kind in kinds_of_failure(self.run.judged.task)},
+        }
+        return {
+            "about": self.about,
+            "campaign": campaign.to_json(),
+            "scope": self.scope.to_json(),
+            "decision": campaign.decision,
+            "bounds": {name: _bound(campaign.bound(kind)) for name, kind in kinds.items()},
+            "replays": self.replays
+            and {
+                "flown again": self.replays.tried,
+                "failed again": self.replays.failed,
+                "judged": [
+                    replayed.to_json() | {"see": self.view(replayed.number)}
+                    for replayed in self.replays.found
+                ],
+            },
+            "rare": self.rare and self.rare.to_json(),
+            "searched": self.searched and self.searched.to_json(),
+            "command": self.command,
+            "environment": self.environment,
+        }
+
+
+def _bound(bound: ProbabilityBound) -> dict[str, float]:
+    return {
+        "failures": bound.events,
+        "flights": bound.flights,
+        "rate": bound.rate,
+        "at least": bound.low,
+        "at most": bound.high,
+    }
+
+
+def made(
+    spec: str,
+    conditions: str | None,
+    world: Conditions | None,
+    plan: CampaignPlan,
+    seed: int,
+    command: str,
+    trust: bool = False,
+) -> Assurance:
+    """Assurance without flights, of a contestant under conditions and their name.
+
+    Raises:
+        ConfigError: as `Assurance.run`.
+    """
+    campaign = Campaign(plan, seed)
+    new = Assurance(spec, conditions, campaign, command=command, trust=trust, world=world)
+    _ = new.run
+    return new

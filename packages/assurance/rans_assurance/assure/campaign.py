@@ -1,0 +1,167 @@
+"""Campaigns: flights are counted until a look of the plan ends them; an interrupted campaign can be continued."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
+from typing import Any, cast
+
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.fast.distributed import ALONE, Processes
+from rans.fast.flights import Flights
+from rans.flight import Controller
+from rans.flight_statistics import FlightStatistics
+from rans.policy.network import Network
+from rans.progress import Progress, unseen
+from rans.verdict import Failure
+from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
+from rans_assurance.assure.fleet import ControllerFleet
+
+_PIECES = {"cpu": 2**17, "cuda": 2**26}
+"""Number of flights of each of several processes between two exchanges of their counts."""
+LISTED = 10_000
+"""Largest number of failed flights whose numbers are kept."""
+
+
+@dataclass
+class Campaign:
+    """Flights of a plan so far: scenarios 0 to ``flights - 1`` of a seed."""
+
+    plan: CampaignPlan
+    seed: int
+    flights: int = 0
+    events: dict[Failure, int] = field(default_factory=lambda: dict.fromkeys(Failure, 0))
+    """Number of failed flights of every kind."""
+    listed: list[tuple[int, Failure]] = field(default_factory=list)
+    """Numbers and kinds of failed flights, in ascending order, of which the first `LISTED` are kept."""
+    ways: set[str] = field(default_factory=set)
+    """Ways in which the flights were computed."""
+    seconds: float = 0.0
+
+    @property
+    def failures(self) -> int:
+        """Number of failures of all kinds."""
+        return sum(self.events.values())
+
+    @property
+    def decision(self) -> Decision:
+        """Decision at the last look that was reached."""
+        return self.plan.decision(self.failures, self.flights) if self.at_look else "open"
+
+    @property
+    def at_look(self) -> bool:
+        """Whether the number of flights is that of a look of the plan, and not of an interrupt."""
+        return any(stage.flights == self.flights for stage in self.plan.looks)
+
+    @property
+    def over(self) -> bool:
+        """Whether the campaign has ended."""
+        return self.flights >= self.plan.flights or self.decision != "open"
+
+    def bound(self, kind: Failure | None = None) -> ProbabilityBound:
+        """Bounds on the probability of one kind of failure, or of any; each end has the confidence of the plan.
+
+        An interrupted campaign has the levels of the next look. They are right if the interrupt was not made
+        because of the counts.
+        """
+        stage = self.plan.look(self.flights)
+        events = self.failures if kind is None else self.events[kind]
+        return ProbabilityBound(
+            events,
+            self.flights,
+            lower(events, self.flights, stage.low_level),
+            upper(events, self.flights, stage.high_level),
+        )
+
+    def fly(
+        self,
+        policy: Network | Controller,
+        setup: Setup,
+        device: str,
+        progress: Progress = unseen,
+        keep: Callable[[], object] = lambda: None,
+        processes: Processes = ALONE,
+    ) -> None:
+        """Fly until the plan ends; flights until an interrupt are kept.
+
+        Args:
+            policy: a network of one member, or any controller, which flies in NumPy on the CPU.
+            setup: spacecraft, task with its starts, and timing.
+            device: torch device.
+            progress: reports flights.
+            keep: called after every part.
+            processes: processes that share the flights and exchange their counts.
+        """
+        fleet: Flights | ControllerFleet
+        if hasattr(policy, "act"):
+            fleet = ControllerFleet(cast("Controller", policy), setup, LISTED)
+        else:
+            fleet = Flights(cast("Network", policy), setup, device, listed=LISTED)
+        while not self.over:
+            stage = next(stage for stage in self.plan.looks if stage.flights > self.flights)
+            began = time.monotonic()
+            with closing(_parts(fleet, self.flights, stage.flights, self.seed, processes)) as parts:
+                for part in parts:
+                    self.add(part)
+                    self.seconds += time.monotonic() - began
+                    progress(part.flights)
+                    keep()
+                    began = time.monotonic()
+
+    def add(self, flown: FlightStatistics) -> None:
+        """Add the statistics of the next flights."""
+        self.flights += flown.flights
+        for kind in Failure:
+            self.events[kind] += flown.failures[kind]
+        pairs = zip(flown.numbers.tolist(), map(Failure, flown.kinds.tolist()), strict=True)
+        self.listed = [*self.listed, *pairs][:LISTED]
+        self.ways |= flown.ways
+
+    def numbers(self, kind: Failure) -> list[int]:
+        """Numbers of the listed flights with this kind of failure, in ascending order."""
+        return [number for number, failure in self.listed if failure == kind]
+
+    def to_json(self) -> dict[str, Any]:
+        """Data for `rans.files.write_json`."""
+        return {
+            "flights": self.flights,
+            "seed": self.seed,
+            "seconds": self.seconds,
+            "ways": sorted(self.ways),
+            "failures": {kind.name: count for kind, count in self.events.items()},
+            "listed": {kind.name: self.numbers(kind) for kind in Failure},
+        }
+
+    def go_on_from(self, before: Mapping[str, Any]) -> None:
+        """Continue from the result of `to_json`."""
+        try:
+            self.flights = before["flights"]
+            self.seconds = before["seconds"]
+            self.ways = set(before["ways"])
+            self.events = {kind: before["failures"].get(kind.name, 0) for kind in Failure}
+            self.listed = sorted(
+                (n, kind) for kind in Failure for n in before["listed"].get(kind.name, ())
+            )
+        except (KeyError, TypeError) as error:
+            raise ConfigError(
+                f"the earlier campaign is damaged: it lacks {error}; delete its file to begin again."
+            ) from error
+
+
+def _parts(
+    fleet: Flights | ControllerFleet, first: int, end: int, seed: int, processes: Processes
+) -> Generator[FlightStatistics]:
+    """Statistics of scenarios ``first`` to ``end - 1``, in this order, of all processes together."""
+    if processes.size == 1:
+        yield from fleet.parts(first, end - first, seed)
+        return
+    piece = _PIECES[fleet.device.type] * processes.size
+    for begin in range(first, end, piece):
+        index, count = processes.part(min(piece, end - begin))
+        own = fleet.fly(begin + index, count, seed) if count else None
+        yield reduce(add, filter(None, processes.from_all(own)))

@@ -1,0 +1,341 @@
+"""Search for the smallest disturbance that makes an agent fail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.special import ndtr
+
+from rans.episode import Setup, World
+from rans.errors import ConfigError
+from rans.evaluation.fly.episodes import fly_draws
+from rans.evaluation.measure.metrics import worst_errors
+from rans.flight import Controller, Flight
+from rans.model.random import generator
+from rans.policy.network import Network
+from rans.progress import Progress, unseen
+from rans.randomization.conditions import BodyConditions, Conditions, bounds
+from rans.verdict import Failure
+from rans_assurance.assure.chances import Chances, Chosen, Sized, sized
+from rans_assurance.assure.rare import episode_numbers
+from rans_assurance.assure.replay import Judge, ending, failure_kinds, has_drake, picked
+
+_LARGEST = 2.0
+"""Largest size that is searched."""
+_ROUNDS = 20
+_COUNT = 2048
+_BEST = 0.1
+"""Share of a round to which the next round's distribution is fitted."""
+_KEPT = 0.3
+_NARROWEST = 0.05
+_CANDIDATES = 64
+_DRAKE = 8
+"""Number of the smallest failures that are flown again in float64 and, if they still fail, in Drake."""
+
+Sizes = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Scores (N,) of normal numbers (D, N), numbers (N,) and sizes (N,); see `Chances.scores`."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A flight that failed in a search."""
+
+    size: float
+    z: np.ndarray
+    """Standard normal numbers (D,) of its draws."""
+    number: int
+    """Number of the episode, from which the random numbers of sensors follow."""
+
+
+@dataclass(frozen=True)
+class Breaking:
+    """The smallest disturbance that was found to make the agent fail."""
+
+    conditions: Conditions
+    """Conditions that are the unit of the size."""
+    size: float
+    """Size of the disturbance; 1 is the full range of the conditions."""
+    again: dict[Judge, Failure | None]
+    """Kind of failure in each engine."""
+    excess: float
+    """Largest error of the last fifth in NumPy, in tolerances."""
+    ending: str
+    drew: dict[str, str]
+    """Values of its draws, by name."""
+    units: list[float]
+    """Uniform numbers of its draws, for `Chances.draws`."""
+    number: int
+    """Number of the episode, from which the random numbers of sensors follow."""
+    flight: Flight
+    """The flight in NumPy."""
+
+
+@dataclass(frozen=True)
+class Searched:
+    """Result of a search."""
+
+    world: str
+    """Name or file of the conditions."""
+    largest: float
+    """Largest size that was searched."""
+    flights: int
+    failed: int
+    """Number of flights that failed."""
+    breaking: Breaking | None
+    """Smallest disturbance that makes the agent fail again in float64; None: there is none."""
+
+    @property
+    def summary(self) -> str:
+        """Result of the search in one sentence."""
+        if self.breaking is None:
+            return (
+                f"no disturbance was found up to {self.largest:g} times the size of {self.world} that "
+                f"makes it fail, in {self.flights:,} flights"
+            )
+        return (
+            f"the smallest disturbance found that makes it fail is {self.breaking.size:.3g} times the "
+            f"size of {self.world}, in {self.flights:,} flights; a smaller one is not ruled out"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Data for `rans.files.write_json`."""
+        result = self.breaking
+        return {
+            "unit": self.world,
+            "up to": self.largest,
+            "flights": self.flights,
+            "failed": self.failed,
+            "smallest": result
+            and {
+                "size": result.size,
+                "drew": result.drew,
+                "excess": result.excess,
+                "ending": result.ending,
+                "units": result.units,
+                "number": result.number,
+                "again": {
+                    judge: kind.name if kind else None for judge, kind in result.again.items()
+                },
+            },
+        }
+
+
+def check_unit(world: str, conditions: Conditions) -> None:
+    """Refuse conditions whose ranges cannot be the unit of disturbances.
+
+    Args:
+        world: name of the conditions, for the message.
+        conditions: conditions.
+
+    Raises:
+        ConfigError: they are a mixture or nominal, which have no size.
+    """
+    if conditions.others or conditions.or_none is None:
+        raise ConfigError(
+            f"--search {world} gives no unit of disturbance: it must be conditions that are no "
+            "mixture and not perfect, such as lab."
+        )
+
+
+def searched(
+    world: str,
+    conditions: Conditions,
+    controller: Controller,
+    network: Network,
+    setup: Setup,
+    seed: int,
+    progress: Progress = unseen,
+) -> Searched:
+    """Search over starts and conditions within bounds; flights that fail are flown again for confirmation.
+
+    Args:
+        world: name of the conditions.
+        conditions: conditions whose ranges are the unit; draws of these and of the start are searched.
+        controller: agent.
+        network: network of the agent, of one member on the device of the search.
+        setup: setup of the flights.
+        seed: seed of the search.
+        progress: reports flights.
+    """
+    chances = Chances.of(setup._replace(conditions=sized(conditions)))
+    device = next(iter(network.tensors.values())).device
+    score = chances.scores(network, device)
+    largest = min(_LARGEST, room(conditions))
+    result = smallest(score, len(chances.places), largest, generator(seed), progress)
+    return Searched(
+        world,
+        largest,
+        _ROUNDS * _COUNT,
+        len(result),
+        _confirmed(chances, conditions, controller, result[:_CANDIDATES]),
+    )
+
+
+def room(conditions: Conditions) -> float:
+    """Largest size of a disturbance that leaves mass, inertia, thrust and field of view well above zero."""
+    body = conditions.body
+    thrusters = conditions.thrusters
+    least = min(
+        Sized.of(x, 1.0)[0] for x in (body.mass, body.inertia, thrusters.thrust, thrusters.pressure)
+    )
+    least = min(least, bounds(conditions.sensors.field_of_view)[0] / math.pi)
+    return 0.9 / (1.0 - least) if least < 1.0 else math.inf
+
+
+def smallest(
+    score: Sizes,
+    dimensions: int,
+    largest: float,
+    random: np.random.Generator,
+    progress: Progress,
+) -> list[Candidate]:
+    """Failed flights by size, from the cross-entropy method (Rubinstein and Kroese, 2004).
+
+    The distribution of each round is fitted to the best tenth of the one before: flights that fail, the smallest
+    first, then those with the highest scores.
+    """
+    mean = np.zeros((dimensions + 1, 1))
+    spread = np.ones((dimensions + 1, 1))
+    results: list[Candidate] = []
+    for _ in range(_ROUNDS):
+        z = mean + spread * random.standard_normal((dimensions + 1, _COUNT))
+        size = largest * ndtr(z[-1])
+        number = episode_numbers(random, _COUNT)
+        scores = score(z[:-1], number, size)
+        price = np.where(scores >= 1.0, size, largest * (2.0 - np.minimum(scores, 1.0)))
+        order = np.argsort(price, kind="stable")
+        results += [
+            Candidate(float(size[k]), z[:-1, k], int(number[k]))
+            for k in np.flatnonzero(scores >= 1.0)
+        ]
+        best = z[:, order[: int(_BEST * _COUNT)]]
+        mean = _KEPT * mean + (1.0 - _KEPT) * best.mean(axis=1, keepdims=True)
+        spread = np.maximum(
+            _NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True)
+        )
+        progress(_COUNT)
+    return sorted(results, key=lambda failure: failure.size)
+
+
+def _confirmed(
+    chances: Chances, conditions: Conditions, controller: Controller, result: list[Candidate]
+) -> Breaking | None:
+    """Smallest candidate that fails again in NumPy, and in Drake if any does; None: there is none."""
+    if not result:
+        return None
+    flight = fly_draws(controller, chances.setup, _draws(chances, result))
+    still = [k for k, kind in enumerate(failure_kinds(flight)) if kind is not None]
+    if not still:
+        return None
+    again: dict[Judge, list[Failure | None]] = {
+        "numpy": [failure_kinds(flight)[k] for k in still[:_DRAKE]]
+    }
+    if has_drake():
+        own = _draws(chances, [result[k] for k in still[:_DRAKE]])
+        again["drake"] = failure_kinds(fly_draws(controller, chances.setup, own, "drake"))
+    at = next(
+        (k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0
+    )
+    best = still[at]
+    return Breaking(
+        conditions=conditions,
+        size=result[best].size,
+        again={judge: kinds[at] for judge, kinds in again.items()},
+        excess=float(worst_errors(flight)[0][best]),
+        ending=ending(flight, best),
+        drew=drew(chances, _draws(chances, [result[best]])),
+        units=ndtr(result[best].z).tolist(),
+        number=result[best].number,
+        flight=picked(flight, [best]),
+    )
+
+
+def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
+    return chances.draws(
+        ndtr(np.stack([failure.z for failure in some], axis=1)),
+        np.array([failure.number for failure in some], dtype=np.int32),
+        np.array([failure.size for failure in some]),
+    )
+
+
+def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
+    """Draws of one flight in words."""
+    conditions = chances.setup.conditions
+    craft = chances.setup.craft
+    # The parameters that an engine derives from these draws.
+    world = World(chances.setup)
+    start, goal = world.scenario(draws.first * 0, draws)
+    parameters: Any = world.begin(start, goal, draws.first * 0, draws).parameters
+    nominal = Conditions() if conditions is None else conditions
+    parts = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
+    # Only what the conditions randomize is described.
+    if nominal.body != BodyConditions():
+        ratios = (
+            _one(parameters.body.mass) / craft.mass,
+            _one(parameters.body.inertia[-1]) / craft.inertia[2][2],
+        )
+        parts["body"] = (
+            f"mass {ratios[0]:.3f} and inertia {ratios[1]:.3f} of the designed, centre of mass "
+            f"{100.0 * _size(parameters.body.centre):.2g} cm off"
+        )
+    if nominal.body.varies_slosh:
+        liquid = (_one(parameters.body.slosh_mass), _one(parameters.body.slosh_damping))
+        parts["liquid"] = f"mass {liquid[0]:.3f} and damping {liquid[1]:.3f} of the designed"
+    forces = nominal.thrusters
+    if (forces.thrust, forces.pressure) != (1.0, 1.0):
+        parts["thrust"] = (
+            ", ".join(f"{_one(x):.3f}" for x in parameters.body.gain) + " of the designed"
+        )
+    if parameters.body.mountings:
+        mountings = list(zip(parameters.body.mountings, craft.thrusters, strict=True))
+        angle = max(_angle(true.direction, thruster.direction) for true, thruster in mountings)
+        offset = max(_size(true.offset) for true, _ in mountings)
+        parts["thrusters"] = f"up to {angle:.2g} degrees and {100.0 * offset:.2g} cm off"
+    if parameters.noise is not None:
+        parts["noise of thrusts"] = f"{100.0 * _one(parameters.noise):.2g} %"
+    if parameters.lag is not None:
+        rise = 0.0 if parameters.lag.rise is None else _one(parameters.lag.rise)
+        late = _one(parameters.lag.latency)
+        parts["valves"] = f"{1000.0 * late:.3g} ms late, {1000.0 * rise:.3g} ms to full force"
+    if parameters.push is not None:
+        torque = (
+            parameters.push.torque.columns() if craft.dimension == 3 else (parameters.push.torque,)
+        )
+        parts["steady push"] = (
+            f"{_size(parameters.push.force.columns()):.3g} N, {_size(torque):.3g} N m"
+        )
+    if parameters.sensors is not None and parameters.sensors.noise is not None:
+        units = ("m", "rad", "m/s", "rad/s")
+        parts["noise"] = ", ".join(
+            f"{_one(x):.2g} {unit}" for x, unit in zip(parameters.sensors.noise, units, strict=True)
+        )
+    if parameters.sensors is not None and parameters.sensors.view is not None:
+        view = math.degrees(math.acos(_one(parameters.sensors.view)))
+        parts["field of view"] = f"{view:.3g} degrees about the axis x of the body"
+    return parts
+
+
+def _one(x: Any) -> float:
+    return float(np.ravel(x)[0])
+
+
+def _angle(true: Sequence[Any], designed: Sequence[float]) -> float:
+    """Angle between two directions, of which the first may lack z, in degrees."""
+    chord = [_one(x) - y for x, y in zip(true, designed, strict=False)]
+    return math.degrees(2.0 * math.asin(min(1.0, 0.5 * _size(chord))))
+
+
+def _size(columns: Any) -> float:
+    return math.hypot(*map(_one, columns))
+
+
+def on_device(network: Network, device: str) -> Network:
+    """A copy of a network of one member."""
+    return Network.stacked(
+        network.architecture, [network.member(0)], torch.device(device), torch.float32
+    )

@@ -1,0 +1,239 @@
+"""``rans assure``: bounds on the failure probability of an agent."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from rans.cli import check_count
+from rans.cli.options import Former, Trust
+from rans.errors import ConfigError
+from rans.files import command_line, inside, ready_folder, write_json
+from rans.scenario import ASSURANCE_SEED
+from rans.terminal import Terminal, progress, stages, writing_at_end
+
+if TYPE_CHECKING:
+    from rans_assurance.assure.assurance import Assurance
+
+_EPISODES = 100_000
+_MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
+_KEPT = 10.0
+"""Seconds between two writes of the results so far."""
+
+
+@dataclass(frozen=True)
+class Assure:
+    """Bound the failure probability of an agent by Monte Carlo simulation, and fly the failures again.
+
+    Writes assurance.json and assurance.html, a report with lines for signatures. Failed flights are repeated
+    in NumPy and in Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
+    was shown. Ctrl-C keeps what was flown, and the same command continues. --gpus all divides the flights
+    among GPUs.
+    """
+
+    group = "Judge"
+    guide = "docs/assurance.md"
+    divides_work = True
+    examples = (
+        "rans assure runs/first --failure-below 1e-3",
+        "rans assure runs/first --conditions lab --search lab",
+    )
+
+    agent: Annotated[str, Positional, arg(metavar="AGENT")]
+    """A run folder, pretrained:NAME, or any other contestant, such as CONTROLLER:TASK-2d or
+    sb3:FILE.zip:TASK-2d; these fly more slowly."""
+    conditions: str | None = None
+    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
+    (none), or your own TOML file; by default those of the training."""
+    episodes: int | None = None
+    """Number of flights, by default 100,000; with --failure-below the largest number. 0 flies nothing, and
+    prints how many flights the campaign takes."""
+    failure_below: float | None = None
+    """Failure probability to show or to refute, such as 1e-4; the campaign ends as soon as its count decides."""
+    rare: int = 0
+    """Also estimate the probability of rarer failures, by subset simulation with this many flights (at least
+    1600) a factor of ten: a probability of 1e-6 takes six times as many."""
+    search: str | None = None
+    """Also search for the smallest disturbance that makes the agent fail, in units of these conditions, such
+    as lab."""
+    output: Path | None = None
+    """Folder of the results; by default that of the agent."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
+    restart: Annotated[bool, Former("delete the file of the campaign")] = False
+    """Discard an interrupted campaign and begin again."""
+    worst: Annotated[int, Former("leave it out: 4 of each kind are repeated")] = 4
+    """Failed flights of each kind to repeat in Drake: this many of the worst, and as many of the first."""
+    device: Annotated[
+        str, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
+    ] = "auto"
+    """auto (a GPU if there is one), cpu or cuda."""
+    seed: Annotated[int, Former("leave it out, or call rans.assure(..., seed=...) in Python")] = (
+        ASSURANCE_SEED
+    )
+    """Seed of starts, goals and conditions."""
+    confidence: Annotated[
+        float, Former("leave it out, or call rans.assure(..., confidence=...) in Python")
+    ] = 0.99
+    """Confidence of every bound."""
+
+    def run(self) -> int:
+        """Fly, repeat failed flights, write and print the results."""
+        from rans.api.names import conditions_if_named, load_conditions
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.randomization.conditions import Conditions
+        from rans.randomization.conditions_file import conditions_label
+        from rans_assurance.assure.assurance import made
+        from rans_assurance.assure.bounds import plan
+        from rans_assurance.assure.rare import check_rare_count as check_rare
+        from rans_assurance.assure.search import check_unit
+
+        is_plan = self.episodes == 0
+        episode_count = self.episodes or None  # 0 asks for the plan with the default number
+        check_count("--episodes", episode_count)
+        for name, value in (("--worst", self.worst), ("--rare", self.rare)):
+            if value < 0:
+                raise ConfigError(f"{name} must be >= 0, got {value}.")
+        if self.rare:
+            check_rare("--rare", self.rare)
+        if self.search:
+            check_unit(
+                self.search, load_conditions(self.search)
+            )  # reject a wrong name before the flights
+        episodes = (
+            _EPISODES if episode_count is None and self.failure_below is None else episode_count
+        )
+        planned = plan(self.confidence, episodes, self.failure_below)
+        assurance = made(
+            self.agent,
+            self.conditions,
+            conditions_if_named(self.conditions),
+            planned,
+            self.seed,
+            command_line(),
+            self.trust,
+        )
+        if is_plan:
+            _print_plan(assurance)
+            return 0
+        assurance.check_follow_ups(self.rare, self.search)
+        name = ContestantName.parse(self.agent)
+        folder = ready_folder(self.output or name.output_folder)
+        conditions = ""
+        if self.conditions is not None:
+            conditions = conditions_label(self.conditions, assurance.run.conditions or Conditions())
+        names = "assurance", name.part, conditions
+        file = inside(folder, f"{'-'.join(filter(None, names))}.json")
+        if not self.restart:
+            assurance.check_replaces_nothing(file)
+        first = self._fly(assurance, file)
+        is_shown = self.failure_below is None or assurance.campaign.decision == "below"
+        return 0 if is_shown or not first else 1
+
+    def _fly(self, assurance: Assurance, file: Path) -> bool:
+        """Fly until the plan ends; the results so far are written and printed even after an error.
+
+        Returns whether this is the first of torchrun's processes; the others only fly.
+        """
+        from rans.api.names import load_conditions
+        from rans.fast.device import torch_device
+        from rans.fast.distributed import join
+
+        device = torch_device(self.device)
+        campaign = assurance.campaign
+        written = time.monotonic()
+        processes = join(device, apart=True)
+        if not processes.is_first:
+            assurance.fly(device, processes=processes)
+            return False
+
+        def keep() -> None:
+            nonlocal written
+            if time.monotonic() - written > _KEPT:
+                write_json(file, assurance.to_json())
+                written = time.monotonic()
+
+        def show() -> None:
+            if campaign.flights:
+                _show(assurance, file)
+
+        if not self.restart:
+            assurance.go_on(file)
+        with writing_at_end(show), progress() as bars:
+            stage = stages(bars)
+            assurance.fly(device, stage, keep, processes)
+            stage("failed flights again", None)
+            assurance.replay(self.worst, self.worst)
+            if self.rare:
+                stage("rarer failures", None)
+                assurance.sample(self.rare, device)
+            if self.search:
+                stage("the worst case", None)
+                assurance.search(self.search, load_conditions(self.search), device)
+        return True
+
+
+def _show(assurance: Assurance, file: Path) -> None:
+    from rans.show.pages.assure_counts import counts, decision_sentence
+    from rans_assurance.assure.replay import has_drake
+    from rans_assurance.pages.assure_page import assurance_page, findings
+
+    result = assurance.to_json()
+    write_json(file, result)
+    worst = ""
+    if assurance.searched and assurance.searched.breaking and has_drake():
+        from rans.show.scene.view import View
+
+        view = View()
+        worst = f"{file.stem}-worst-case.html"
+        view.show([assurance.searched.breaking.flight])
+        view.save(file.with_name(worst))
+    assurance_page(assurance, worst).write(file.with_suffix(".html"))
+    console = Terminal(room=100)
+    campaign = assurance.campaign
+    table = counts(result)
+    words = [
+        "any failure",
+        *(name.lower().replace("_", " ") for name in result["bounds"] if name != "any"),
+    ]
+    console.show(
+        f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
+        table.columns,
+        table.rows,
+        [(word, *row[1:]) for word, row in zip(words, table.rows, strict=True)],
+        "A wider terminal says what each of them means, as the page does.",
+    )
+    console.say(decision_sentence(result))
+    console.say(assurance.scope.sentence.replace(", see below", ", see the page"))
+    for finding in findings(assurance):
+        console.say(f"{_MARKS[finding.passed]}{finding.text}.")
+    if assurance.searched:
+        console.say(f"In a search {assurance.searched.summary}.")
+    if assurance.rare:
+        console.say(f"By subset simulation {assurance.rare.summary}.")
+    if assurance.replays and assurance.replays.found:
+        worst_replay = max(assurance.replays.found, key=lambda replayed: replayed.excess)
+        console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")
+        console.command(assurance.view(worst_replay.number))
+    others = ", ".join(name for name in (file.with_suffix(".html").name, worst) if name)
+    console.say(f"Written to {file}, {others}.")
+
+
+def _print_plan(assurance: Assurance) -> None:
+    plan = assurance.campaign.plan
+    rows = [
+        (
+            f"{look.flights:,}",
+            f"at most {allowed:,}" if (allowed := plan.allowed(look)) >= 0 else "-",
+            f"{look.high_level:.2g}",
+            f"{look.low_level:.2g}",
+        )
+        for look in plan.looks
+    ]
+    chances = ("chance of error, at most", "chance of error, at least")
+    columns = ("flights", "failures that show the bound", *chances)
+    Terminal(room=100).show(f"At {plan.confidence:g} confidence", columns, rows)

@@ -1,0 +1,63 @@
+"""``rans faults``: the thruster faults that a spacecraft can recover from."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Show which thrusters may fail, alone or in pairs, while every force and torque remains possible.
+
+    A dead thruster never opens, a stuck one is always open. After a fault that is not recoverable, no
+    controller can hold a pose; it can only let the craft drift safely.
+    """
+
+    group = "Limits"
+    guide = "docs/faults.md"
+    examples = ("rans faults floating-platform --picture faults.svg",)
+
+    craft: Annotated[str, Positional, arg(metavar="SPACECRAFT")]
+    """Name of a spacecraft, or your own TOML file."""
+    picture: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Save a figure to this file (.png, .svg or .pdf)."""
+
+    def run(self) -> int:
+        """Print the table; the exit code is 0."""
+        from rans.api.names import load_spacecraft
+        from rans.terminal import Terminal, table
+        from rans_assurance.functions import FAULT_COLUMNS, faults
+
+        craft = load_spacecraft(self.craft)
+        if self.picture is not None:
+            from rans.drawing import check_picture
+
+            check_picture(self.picture)
+        result = faults(craft)
+        Terminal().print(
+            table(
+                f"{craft.name}: recoverable faults",
+                FAULT_COLUMNS,
+                result.rows(),
+                "Margin: distance of the others from always shut and always open while they balance the craft.",
+            )
+        )
+        if self.picture is not None:
+            from rans.drawing import save_picture
+            from rans_assurance.figures.faults_figure import faults_figure
+
+            save_picture(faults_figure(craft, result.sets), self.picture)
+            Terminal().say(f"Picture: {self.picture}")
+        # The conditions "faults" draw recoverable sets of one and of two thrusters, dead or stuck open.
+        written = all(
+            any(fault_set.recoverable for fault_set in sets) for sets in result.sets.values()
+        )
+        if written and craft.thruster_count > 2:
+            words = ["rans", "train", "go-to-pose", "--spacecraft", self.craft]
+            Terminal().suggest(shlex.join([*words, "--conditions", "faults"]))
+        return 0

@@ -1,0 +1,87 @@
+"""``rans follow``: an agent that tracks velocities along a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from rans.cli import check_count
+from rans.cli.options import Former
+from rans.files import ready_folder, write_json, write_text
+from rans.scenario import EVALUATION_SEED
+from rans.terminal import Terminal
+
+
+@dataclass(frozen=True)
+class Follow:
+    """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
+
+    Writes follow-PATH.json and the figure follow-PATH.svg into the run folder, or for other contestants into
+    runs/evaluations/.
+    """
+
+    group = "Judge"
+    guide = "docs/agents.md"
+    divides_work = True
+    examples = ("rans follow pretrained:track-velocity-2d lemniscate",)
+
+    contestant: Annotated[str, Positional, arg(metavar="RUN")]
+    """Run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
+    with @SPACECRAFT if you like."""
+    course: Annotated[str, Positional, arg(metavar="[PATH]")] = "circle"
+    """Path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m. The speed
+    along it is 0.25 m/s."""
+    episodes: int = 16
+    """Number of flights; each starts at rest near the first point of the path, with another attitude."""
+    seed: Annotated[int, Former("leave it out, or call rans.follow(..., seed=...) in Python")] = (
+        EVALUATION_SEED
+    )
+    """Seed of the starts."""
+    path: Annotated[str | None, Former("name it after the agent")] = None
+    """Path, by name or CSV file."""
+    speed: Annotated[
+        float, Former("leave it out, or call rans.follow(..., speed=...) in Python")
+    ] = 0.25
+    """Speed along the path, m/s."""
+    look_ahead: Annotated[
+        float, Former("leave it out, or call rans.follow(..., look_ahead=...) in Python")
+    ] = 0.25
+    """Look-ahead radius, m, of the paper's planner: the commanded velocity points to the farthest point of the path
+    within it."""
+    engine: Annotated[
+        Literal["fast", "drake"],
+        Former("leave it out, or call rans.follow(..., engine=...) in Python"),
+    ] = "fast"
+    """What computes the motion."""
+
+    def run(self) -> int:
+        """Print a table of the path errors."""
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.evaluation.fly.contestants import contestant
+        from rans.show.figures.svg import svg
+        from rans_assurance.figures.path_figures import following_figure
+        from rans_assurance.follow.paths import LookAhead, find_path
+        from rans_assurance.functions import follow
+
+        check_count("--episodes", self.episodes)
+        path = self.path or self.course
+        planner = LookAhead(find_path(path), self.speed, self.look_ahead)
+        contestant(self.contestant)  # reject a wrong name before a folder is created
+        file = ready_folder(ContestantName.parse(self.contestant).output_folder)
+        file = file / f"follow-{planner.path.label}.json"
+        following = follow(
+            self.contestant,
+            path,
+            speed=self.speed,
+            look_ahead=self.look_ahead,
+            flights=self.episodes,
+            seed=self.seed,
+            engine=self.engine,
+        )
+        Terminal().print(following.table())
+        write_json(file, following.to_json() | {"seed": self.seed})
+        write_text(file.with_suffix(".svg"), svg(following_figure(following)))
+        Terminal().say(f"Written to {file}.")
+        return 0

@@ -1,0 +1,153 @@
+"""``rans stress``: a robustness sweep over disturbances of increasing size."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from rans.cli import check_count
+from rans.cli.options import Former, Trust
+from rans.errors import ConfigError
+from rans.files import command_line, inside, ready_folder
+from rans.registry import are_files_trusted
+from rans.scenario import EVALUATION_SEED
+from rans.terminal import Terminal, progress, stages, writing_at_end
+
+if TYPE_CHECKING:
+    from rans_assurance.pages.stress_page import StressReport
+
+_SHOWN = 5
+"""Number of commands that the terminal lists."""
+_SHIPPED = ("lab", "roboran", "orbit", "harsh")
+
+
+@dataclass(frozen=True)
+class Stress:
+    """Fly under one disturbance at a time, at increasing magnitude, to measure robustness.
+
+    The sweep also flies under whole sets of conditions. Writes stress.html, stress.json and a folder stress
+    of conditions, with which `rans view` shows the worst episodes. If a contestant fails, the others are
+    still flown, and the exit code is 1.
+    """
+
+    group = "Judge"
+    guide = "docs/stress.md"
+    divides_work = True
+    examples = (
+        "rans stress runs/first lqr",
+        'rans stress runs/first --only latency "noise of position"',
+    )
+
+    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
+    """Contestants as for `rans compare`. The first sets task, spacecraft and control rate; the others are
+    compared with it. After it, the name of a controller is enough, such as lqr."""
+    conditions: tuple[str, ...] | None = None
+    """Sets of conditions to fly under, by name (see `rans list CONDITIONS`) or TOML file; by default lab,
+    roboran, orbit and harsh, with --only none."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
+    """Fly under these disturbances only, such as latency "noise of position"; by default under all, and with
+    failed thrusters."""
+    episodes: int = 256
+    """Number of flights at each magnitude and in each set of conditions; an eighth of it for slow controllers such
+    as mpc."""
+    guard: bool = False
+    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
+    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
+    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
+    output: Path | None = None
+    """Folder of the results; by default that of the first contestant."""
+    trust: Trust = False
+    """Whether code that files name may run, by --trust."""
+    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    """Least margin that the safety filter keeps."""
+    slow_episodes: Annotated[
+        int | None, Former("give --episodes eight times as many: slow controllers fly an eighth")
+    ] = None
+    """Number of flights of slow controllers."""
+    worst: Annotated[int, Former("leave it out: stress.html lists 3 for each contestant")] = 3
+    """Number of worst episodes to list for each contestant."""
+    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
+    """Processes; by default one per processor."""
+    seed: Annotated[int, Former("leave it out, or call rans.stress(..., seed=...) in Python")] = (
+        EVALUATION_SEED
+    )
+    """Seed of starts, goals and disturbances."""
+
+    def run(self) -> int:
+        """Print the largest tolerated size of each disturbance."""
+        from rans.api.names import conditions_by_name
+        from rans.evaluation.compare.entrants import contest_of
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans_assurance.pages.stress_page import StressReport
+        from rans_assurance.stress.run import prepared
+
+        if not self.contestants:
+            raise ConfigError("name at least one contestant, for example a run folder.")
+        for name in ("episodes", "slow_episodes", "workers"):
+            check_count(f"--{name.replace('_', '-')}", getattr(self, name))
+        if self.worst < 0:
+            raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
+        # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide
+        slow = max(1, self.episodes // 8) if self.slow_episodes is None else self.slow_episodes
+        contest = contest_of(
+            self.contestants[0],
+            self.episodes,
+            self.seed,
+            trust=self.trust,
+            guard=self.guard,
+            slack=self.guard_slack,
+        )
+        sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
+        stress = prepared(
+            contest,
+            self.contestants,
+            conditions_by_name(sets),
+            self.only,
+            slow,
+            self.trust,
+        )
+        folder = ready_folder(
+            self.output or ContestantName.parse(self.contestants[0]).output_folder
+        )
+        inside(
+            folder, "stress"
+        )  # folder of the conditions: reject a symbolic link before the flights
+        report = StressReport(stress, folder, self.worst, command_line())
+        with writing_at_end(partial(_show, report)), progress() as bars:
+            stress.fly(stages(bars), self.workers)
+        return 1 if stress.failures else 0
+
+
+def _show(report: StressReport) -> None:
+    console = Terminal()
+    stress = report.stress
+    if stress.outcomes:
+        report.write()
+        console.show(
+            report.title(),
+            ("held, %", *stress.names),
+            [[cell or "-" for cell in row] for row in report.named_rows()],
+        )
+        if stress.effects:
+            console.show(
+                "Size of a disturbance up to which 99 % are held",
+                report.effect_columns(),
+                report.effect_rows(),
+            )
+        for conditions, contestant, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
+            console.say(f"{contestant}, {conditions}, episode {episode} ({errors}):")
+            console.command(command)
+    for sentence in (*report.notes(), *stress.failures):
+        console.say(sentence)
+    if stress.outcomes:
+        console.say(
+            f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress."
+        )
+        if not report.is_partial:
+            trust = ["--trust"] if are_files_trusted() else []
+            console.suggest(shlex.join(["rans", "assure", next(iter(stress.contestants)), *trust]))

@@ -1,0 +1,1 @@
+"""Paths, and agents that follow them."""

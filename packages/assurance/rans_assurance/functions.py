@@ -1,0 +1,312 @@
+"""Functions behind the commands of this package, which `rans` has as public names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rans.api.agent_data import AgentData
+from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
+from rans.api.names import (
+    conditions_by_name,
+    conditions_if_named,
+    load_conditions,
+    load_spacecraft,
+)
+from rans.errors import ConfigError, whole
+from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import Conditions
+from rans.scenario import ASSURANCE_SEED, EVALUATION_SEED
+
+if TYPE_CHECKING:
+    from rans.evaluation.fly.episodes import EngineName
+    from rans.randomization.conditions import FaultKind
+    from rans.randomization.faults import FaultSet
+    from rans_assurance.assure.assurance import Assurance
+    from rans_assurance.follow.follow import Following
+    from rans_assurance.pages.stress_page import StressReport
+
+STRESSED = ("lab", "roboran", "orbit", "harsh")
+"""Conditions of a robustness sweep where none are named."""
+_ASSURED = 100_000
+"""Flights of an assurance where neither their number nor a bound is given."""
+
+
+def stress(
+    *contestants: object,
+    conditions: Sequence[str] | None = None,
+    only: Sequence[str] = (),
+    episodes: int = 256,
+    slow_episodes: int = 32,
+    seed: int = EVALUATION_SEED,
+    worst: int = 3,
+    trust: bool = False,
+    workers: int | None = None,
+    output: str | Path | None = None,
+    guard: bool = False,
+    guard_slack: float | None = None,
+) -> StressReport:
+    """Robustness sweep: fly under one disturbance at a time, at increasing magnitude.
+
+    >>> found = rans.stress("go-to-pose-2d", only=["latency"], episodes=8, workers=1)
+    >>> found.effect_rows()[0][:2]
+    ['latency', 's']
+
+    Args:
+        *contestants: as for `compare`; the others are compared with the first.
+        conditions: sets of conditions to fly under as well, by name or TOML file; None: lab, roboran, orbit and
+            harsh, or with ``only`` none.
+        only: names of single disturbances, such as "latency"; by default all, and failed thrusters.
+        episodes: number of flights of each contestant at each magnitude and in each set of conditions.
+        slow_episodes: the same for slow controllers, such as MPC.
+        seed: random seed of starts, goals and disturbances.
+        worst: number of worst episodes that the report lists for each contestant.
+        trust: see `compare`.
+        workers: processes; None: one per processor.
+        output: folder to write stress.html and stress.json into; None: nothing is written, see
+            `rans_assurance.pages.stress_page.StressReport.write`.
+        guard: see `evaluate`.
+        guard_slack: see `evaluate`.
+
+    Raises:
+        ConfigError: there is no such contestant or disturbance, or a number is out of its range.
+    """
+    from rans.evaluation.compare.entrants import contest_of, invitations
+    from rans.files import ready_folder
+    from rans.show.progress import watched
+    from rans_assurance.pages.stress_page import StressReport
+    from rans_assurance.stress.run import prepared
+
+    first, invited = invitations(contestants)
+    contest = contest_of(
+        first, whole("episodes", episodes), seed, trust=trust, guard=guard, slack=guard_slack
+    )
+    sets = conditions_by_name(stress_conditions(conditions, only))
+    planned = prepared(contest, invited, sets, only, whole("slow_episodes", slow_episodes), trust)
+    folder = Path() if output is None else ready_folder(Path(output))
+    report = StressReport(planned, folder, whole("worst", worst, least=0), "rans.stress")
+    with watched() as stage:
+        planned.fly(stage, workers)
+    if output is not None:
+        report.write()
+    return report
+
+
+def stress_conditions(given: Sequence[str] | None, only: Sequence[str]) -> Sequence[str]:
+    """Sets of conditions that a robustness sweep flies beside single disturbances."""
+    if given is not None:
+        return given
+    return () if only else STRESSED
+
+
+def assure(
+    agent: object,
+    *,
+    conditions: ConditionsLike | None = None,
+    episodes: int | None = None,
+    failure_below: float | None = None,
+    confidence: float = 0.99,
+    worst: int = 4,
+    rare: int = 0,
+    search: str | None = None,
+    seed: int = ASSURANCE_SEED,
+    device: str = "auto",
+    trust: bool = False,
+    output: str | Path | None = None,
+) -> Assurance:
+    """Bound the failure probability of an agent by Monte Carlo simulation, and fly the failures again.
+
+    >>> found = rans.assure("go-to-pose-2d", episodes=2000, worst=0)
+    >>> found.campaign.flights, found.campaign.bound().high < 0.02
+    (2000, True)
+
+    Args:
+        agent: an `Agent`, or a name as `load_agent` takes it.
+        conditions: domain randomization, disturbances, faults and sensors; None: those of the training.
+        episodes: number of flights; None: 100,000, or with ``failure_below`` as many as it takes.
+        failure_below: failure probability to show or to refute, such as 1e-4; the campaign ends as soon as
+            its count decides.
+        confidence: confidence of every bound.
+        worst: number of failed flights of each kind that are flown again in Drake.
+        rare: number of flights, at least 1600, to estimate rarer failures by subset simulation, where every factor
+            of ten in the probability takes as many; 0: none.
+        search: name of conditions; searches for the smallest disturbance that makes the agent fail, in units of
+            these. None: no search.
+        seed: random seed of starts, goals and conditions.
+        device: "auto" (a GPU if there is one), "cpu" or "cuda".
+        trust: see `compare`.
+        output: folder to write assurance.html and assurance.json into; None: nothing is written.
+
+    Raises:
+        ConfigError: there is no such agent, or a number is out of its range.
+    """
+    from rans.evaluation.fly.contestants import contestant
+    from rans.fast.device import torch_device
+    from rans.files import ready_folder, write_json
+    from rans.show.progress import watched
+    from rans_assurance.assure.assurance import Assurance
+    from rans_assurance.assure.bounds import plan
+    from rans_assurance.assure.campaign import Campaign
+    from rans_assurance.assure.rare import check_rare_count
+    from rans_assurance.assure.search import check_unit
+    from rans_assurance.pages.assure_page import assurance_page
+
+    unit = None
+    if search:
+        unit = load_conditions(search)
+        check_unit(search, unit)  # a wrong name is refused before anything flies
+    if rare:
+        check_rare_count("rare", whole("rare", rare))
+    if episodes is not None or failure_below is None:
+        episodes = whole("episodes", _ASSURED if episodes is None else episodes)
+    planned = plan(confidence, episodes, failure_below)
+    in_memory = agent if isinstance(agent, AgentData) else None
+    spec = (in_memory.spec or in_memory.name) if in_memory else str(agent)
+    label = None if conditions is None else str(getattr(conditions, "description", conditions))
+    assurance = Assurance(spec, label, Campaign(planned, seed), command="rans.assure", trust=trust)
+    if in_memory or isinstance(conditions, Conditions):
+        run = in_memory.run if in_memory else contestant(spec, trust=trust)
+        assurance.given = run.under(conditions_if_named(conditions))
+    _ = assurance.run
+    assurance.check_follow_ups(rare, search)
+    processor = torch_device(device)
+    with watched() as stage:
+        assurance.fly(processor, stage)
+        stage("failed flights again", None)
+        assurance.replay(whole("worst", worst, least=0), worst)
+        if rare:
+            stage("rarer failures", None)
+            assurance.sample(rare, processor)
+        if search and unit:
+            stage("the worst case", None)
+            assurance.search(search, unit, processor)
+    if output is not None:
+        folder = ready_folder(Path(output))
+        write_json(folder / "assurance.json", assurance.to_json())
+        assurance_page(assurance).write(folder / "assurance.html")
+    return assurance
+
+
+def follow(
+    agent: object,
+    path: str | Path = "circle",
+    *,
+    speed: float = 0.25,
+    look_ahead: float = 0.25,
+    flights: int = 16,
+    seed: int = EVALUATION_SEED,
+    engine: EngineName = "fast",
+) -> Following:
+    """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
+
+    >>> found = rans.follow("track-velocity-2d", "circle", flights=2)
+    >>> found.planner.path.label
+    'circle'
+
+    Args:
+        agent: an `Agent` for track-velocity, or a name as `load_agent` takes it.
+        path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m.
+        speed: speed along the path, m/s.
+        look_ahead: look-ahead radius, m: the commanded velocity points to the farthest point of the path
+            within it.
+        flights: number of flights.
+        seed: random seed of the starts.
+        engine: what computes the motion, "fast" or "drake".
+
+    Raises:
+        ConfigError: the agent is for another task, or there is no such path.
+    """
+    from rans.evaluation.fly.contestants import in_protocol
+    from rans_assurance.follow.follow import fly_path as follow_path
+    from rans_assurance.follow.paths import LookAhead, find_path
+
+    planner = LookAhead(find_path(str(path)), speed, look_ahead)
+    run = in_protocol(agent, "own")
+    return follow_path(
+        run.craft,
+        run.task,
+        run.controller,
+        planner,
+        run.timing,
+        seed,
+        whole("flights", flights),
+        engine,
+    )
+
+
+FAULT_COLUMNS = ("fault", "recoverable", "least margin", "not recoverable")
+"""Headings of `Faults.rows`."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Which thrusters of a spacecraft may fail while every force and torque stays possible."""
+
+    spacecraft: Spacecraft
+    sets: dict[tuple[FaultKind, int], list[FaultSet]]
+    """Every set of failed thrusters by kind and number, with its margin."""
+
+    def __repr__(self) -> str:
+        sentence = ", ".join(f"{row[0]} {row[1]}" for row in self.rows())
+        return f"<Faults of {self.spacecraft.name}: recoverable are {sentence}>"
+
+    def _repr_html_(self) -> str:
+        from rans.show.pages.notebook import listed
+
+        return listed(f"{self.spacecraft.name}: recoverable faults", FAULT_COLUMNS, self.rows())
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Fault, recoverable sets, least margin, and the sets that cannot be recovered from."""
+        numbers = {1: "one", 2: "two"}
+        results = []
+        for (kind, count), sets in self.sets.items():
+            good = [fault_set.margin for fault_set in sets if fault_set.recoverable]
+            lost = [
+                "+".join(map(str, fault_set.thrusters))
+                for fault_set in sets
+                if not fault_set.recoverable
+            ]
+            least = f"{min(good):.1%}" if good else ""
+            recoverable = f"{len(good)} of {len(sets)}"
+            lost_texts = ", ".join(lost) or "none"
+            results.append((f"{numbers[count]} {kind}", recoverable, least, lost_texts))
+        return results
+
+
+def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
+    """Which thrusters may fail, alone or two at once, while every force and torque stays possible.
+
+    >>> found = rans.faults("floating-platform")
+    >>> found.rows()[0][:2]
+    ('one dead', '8 of 8')
+
+    Args:
+        spacecraft: a name, a TOML file or a `Spacecraft`.
+
+    Raises:
+        ConfigError: there is no such spacecraft, or it has one thruster.
+    """
+    from rans.randomization.faults import fault_sets
+    from rans.show.progress import watched
+
+    craft = load_spacecraft(spacecraft)
+    count = craft.thruster_count
+    if count < 2:
+        raise ConfigError(f"{craft.name} has one thruster, which it cannot do without.")
+    kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
+    sets: dict[tuple[FaultKind, int], list[FaultSet]] = {}
+    with watched() as stage:
+        for kind in kinds:
+            for failed in (1, 2):
+                if failed >= count:
+                    continue
+                step = stage(f"{failed} {kind}", math.comb(count, failed))
+                results: list[FaultSet] = []
+                for fault_set in fault_sets(craft, failed, kind):
+                    results.append(fault_set)
+                    step(1)
+                sets[kind, failed] = results
+    return Faults(craft, sets)

@@ -1,0 +1,1 @@
+"""Robustness sweeps: one disturbance at a time, at increasing magnitude."""

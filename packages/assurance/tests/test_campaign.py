@@ -1,0 +1,99 @@
+"""Campaigns of invented flights whose failures are known, and of a real agent's beside its evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rans_assurance.assure.bounds import plan
+from rans_assurance.assure.campaign import Campaign
+
+from rans.errors import ConfigError
+from rans.flight_statistics import FlightStatistics
+from rans.verdict import Failure
+
+
+class Fleet:
+    """Every hundredth flight fails; every thousandth is lost."""
+
+    device = type("Device", (), {"type": "cpu"})()
+
+    def __init__(self, *_: object, **__: object) -> None:
+        self.calls: list[tuple[int, int]] = []
+
+    def parts(self, first: int, count: int, seed: int) -> Iterator[FlightStatistics]:
+        for begin in range(first, first + count, 20_000):
+            yield self.part(begin, min(20_000, first + count - begin))
+
+    def part(self, first: int, count: int) -> FlightStatistics:
+        numbers = np.array([n for n in range(first, first + count) if n % 100 == 7], dtype=np.int64)
+        kinds = np.where(numbers % 1000 == 7, Failure.TERMINATED, Failure.LEFT).astype(np.uint8)
+        counts = {kind: int((kinds == kind).sum()) for kind in Failure}
+        return replace(
+            FlightStatistics.none(125),
+            flights=count,
+            failures=counts,
+            numbers=numbers,
+            kinds=kinds,
+            ways=frozenset({"by hand"}),
+        )
+
+
+@pytest.fixture
+def fleet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rans_assurance.assure.campaign.Flights", Fleet)
+
+
+def _flown(campaign: Campaign, until: int | None = None) -> Campaign:
+    def stop() -> None:
+        if until is not None and campaign.flights >= until:
+            raise KeyboardInterrupt
+
+    setup: object = None
+    campaign.fly(setup, setup, "cpu", keep=stop)  # type: ignore[arg-type]  # the fleet needs neither
+    return campaign
+
+
+@pytest.mark.usefixtures("fleet")
+def test_every_flight_is_counted_once_and_failures_are_listed_by_number() -> None:
+    campaign = _flown(Campaign(plan(0.99, 50_000), 3))
+    assert campaign.flights == 50_000
+    assert campaign.events == dict.fromkeys(Failure, 0) | {
+        Failure.LEFT: 450,
+        Failure.TERMINATED: 50,
+    }
+    assert campaign.numbers(Failure.TERMINATED)[:2] == [7, 1007]
+    bound = campaign.bound(Failure.TERMINATED)
+    assert bound.low < bound.rate == 1e-3 < bound.high
+
+
+@pytest.mark.usefixtures("fleet")
+def test_a_wanted_bound_far_from_the_truth_is_decided_early() -> None:
+    refuted = _flown(Campaign(plan(0.99, None, 1e-3), 0))
+    assert refuted.decision == "above"
+    assert refuted.flights == refuted.plan.looks[0].flights
+    shown = _flown(Campaign(plan(0.99, None, 0.1), 0))
+    assert shown.decision == "below"
+    assert shown.flights < shown.plan.flights
+
+
+@pytest.mark.usefixtures("fleet")
+def test_what_was_interrupted_goes_on_to_the_same_end() -> None:
+    whole, part = (Campaign(plan(0.99, 60_000), 0) for _ in range(2))
+    _flown(whole)
+    with pytest.raises(KeyboardInterrupt):
+        _flown(part, until=20_000)
+    assert 20_000 <= part.flights < 60_000
+    assert not part.over
+    gone_on = Campaign(plan(0.99, 60_000), 0)
+    gone_on.go_on_from(part.to_json())
+    _flown(gone_on)
+    assert (gone_on.flights, gone_on.events, gone_on.listed) == (
+        whole.flights,
+        whole.events,
+        whole.listed,
+    )
+    with pytest.raises(ConfigError, match="delete its file"):
+        gone_on.go_on_from({"flights": 3})

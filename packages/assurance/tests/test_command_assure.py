@@ -1,0 +1,175 @@
+"""``rans assure`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rans_assurance.assure.campaign as campaign
+from scipy.stats import binomtest
+
+from rans.cli import main
+from rans.evaluation.measure.metrics import solved
+from rans.fast.flights import BATCH, Flights
+
+AGENT = "pretrained:go-to-pose-2d"
+LAB = ["--conditions", "lab"]
+"""In which four in five of its flights fail."""
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_conditions_of_one_name_have_files_apart() -> None:
+    Path("lab.toml").write_text("[body]\nmass = 1.2\n")
+    for given in ("lab", "lab.toml"):
+        assert (
+            main(["assure", AGENT, "--conditions", given, "--episodes", "8", "--worst", "0"]) == 0
+        )
+    written = Path("runs/evaluations/pretrained-go-to-pose-2d").glob("assurance*.json")
+    assert len(list(written)) == 2
+
+
+@pytest.mark.slow
+def test_numbers_a_page_and_commands_that_show_failures_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["assure", AGENT, *LAB, "--episodes", "60", "--worst", "1"]
+    monkeypatch.setattr(sys, "argv", ["rans", *command])
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
+    read, page = (
+        folder.joinpath(f"assurance-lab.{kind}").read_text("utf-8") for kind in ("json", "html")
+    )
+    found: dict[str, Any] = json.loads(read)
+    failed = sum(map(len, found["campaign"]["listed"].values()))
+    low, high = binomtest(failed, 60).proportion_ci(0.98, "exact")  # 1 % beyond either end
+    assert failed > 0
+    assert found["bounds"]["any"]["at least"] == pytest.approx(low, rel=1e-6)
+    assert found["bounds"]["any"]["at most"] == pytest.approx(high, rel=1e-6)
+    assert f"{failed} of 60 flights failed" in printed
+    assert page.index(f"{failed} of 60 flights failed") < page.index("<h2")
+    assert f"rans {' '.join(command)}" in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+    policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d/agent.safetensors"
+    told = subprocess.run(["sha256sum", policy], capture_output=True, text=True, check=True).stdout
+    assert found["about"]["hashes"]["weights (agent.safetensors)"] == told.split()[0]
+    assert main(["report", str(folder)]) == 0
+    report = (folder / "report.html").read_text("utf-8")
+    rows = re.findall(
+        r"<tr>.*?</tr>", page.partition("<table>")[2].partition("</table>")[0], re.DOTALL
+    )
+    assert [row in report for row in rows] == [True] * 7  # a heading, any failure, five kinds
+    shown: list[Any] = []
+    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    assert main(shlex.split(found["replays"]["judged"][0]["see"])[1:]) == 0
+    assert solved(shown[0]).tolist() == [False]
+
+
+def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(BATCH, "cpu", 32)
+    part = Flights._part
+    calls = []
+
+    def interrupted(self: Flights, first: int, count: int, seed: int) -> Any:
+        calls.append(first)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return part(self, first, count, seed)
+
+    monkeypatch.setattr(Flights, "_part", interrupted)
+    command = ["assure", AGENT, "--episodes", "64", "--worst", "0", "--output", "here"]
+    assert main(command) == 130
+    assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 32
+    told = capsys.readouterr()
+    assert "Interrupted" in told.out
+    assert "interrupted; what was written is kept" in told.err
+    before = Path("here/assurance.json").read_bytes()
+    assert (
+        main([*command, "--episodes", "48", "--seed", "7"]) == 2
+    )  # flights that took long are not lost
+    told = capsys.readouterr()
+    assert "holds 32 of 64 flights of a campaign that was interrupted" in told.err
+    assert "another one (by its seed, looks)" in told.err
+    assert Path("here/assurance.json").read_bytes() == before
+    assert (
+        main(["assure", AGENT.removeprefix("pretrained:"), *command[2:]]) == 0
+    )  # as of a moved folder
+    assert calls == [0, 32, 32]
+    assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64
+    assert main([*command, "--episodes", "48"]) == 2
+    assert "holds 64 of 64 flights of a campaign that was larger" in capsys.readouterr().err
+    assert main([*command, "--episodes", "48", "--restart"]) == 0
+    assert main([*command, "--episodes", "48", "--seed", "7"]) == 0  # no smaller: made anew
+
+
+def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["assure", AGENT, "--failure-below", "1e-4", "--episodes", "0"]) == 0
+    # ln(1 / 0.0045) / 1e-4 = 54,037 by hand, a little less as (1 - p)^n falls faster.
+    assert re.search(r"54,03\d .* at most 0", capsys.readouterr().out)
+    assert not Path("runs").exists()
+
+
+def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["--confidence", "0.6", "--worst", "0", "--episodes", "400"]
+    assert main(["assure", AGENT, *LAB, "--failure-below", "3e-3", *short]) == 1
+    assert "Refuted" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["pretrained:multi-task-2d"], "#go-to-pose"),
+        ([AGENT, "--episodes", "-1"], "--episodes"),
+        ([AGENT, "--rare", "-1"], "--rare"),
+        ([AGENT, "--rare", "1000"], "--rare must be at least 1,600"),
+        ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
+        ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
+        ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),
+        (["lqr:go-to-pose-2d", "--episodes", "1", "--search", "lab"], "an agent that RANS trained"),
+        (["lqr:go-to-pose-2d", "--episodes", "1", "--rare", "1600"], "an agent that RANS trained"),
+    ],
+)
+def test_wrong_input_is_refused_in_a_sentence(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["assure", *arguments]) == 2
+    told = capsys.readouterr()
+    assert words in told.err
+    assert told.err.count("\n") == 1
+    assert told.out == ""  # before anything flies
+
+
+@pytest.mark.slow
+def test_it_needs_neither_drake_nor_pictures(tmp_path: Path) -> None:
+    code = """
+import sys
+for name in ("pydrake", "matplotlib", "casadi", "stable_baselines3", "numba", "tensorboard", "PIL"):
+    sys.modules[name] = None
+import importlib.util
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if sys.modules.get(name, 0) is None else find(name, *rest)
+from rans.cli import main
+sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "20",
+               "--worst", "1", "--output", sys.argv[2]]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, AGENT, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Drake is not installed here" in done.stdout
+    assert "Matplotlib is not installed" in (tmp_path / "assurance-lab.html").read_text("utf-8")

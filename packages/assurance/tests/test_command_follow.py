@@ -1,0 +1,82 @@
+"""``rans follow`` from a run folder to files; how well an agent follows is no concern of these tests."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rans_assurance.commands.follow import Follow
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_policy
+from rans.tasks import GoToPose, TrackVelocity
+from tests.support.training import CONFIG, tiny_trainer
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An agent that has learnt nothing yet."""
+    config = replace(CONFIG, task="track-velocity", settings=TrackVelocity(), total_timesteps=128)
+    trainer = tiny_trainer(tmp_path_factory.mktemp("runs") / "tracker", config)
+    trainer.save()
+    return trainer.run.path
+
+
+@pytest.mark.slow
+def test_writes_table_numbers_and_figure(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "corner.csv"
+    file.write_text("x,y\n0,0\n1,0\n1,1\n")
+    assert Follow(str(run), str(file), speed=0.5, episodes=3).run() == 0
+    printed = capsys.readouterr().out
+    assert "cross-track RMS" in printed
+    (written,) = run.glob("follow-corner-*.json")
+    assert str(written) in printed.replace("\n", "")
+    numbers = json.loads(written.read_text())
+    assert (numbers["speed"], numbers["look_ahead"]) == (0.5, 0.25)
+    assert numbers["length"] == pytest.approx(2.0)
+    assert all(len(row["flights"]) == 3 for row in numbers["quantities"])
+    assert ET.parse(written.with_suffix(".svg")).getroot().tag.endswith("svg")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_the_same_seed_gives_the_same_flights(run: Path) -> None:
+    results = []
+    for seed in (1, 1, 2):
+        assert Follow(str(run), "circle", speed=0.7, episodes=2, seed=seed).run() == 0
+        results.append(json.loads((run / "follow-circle.json").read_text())["quantities"])
+    assert results[0] == results[1] != results[2]
+
+
+def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
+    trainer = tiny_trainer(
+        tmp_path / "poser", replace(CONFIG, settings=GoToPose(), total_timesteps=128)
+    )
+    trainer.save()
+    assert isinstance(load_policy(trainer.run.path).task, GoToPose)
+    with pytest.raises(
+        ConfigError, match=r"only an agent trained for track-velocity .* but poser was"
+    ):
+        Follow(str(trainer.run.path)).run()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"path": "cirle"}, "no path named 'cirle'"),
+        ({"path": "nowhere.csv"}, "cannot read nowhere.csv"),
+        ({"speed": -1.0}, "the speed must be"),
+        ({"speed": 2.0}, "the speed must be at most the 0.75 m/s"),
+        ({"look_ahead": 0.0}, "the look-ahead must be"),
+        ({"episodes": 0}, "--episodes must be >= 1 and < 2\\^31, got 0"),
+        ({"path": "helix"}, "the path helix is spatial"),
+    ],
+)
+def test_a_wrong_option_is_a_sentence(wrong: dict[str, object], said: str, run: Path) -> None:
+    with pytest.raises(ConfigError, match=said):
+        replace(Follow(str(run)), **wrong).run()  # type: ignore[arg-type]

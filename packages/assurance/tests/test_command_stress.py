@@ -1,0 +1,104 @@
+"""``rans stress`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rans_assurance.stress.run as run
+
+from rans.cli import main
+from tests.support.stress_runs import FIRST
+
+QUICK = ["--only", "latency", "--conditions", "perfect", "--workers", "1", "--episodes", "2"]
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.slow
+def test_pages_numbers_and_commands_that_show_it_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(run, "failure_levels", lambda craft: [])
+    assert main(["stress", FIRST, "lqr", *QUICK, "--worst", "1", "--seed", "7"]) == 0
+    folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
+    printed = capsys.readouterr().out
+    read = json.loads((folder / "stress.json").read_text("utf-8"))
+    assert read["effects"]["latency"]["holds_to"]["LQR"] >= 0.1
+    assert read["effects"]["latency"]["break_even_of_first"].keys() == {"LQR"}
+    lost = read["conditions"]["latency-0.3"]["contestants"]["go-to-pose-2d"]
+    assert lost["held"]["value"] == 0.0
+    assert lost["episodes"] == 2
+    page = (folder / "stress.html").read_text("utf-8")
+    assert "Held episodes over latency, s." in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+    assert f"rans view {FIRST} --conditions" in printed
+    shown: list[Any] = []
+    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    command = shlex.split(lost["worst"][0]["see"])
+    assert command[:2] == ["rans", "view"]
+    assert main(command[1:]) == 0
+    error = shown[0].errors()["position"][-25:].max()
+    assert error == pytest.approx(lost["worst"][0]["errors"]["position, m"], rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["stress", "lqr:go-to-pose-2d", "python:tests.support.policies:broken", *QUICK]
+    assert main([*command, "--output", "here"]) == 1
+    assert "no such layer" in capsys.readouterr().out
+    assert "no such layer" in Path("here/stress.html").read_text("utf-8")
+    conditions = json.loads(Path("here/stress.json").read_text("utf-8"))["conditions"]
+    assert list(conditions["perfect"]["contestants"]) == ["LQR"]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_interrupted_it_writes_what_was_flown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = run._Flyer.flown
+    calls = []
+
+    def interrupted(*job: Any) -> Any:
+        calls.append(job)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        return true(*job)
+
+    monkeypatch.setattr(run._Flyer, "flown", interrupted)
+    assert main(["stress", "lqr:go-to-pose-2d", *QUICK, "--output", "here"]) == 130
+    conditions = json.loads(Path("here/stress.json").read_text())["conditions"]
+    assert [name for name, one in conditions.items() if one["contestants"]] == ["perfect"]
+    assert "what was written is kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ([], "name at least one contestant"),
+        (["runs/nobody"], "runs/nobody"),
+        ([FIRST, "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+        (
+            [FIRST, "--seed", "18446744073709551616"],
+            "rans: the seed must be a whole number of at most 64 bits",
+        ),
+        ([FIRST, "--worst", "-1"], "--worst must be >= 0, got -1"),
+        ([FIRST, "lqrr"], "lqrr is not a run folder"),
+        ([FIRST, "lqr:go-to-pose-3d"], "for the spacecraft free-flyer"),
+        ([FIRST, "--only", "rain"], "there is no effect named 'rain'"),
+        (["pretrained:multi-task-2d"], "pick one, as in pretrained:multi-task-2d#"),
+    ],
+)
+def test_mistakes_end_in_a_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["stress", *arguments]) == 2
+    assert sentence in capsys.readouterr().err

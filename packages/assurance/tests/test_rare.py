@@ -1,0 +1,173 @@
+"""Intervals of rare events cover the probability, however many causes there are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from rans_assurance.assure.rare import Rare, rare
+from scipy.stats import binom, chi2, norm
+
+from rans.errors import ConfigError
+
+
+class Failures(NamedTuple):
+    """A set of failures in D normal numbers, where the score is 1 or more."""
+
+    score: Callable[[np.ndarray], np.ndarray]
+    dimensions: int
+    probability: float
+
+
+def _any(*chances: float) -> float:
+    """Probability that at least one of several independent events happens."""
+    return 1.0 - math.prod(1.0 - p for p in chances)
+
+
+RADIUS = math.sqrt(chi2.isf(1e-6, 12))
+ONE = float(norm.sf(4.5))
+SETS = {
+    "one side": Failures(lambda z: z[0] / 4.5, 10, ONE),
+    "outside of a sphere": Failures(lambda z: np.linalg.norm(z, axis=0) / RADIUS, 12, 1e-6),
+    "two sides": Failures(lambda z: np.abs(z[0]) / 4.5, 10, 2.0 * ONE),
+    "two causes": Failures(lambda z: z[:2].max(axis=0) / 4.5, 10, _any(ONE, ONE)),
+    "a near cause and a rarer one": Failures(
+        lambda z: np.maximum(z[0] / 4.1, z[1] / 4.7),
+        10,
+        _any(float(norm.sf(4.1)), float(norm.sf(4.7))),
+    ),
+    "four causes on two sides": Failures(
+        lambda z: np.abs(z[:4]).max(axis=0) / 4.5, 10, _any(*4 * [2.0 * ONE])
+    ),
+    "decoy": Failures(lambda z: np.maximum(z[0] / 4.5, np.minimum(0.9, z[1] / 2.5)), 10, ONE),
+}
+
+
+def _repeated(name: str, repetitions: int) -> list[Rare]:
+    failures = SETS[name]
+    return [
+        rare(lambda z, _: failures.score(z), failures.dimensions, 4000, seed)
+        for seed in range(repetitions)
+    ]
+
+
+def _wrong(name: str, results: list[Rare]) -> int:
+    """Intervals without the probability; no interval claims nothing."""
+    true = SETS[name].probability
+    claims = [interval for one in results if (interval := one.interval) is not None]
+    return sum(not low <= true <= high for low, high in claims)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name
+        if name in ("one side", "two causes", "decoy")
+        else pytest.param(name, marks=pytest.mark.slow)
+        for name in SETS
+    ],
+)
+def test_intervals_cover_what_they_say(name: str) -> None:
+    results = _repeated(name, 30)
+    # Of 30 intervals at 99 % more than 3 are wrong once in 5,000 times.
+    assert binom.sf(3, 30, 0.01) < 2.5e-4
+    assert _wrong(name, results) <= 3
+    refused = [one for one in results if one.interval is None]
+    # Where chains of flights can lead to failures, there is an answer; where they are led astray, none.
+    assert len(refused) == 30 if name == "decoy" else len(refused) <= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SETS)
+def test_98_percent_of_200_intervals_are_right(name: str) -> None:
+    results = _repeated(name, 200)
+    assert _wrong(name, results) <= 4
+    if name == "decoy":
+        return
+    estimates = np.array([one.probability for one in results]) / SETS[name].probability
+    # Without bias: the mean of 200 is within four of its own standard errors.
+    assert abs(estimates.mean() - 1.0) < 4.0 * estimates.std() / math.sqrt(200)
+    assert sum(one.interval is None for one in results) <= 6
+
+
+@pytest.mark.parametrize("limit", [2.0, 4.5])
+def test_many_flights_tell_more(limit: float) -> None:
+    # The mean of 20 normal numbers, in its own standard deviation.
+    found = rare(lambda z, _: z.sum(axis=0) / np.sqrt(20) / limit, 20, 20_000, 0)
+    true = norm.sf(limit)
+    assert found.interval is not None
+    low, high = found.interval
+    assert low <= true <= high < 2.0 * low
+    assert found.is_counted == (limit == 2.0)
+    if limit > 2.0:
+        assert found.gain > 100.0
+
+
+def test_where_nothing_fails_nothing_is_estimated() -> None:
+    found = rare(lambda z, _: np.zeros(z.shape[1]), 3, 2000, 0)
+    assert (found.events, found.interval, found.to_json()["99 %"]) == (0, None, None)
+    assert found.summary.startswith("no failure was met in ")
+
+
+def test_what_only_some_groups_meet_is_no_estimate() -> None:
+    """From a plateau that most flights reach, a narrow way leads on."""
+    results = [
+        rare(
+            lambda z, _: np.maximum(np.minimum(0.8, z[1] / 2.0), z[0] / 3.6),
+            10,
+            4000,
+            seed,
+        )
+        for seed in range(10)
+    ]
+    some = [one for one in results if 0.0 < sum(p > 0.0 for p in one.groups) < len(one.groups)]
+    assert all(one.interval is None and "no estimate" in one.summary for one in some)
+    sides = [one.interval for one in results if one.interval is not None]
+    assert all(low <= norm.sf(3.6) <= high for low, high in sides)
+
+
+def test_a_group_that_alone_met_a_frequent_cause_is_believed_no_more_than_the_others() -> None:
+    agree = Rare((1e-6,) * 15 + (2e-6,), 10, 20_000, 4000, 0)
+    differ = Rare((1e-6,) * 15 + (2e-5,), 10, 20_000, 4000, 0)
+    assert agree.interval is not None
+    assert differ.interval is None
+    assert "differ (1e-06 to 2e-05)" in differ.summary
+
+
+def test_counting_the_first_flights_widens_what_groups_say() -> None:
+    """10 of 4,000 flights as drawn failed: 2.5e-3, which no agreement on 1e-6 argues away."""
+    found = Rare((1e-6,) * 15 + (2e-6,), 10, 20_000, 4000, 10)
+    assert found.interval is not None
+    assert 5e-4 < found.interval[1] < 2.5e-3
+
+
+def test_failures_by_noise_are_estimated_right() -> None:
+    """The number of an episode decides beside what is drawn: a uniform number between -1/4 and 1/4."""
+
+    def score(z: np.ndarray, number: np.ndarray) -> np.ndarray:
+        return z[0] / 4.0 + 0.5 * (number / 2.0**31 - 0.5)
+
+    noise = (np.arange(1000) + 0.5) / 1000 - 0.5
+    true = float(norm.sf(4.0 * (1.0 - 0.5 * noise)).mean())
+    results = [rare(score, 5, 4000, seed).interval for seed in range(20)]
+    # Of 20 intervals at 99 %, more than 2 are wrong once in 1,000 times.
+    assert sum(not low <= true <= high for low, high in filter(None, results)) <= 2
+    assert sum(one is None for one in results) <= 2
+
+
+def test_what_has_no_cause_in_what_is_drawn_is_counted() -> None:
+    def score(_: np.ndarray, number: np.ndarray) -> np.ndarray:
+        return 1.2 * np.random.default_rng(number[:4].tolist()).random(len(number))
+
+    found = rare(score, 5, 20_000, 1)
+    assert found.interval is not None
+    assert found.interval[0] <= 1.0 / 6.0 <= found.interval[1]
+    assert found.gain == pytest.approx(1.0)
+
+
+def test_too_few_flights_are_refused() -> None:
+    with pytest.raises(ConfigError, match="count must be at least 1,600"):
+        rare(lambda z, _: z[0], 1, 1599, 0)

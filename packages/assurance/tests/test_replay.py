@@ -1,0 +1,79 @@
+"""Failed flights again: kinds of failures, and every judge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rans_assurance.assure.replay import drawing, failure_kinds, replays
+
+from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_draws
+from rans.evaluation.measure.metrics import solved
+from rans.flight import Flight
+from rans.randomization.conditions_file import load_conditions
+from rans.verdict import Failure
+from tests.support.policies import idle
+
+
+@pytest.fixture(scope="module")
+def run() -> LoadedRun:
+    return contestant("pretrained:go-to-pose-2d").under(load_conditions("lab"))
+
+
+def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(
+    run: LoadedRun,
+) -> None:
+    flight = fly_draws(run.controller, run.judged, drawing(2026, range(100, 228)))
+    found = failure_kinds(flight)
+    right = solved(flight)
+    assert [one is None for one in found] == right.tolist()
+    assert 0 < (~right).sum() < 128  # four in five fail
+
+
+def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
+    flight = fly_draws(run.controller, run.judged, drawing(2026, [0] * 6))
+    steps = len(flight.commands)
+    tolerance = flight.task.tolerances()["position"]
+    distance = np.zeros((steps + 1, 6))
+    distance[:, 1] = 9.0 * (np.arange(steps + 1) == 10)  # once farther away than the task allows
+    distance[:, 2] = 2.0 * tolerance * (np.arange(steps + 1) == steps - 3)
+    distance[:, 3] = 2.0 * tolerance
+    distance[:, 4] = 2.0 * tolerance * (np.arange(steps + 1) < steps - 5)
+    distance[:, 5] = np.where(np.arange(steps + 1) > 40, np.nan, 0.0)
+    heading = replace(flight.states.attitude, angle=0.0 * distance + flight.goals.attitude.angle)
+    still = replace(
+        flight.states, p=replace(flight.states.p, x=distance, y=0.0 * distance), attitude=heading
+    )
+    assert failure_kinds(replace(flight, states=still)) == [
+        None,
+        Failure.TERMINATED,
+        Failure.LEFT,
+        Failure.UNSETTLED,
+        Failure.LATE,
+        Failure.NOT_FINITE,
+    ]
+
+
+def test_an_idle_policy_fails_for_every_judge(run: LoadedRun) -> None:
+    class Idle:
+        name = "idle"
+
+        def reset(self, count: int) -> None:
+            """Nothing to forget."""
+
+        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+            return idle(observation)
+
+    setup = run.judged._replace(timing=replace(run.judged.timing, episode_steps=20))
+    found = replays(Idle(), setup, 0, {Failure.UNSETTLED: [5, 3, 8]}, worst=1, sample=1)
+    assert (found.tried, found.failed) == (3, 3)
+    assert found.judges() == ["numpy", "drake"]
+    assert found.refuted("drake") == []
+    assert found.found[0].excess == max(one.excess for one in found.found)
+    assert found.found[0].ending == "drifts with shut valves"
+    flight = found.flight
+    assert isinstance(flight, Flight)
+    assert flight.commands.shape == (20, len(found.found), 8)

@@ -1,0 +1,118 @@
+"""Searches for the smallest disturbance that makes an agent fail, by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rans_assurance.assure import search
+from rans_assurance.assure.chances import Chances, Sized, sized
+from rans_assurance.assure.search import drew, room, smallest
+from scipy.special import ndtri
+
+from rans.episode import Setup
+from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_draws
+from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import Conditions, SensorsConditions, ThrusterConditions
+from rans.randomization.conditions_file import load_conditions
+from rans.tasks import GoToPose
+from rans.verdict import Failure
+
+
+@pytest.fixture(scope="module")
+def run() -> LoadedRun:
+    return contestant("pretrained:go-to-pose-2d-robust")
+
+
+@pytest.fixture(scope="module")
+def setup(run: LoadedRun) -> Setup:
+    """In the laboratory, for 20 steps."""
+    timing = replace(run.judged.timing, episode_steps=20)
+    return run.judged._replace(timing=timing, conditions=load_conditions("lab"))
+
+
+def test_a_flight_tells_what_it_drew(setup: Setup) -> None:
+    chances = Chances.of(setup._replace(conditions=sized(load_conditions("lab"))))
+    own = chances.draws(
+        np.full((len(chances.places), 1), 0.5), np.zeros(1, np.int32), np.full(1, 2.0)
+    )
+    said = drew(chances, own)
+    # The middle of every range of lab: mass 1, thrust 1, force 0.125 N and so on; twice that.
+    assert said["body"].startswith("mass 1.000 and inertia 1.000")
+    assert said["valves"] == "100 ms late, 60 ms to full force"
+    assert said["steady push"] == "0.25 N, 0.03 N m"
+    assert said["start"] == "3.5 m from the goal"
+
+
+def test_size_grows_from_where_there_is_no_trouble() -> None:
+    assert Sized.of((0.75, 1.25), 1.0) == (0.75, 1.25)
+    assert Sized.of(0.3, None).nominal == 0.3
+    lab = sized(load_conditions("lab"))
+    assert (lab.body.mass.nominal, lab.disturbances.force.nominal) == (1.0, 0.0)
+    assert not isinstance(lab.thrusters.pressure, Sized)
+    # At 3.6 times (0.75, 1.25) a mass is down to 0.1.
+    assert room(load_conditions("lab")) == pytest.approx(3.6)
+    # At 1.8 times the way from pi to pi / 2 a tenth of pi is in view.
+    view = Conditions(sensors=SensorsConditions(field_of_view=(math.pi / 2, math.pi)))
+    assert room(view) == pytest.approx(1.8)
+
+
+def test_errors_of_thrusters_and_the_field_of_view_are_described() -> None:
+    conditions = Conditions(
+        thrusters=ThrusterConditions(noise=0.2, misalignment=math.radians(3.0), position=0.04),
+        sensors=SensorsConditions(field_of_view=math.radians(50.0)),
+    )
+    task = GoToPose()
+    setup = Setup(load_spacecraft("free-flyer"), task, task.timing, conditions)
+    chances = Chances.of(setup)
+    uniform = np.full((len(chances.places), 1), 0.5)
+    draws = chances.draws(uniform, np.zeros(1, dtype=np.int32), np.ones(1))
+    said = drew(chances, draws)
+    assert said["thrusters"] == "up to 3 degrees and 4 cm off"
+    assert said["noise of thrusts"] == "20 %"
+    assert said["field of view"] == "50 degrees about the axis x of the body"
+    assert "thrust" not in said
+
+
+def test_a_search_finds_the_nearest_place_of_failure() -> None:
+    # What fails: the first uniform number above 0.9 and the size above 0.4, whatever the rest.
+    def score(z: np.ndarray, _: np.ndarray, size: np.ndarray) -> np.ndarray:
+        return np.minimum(z[0] / ndtri(0.9), size / 0.4)
+
+    told: list[int] = []
+    found = smallest(score, 6, 2.0, np.random.default_rng(0), told.append)
+    assert 0.4 <= found[0].size < 0.41
+    assert found[0].z[0] >= ndtri(0.9)
+    assert sum(told) == 20 * 2048
+
+
+@pytest.mark.slow
+def test_the_smallest_failure_found_is_flown_again_before_it_is_told(
+    run: LoadedRun, setup: Setup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # After 4 s everybody is still on the way, which is a failure at any size: the first is as good as any.
+    monkeypatch.setattr(search, "_ROUNDS", 2)
+    monkeypatch.setattr(search, "_COUNT", 64)
+    assert isinstance(run.controller, Agent)
+    network = run.controller.network
+    lab = load_conditions("lab")
+    found = search.searched("lab", lab, run.controller, network, setup, 0)
+    breaking = found.breaking
+    assert breaking is not None
+    assert breaking.again == dict.fromkeys(("numpy", "drake"), Failure.UNSETTLED)
+    assert found.failed == found.flights == 128
+    measured = Chances.of(setup._replace(conditions=sized(lab)))
+    own = measured.draws(
+        np.array(breaking.units)[:, None],
+        np.array([breaking.number], np.int32),
+        np.array([breaking.size]),
+    )
+    again = fly_draws(run.controller, measured.setup, own)
+    np.testing.assert_array_equal(
+        np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states))
+    )

@@ -1,0 +1,67 @@
+"""Packages of this repository: the core knows none of them, and each says what it is."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import rans
+from rans.abilities import EXTRA_OF, PUBLIC
+from rans.cli.commands import COMMANDS
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = sorted(file.parent for file in (ROOT / "packages").glob("*/pyproject.toml"))
+NAMES = [f"rans_{folder.name}" for folder in PACKAGES]
+
+
+def declared(folder: Path) -> dict[str, dict[str, str]]:
+    """Entry points of a package by group."""
+    return tomllib.loads((folder / "pyproject.toml").read_text("utf-8"))["project"]["entry-points"]
+
+
+def test_the_core_names_no_package() -> None:
+    """Neither in an import, nor in a text that could become one, nor for type checkers."""
+    word = re.compile("|".join(rf"\b{name}\b" for name in NAMES))
+    found = [
+        f"{file.relative_to(ROOT)}: {match[0]}"
+        for file in [*(ROOT / "rans").rglob("*"), *(ROOT / "validation").rglob("*.py")]
+        if file.suffix in (".py", ".toml", ".j2", ".js")
+        for match in word.finditer(file.read_text("utf-8"))
+    ]
+    assert not found
+
+
+def test_packages_do_not_name_one_another() -> None:
+    for folder, own in zip(PACKAGES, NAMES, strict=True):
+        others = re.compile("|".join(rf"\b{name}\b" for name in NAMES if name != own) or "(?!)")
+        for file in (folder / own).rglob("*.py"):
+            assert not others.search(file.read_text("utf-8")), file
+
+
+@pytest.mark.parametrize("folder", PACKAGES, ids=lambda folder: folder.name)
+def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Path) -> None:
+    points = declared(folder)
+    for name in points.get("rans.commands", {}):
+        assert COMMANDS[name].run
+        assert EXTRA_OF[name] == folder.name
+    for name in points.get("rans.public", {}):
+        assert getattr(rans, name) is PUBLIC[name]
+        assert EXTRA_OF[name] == folder.name
+    assert {name for name, extra in EXTRA_OF.items() if extra == folder.name} == {
+        *points.get("rans.commands", {}),
+        *points.get("rans.public", {}),
+    }
+
+
+@pytest.mark.parametrize("folder", PACKAGES, ids=lambda folder: folder.name)
+def test_a_package_has_the_version_of_the_core_and_a_readme_of_a_screen(folder: Path) -> None:
+    core = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    own = tomllib.loads((folder / "pyproject.toml").read_text("utf-8"))["project"]
+    assert own["version"] == core["version"]
+    assert f"rans=={core['version']}" in own["dependencies"]
+    assert core["optional-dependencies"][folder.name][0] == f"{own['name']}=={core['version']}"
+    assert folder.name in core["optional-dependencies"]["all"][0]
+    assert len((folder / "README.md").read_text("utf-8").splitlines()) <= 50
