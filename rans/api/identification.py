@@ -22,6 +22,7 @@ def identify(
     spacecraft: SpacecraftLike,
     robot: RobotName | None = None,
     window: float | None = None,
+    namespace: str = "",
 ) -> Identification:
     """Identify forces, inertia, centre of mass, delays and disturbances of a spacecraft from logs of its flights.
 
@@ -37,12 +38,13 @@ def identify(
     True
 
     Args:
-        logs: bags (.mcap) of `rans fly` or ROS 2, ULog files (.ulg) of PX4, CSV files
-            (`rans.evaluation.identify.log.read_csv`), or logs.
+        logs: bags (.mcap) of `rans fly` or ROS 2, or folders of ``ros2 bag record``, ULog files (.ulg) of PX4, CSV
+            files (`rans.evaluation.identify.log.read_csv`), or logs.
         spacecraft: name, TOML file or `Spacecraft`: the data sheet, from which the fit begins.
         robot: kind of robot whose topics a bag has; None: the bag says it, or "ros".
         window: the log is predicted over windows of this length, s; None: of 5 s, doubled while the model explains
             the readings.
+        namespace: name before the topics of the robot in a bag, such as "robot1" for /robot1/pose.
 
     Raises:
         ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has propellant or
@@ -60,7 +62,7 @@ def identify(
         fit(
             craft,
             [
-                source if isinstance(source, FlightLog) else _read(source, craft, robot)
+                source if isinstance(source, FlightLog) else _read(source, craft, robot, namespace)
                 for source in sources
             ],
             window,
@@ -101,20 +103,20 @@ def excite(
     return write_excitation(craft, Path(folder), box, seconds, period, seed)
 
 
-def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None) -> FlightLog:
+def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace: str) -> FlightLog:
     from rans.evaluation.identify.log import read_csv
 
     file = Path(log)
     if file.suffix == ".csv":
         return read_csv(file, craft)
-    if file.suffix == ".mcap":
+    if file.suffix == ".mcap" or file.is_dir():
         from rans.deploy.robot.logs import read_bag
 
-        return read_bag(file, craft, robot)
+        return read_bag(file, craft, robot, namespace)
     if file.suffix in (".ulg", ".ulog"):
         from rans.deploy.robot.ulog import read_ulog
 
         return read_ulog(file, craft)
     raise ConfigError(
-        f"a log is a bag (.mcap), a ULog (.ulg) or a CSV file (.csv), got {brief(str(file))}."
+        f"a log is a bag (.mcap) or a bag's folder, a ULog (.ulg) or a CSV file (.csv), got {brief(str(file))}."
     )

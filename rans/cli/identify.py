@@ -28,8 +28,8 @@ class Identify:
     examples = ("rans identify flight.csv --spacecraft floating-platform",)
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
-    """Bags (.mcap) of `rans fly` or of ROS 2, ULog files (.ulg) of PX4, or CSV files with the columns time, x, y,
-    heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
+    """Bags (.mcap) of `rans fly` or of ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or CSV files
+    with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
     spacecraft: str = ""
     """Data sheet from which to begin: a name, or a TOML file."""
     excite: str = ""
@@ -40,6 +40,8 @@ class Identify:
     """Folder of the results; by default identified, or excitation with --excite."""
     robot: Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"] | None = None
     """Kind of robot whose topics a bag has; by default the bag says it."""
+    namespace: str = ""
+    """Name before the topics of the robot in a bag, such as robot1 for /robot1/pose."""
     box: Annotated[float | None, Former("write --excite CRAFT,box=SIDE")] = None
     """Side of the box in which these commands keep the spacecraft, m."""
     window: Annotated[
@@ -61,7 +63,7 @@ class Identify:
         console = Terminal()
         # Identify, and write the data sheet with its intervals.
         with doing("identifying: the flights are predicted for every candidate"):
-            result = identify(self.logs, self.spacecraft, self.robot, self.window)
+            result = identify(self.logs, self.spacecraft, self.robot, self.window, self.namespace)
         folder = result.write(self.output or Path("identified"))
 
         def cells(digits: int) -> list[tuple[str, ...]]:

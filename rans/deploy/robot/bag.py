@@ -212,7 +212,8 @@ _LARGEST_RECORD = 2**27
 def bag_entries(file: Path) -> Iterator[BagMessage]:
     """Messages of a bag in the order in which they were written.
 
-    A bag whose process was killed ends with its last whole message.
+    A bag whose process was killed ends with its last whole message. Checksums are compared where the bag has them:
+    that of a chunk before its messages come, that of all messages at the end.
 
     Raises:
         ConfigError: the package mcap is missing, or the file is no bag, or damaged in its middle.
@@ -227,10 +228,12 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
     channels: dict[int, Any] = {}
     with open_regular(file) as stream:
         try:
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
+            reader = StreamReader(
+                stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LARGEST_RECORD
+            )
             for outer in reader.records:
                 is_chunk = isinstance(outer, Chunk)
-                for record in breakup_chunk(_unpacked(outer)) if is_chunk else [outer]:
+                for record in breakup_chunk(_unpacked(outer), True) if is_chunk else [outer]:
                     if isinstance(record, Schema):
                         schemas[record.id] = record
                     elif isinstance(record, Channel):

@@ -370,15 +370,20 @@ def wheels_message(speeds: Sequence[float], now: int) -> Message:
     return Message(WHEELS_TOPIC, JOINTS, pack(JOINTS, message))
 
 
-def read_wheels(data: bytes, count: int) -> np.ndarray:
-    """Speeds of so many wheels in a message of `WHEELS_TOPIC`; `ValueError` if it has another number of joints."""
-    speeds = np.asarray(unpack(JOINTS, data).velocity, dtype=float)
+def read_wheels(data: bytes, count: int) -> tuple[int, np.ndarray]:
+    """Time stamp, ns, and speeds of so many wheels, rad/s, in a message of `WHEELS_TOPIC`.
+
+    Raises:
+        ValueError: it has another number of joints.
+    """
+    message = unpack(JOINTS, data)
+    speeds = np.asarray(message.velocity, dtype=float)
     if speeds.shape != (count,) or not np.isfinite(speeds).all():
         raise ValueError(
             f"the message must have {count} finite velocities, one a wheel in the order of the spacecraft, got "
             f"{brief(speeds.tolist())}"
         )
-    return speeds
+    return measured_at(message), speeds
 
 
 _KINDS: dict[str, type[Interface]] = {
@@ -397,7 +402,7 @@ def interface(name: RobotName, commands: int, thrusters: int) -> Interface:
     Raises:
         ConfigError: there is no such kind, or its messages have no room for the craft's commands.
     """
-    if name not in _KINDS:
+    if not isinstance(name, str) or name not in _KINDS:
         raise ConfigError(
             f"robot must be one of {', '.join(get_args(RobotName))}, got {brief(name)}."
         )

@@ -294,7 +294,7 @@ class MessagePilot:
         message = unpack(POSE, data)
         position = finite_vector("position", point_numbers(message.pose.position))
         attitude = unit(wxyz(message.pose.orientation))
-        self._validator.goal(GOAL_TOPIC, message.header.frame_id, position, attitude)
+        self._validator.pose(GOAL_TOPIC, message.header.frame_id, position, attitude)
         self._goal = _moved_goal(self._goal, position, attitude)
         self._goal_came = now
         # An episode has one goal: to another begins another one.

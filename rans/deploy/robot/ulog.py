@@ -75,7 +75,7 @@ def read_ulog(file: Path, craft: Spacecraft) -> FlightLog:
             f"the log {file} has {counted(recorded, 'motor')}, but {craft.name!r} takes {count} commands."
         )
     commands = np.nan_to_num(_stacked(motors, controls).T, nan=0.0)
-    early = {"command": unstamped(motors["timestamp"])}
+    early = {"command": unstamped(1e-6 * motors["timestamp"])}
     commands = commands[early["command"] :]
     given = _ascending(file, _MOTORS, motors["timestamp"][early["command"] :])
 

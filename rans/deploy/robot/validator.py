@@ -195,8 +195,10 @@ class Validator:
         self._name(topic, reading.frame)
         return verdict
 
-    def goal(self, topic: str, frame: str, position: np.ndarray, attitude: np.ndarray) -> None:
-        """Judge (`ValueError`) a goal."""
+    def pose(
+        self, topic: str, frame: str, position: np.ndarray | None, attitude: np.ndarray | None
+    ) -> None:
+        """Judge (`ValueError`) a pose without its time: that of a goal, or in a log."""
         self._pose(position, attitude)
         self._frame(frame)
         self._name(topic, frame)

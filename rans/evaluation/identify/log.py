@@ -86,7 +86,7 @@ class FlightLog:
 
 
 def unstamped(times: np.ndarray) -> int:
-    """How many messages at the beginning (T,) have no time: those of 0, before times that begin elsewhere.
+    """How many messages at the beginning have no time: those of 0, before times (T,), s, that begin elsewhere.
 
     A recorder with the simulated time, or a sensor whose clock is not set, stamps with 0 at first.
     """

@@ -342,7 +342,7 @@ def test_space_has_no_up() -> None:
         reading = Reading(1, motion.position, motion.attitude)
         with pytest.raises(ValueError, match="of the plane"):
             validator().state("pose", reading, NOW)
-        space.goal("goal_pose", "world", motion.position, motion.attitude)
+        space.pose("goal_pose", "world", motion.position, motion.attitude)
 
 
 def odometry(attitude: np.ndarray, velocity: Any, spin: Any, frame: str, child: str) -> bytes:
