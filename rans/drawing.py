@@ -372,6 +372,7 @@ def _outline(axes: Any, craft: Spacecraft) -> None:
     if craft.dimension == 2:
         axes.grid(color=_GRID)
         axes.set_axisbelow(True)
+        axes.ticklabel_format(useOffset=False)
         axes.add_patch(
             Circle(centre[:2], craft.radius, facecolor=_BODY, edgecolor=_EDGE, zorder=0.6)
         )

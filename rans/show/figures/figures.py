@@ -6,9 +6,10 @@ Colours are those of Okabe and Ito ("Color Universal Design", 2008), which every
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
@@ -19,6 +20,7 @@ from matplotlib.ticker import MaxNLocator
 from rans.files import write_text
 from rans.flight import Flight
 from rans.show.figures import panels
+from rans.show.figures.axes import settle
 from rans.show.figures.panels import (
     BLUE,
     GREEN,
@@ -34,8 +36,22 @@ from rans.show.figures.panels import (
 )
 from rans.show.figures.svg import svg
 
-styled = matplotlib.rc_context(STYLE)
-"""Decorator: everything drawn inside has the project's style."""
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Decorator of a function that draws a figure: it has the project's style, and axes of `settle`."""
+
+    @wraps(draw)
+    def drawn(*arguments: P.args, **named: P.kwargs) -> R:
+        with matplotlib.rc_context(STYLE):
+            result = draw(*arguments, **named)
+            if isinstance(result, Figure):
+                settle(result)
+            return result
+
+    return drawn
 
 
 @styled

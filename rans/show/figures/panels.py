@@ -56,6 +56,7 @@ def series_style(k: int) -> tuple[str, str]:
 STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": GREY,
+    "axes.formatter.useoffset": False,
     "axes.grid": True,
     "axes.labelcolor": INK,
     "axes.spines.right": False,
@@ -318,7 +319,9 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     label(axes, "(b) errors", "", "error / tolerance")
 
 
-def timeline(axes: Axes, flight: Flight, episode: int, colour: str = BLUE) -> None:
+def timeline(
+    axes: Axes, flight: Flight, episode: int, colour: str = BLUE, letter: str = "c"
+) -> None:
     """When each thruster of one episode was open; without thrusters, how much of its torque each wheel gave."""
     command = flight.openings[:, episode].T
     what = ("open thrusters", "thruster")
@@ -337,4 +340,4 @@ def timeline(axes: Axes, flight: Flight, episode: int, colour: str = BLUE) -> No
     )
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(visible=False)
-    label(axes, f"(c) {what[0]}", "time, s", what[1])
+    label(axes, f"({letter}) {what[0]}", "time, s", what[1])

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from matplotlib.ticker import LogLocator, MaxNLocator
 
+from rans.show.figures.axes import widened, widened_logarithmic
 from rans.show.markup import Markup, drawing, text
 
 WIDTH = 720.0
@@ -79,9 +80,11 @@ class Chart:
         """The text of the SVG element, of names and numbers that are escaped."""
         if self.is_empty:
             return drawing(())
-        x_axis = _Axis.of(self._xs(), self.logarithmic, _LEFT, WIDTH - _RIGHT)
+        x_axis = _Axis.of(self._xs(), self.x_label, self.logarithmic, _LEFT, WIDTH - _RIGHT)
         bounds = self.y_range or tuple(self._ys())
-        y_axis = _Axis.of(bounds, self.logarithmic, HEIGHT - _BOTTOM, _TOP, bool(self.y_range))
+        y_axis = _Axis.of(
+            bounds, self.y_label, self.logarithmic, HEIGHT - _BOTTOM, _TOP, bool(self.y_range)
+        )
         parts = [
             f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="group" aria-label="{text(self.caption)}">',
             *self._ground(x_axis, y_axis),
@@ -143,6 +146,7 @@ class _Axis(NamedTuple):
     def of(
         cls,
         values: Iterable[float],
+        label: str,
         logarithmic: bool,
         first: float,
         last: float,
@@ -152,7 +156,8 @@ class _Axis(NamedTuple):
         # A logarithm has no place for 0, such as the impulse of wheels alone: it stands at the low end.
         numbers = [x for x in values if x > 0.0 or not logarithmic] or [1.0]
         scale = math.log10 if logarithmic else float
-        low, high = scale(min(numbers)), scale(max(numbers))
+        ends = min(numbers), max(numbers)
+        low, high = map(scale, widened_logarithmic(*ends) if logarithmic else widened(*ends, label))
         if not exact:
             room = 0.06 * (high - low) or 0.1 * abs(high) or 0.1
             low, high = low - room, high + room

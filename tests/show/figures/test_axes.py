@@ -1,0 +1,173 @@
+"""No axis of any figure shows rounding errors: a least span for every quantity, and no hidden offset."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+import rans.show.figures
+from rans.drawing import draw_layout
+from rans.evaluation.compare.optima import Optimum
+from rans.flight import Flight
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.trajectory.transcription import Trajectory
+from rans.show.figures import assure_figures, comparison_figures, figures
+from rans.show.figures.axes import widened, widened_logarithmic
+from rans.show.figures.flight_paths import paths_figure
+from rans.show.figures.optimal_figure import optimal_figure
+from rans.show.pages.chart import Chart, Mark, Series
+from tests.support.comparisons import entry
+from tests.support.evaluation_flights import flight_of
+
+NOISE = 1e-9
+"""Solvers and sums leave errors of this size."""
+SEEN = 1e-4
+"""A quantity of size 1 that varies by less than this is the same to a reader."""
+
+
+def drawing_functions() -> Iterator[tuple[str, Any]]:
+    for module in pkgutil.iter_modules(rans.show.figures.__path__, "rans.show.figures."):
+        for name, function in inspect.getmembers(importlib.import_module(module.name)):
+            draws = inspect.isfunction(function) and not name.startswith("_")
+            if draws and inspect.signature(function).return_annotation in ("Figure", Figure):
+                yield name, function
+
+
+def test_every_figure_has_settled_axes() -> None:
+    """By the decorator `styled`: a figure that is drawn without it is found here."""
+    found = dict(drawing_functions())
+    assert len(found) > 15
+    bare = [name for name, function in found.items() if not hasattr(function, "__wrapped__")]
+    assert bare == []
+
+
+def noisy(value: float, *shape: int) -> np.ndarray:
+    return value + NOISE * np.random.default_rng(1).standard_normal(shape)
+
+
+def still() -> Flight:
+    """Three episodes that stay where they are, but for rounding errors."""
+    flight = flight_of(noisy(1.0, 11, 3), 0.0, np.zeros((10, 3, 8)))
+    moved = replace(flight.states, v=Vec2(noisy(0.2, 11, 3), noisy(0.1, 11, 3)))
+    return replace(flight, states=moved)
+
+
+def optimum() -> Optimum:
+    """Five thrusters are open all the time, as a solver has it: each to 1e-8."""
+    t = np.linspace(0.0, 1.0, 11)
+    states = PlanarState(
+        Vec2(t, noisy(0.0, 11)),
+        Heading(noisy(0.0, 11)),
+        Vec2(noisy(0.2, 11), noisy(0.0, 11)),
+        noisy(0.0, 11),
+    )
+    commands = noisy(1.0, 10, 8)
+    commands[:, 5:] = np.abs(noisy(0.0, 10, 3))
+    path = Trajectory("time", "Solve_Succeeded", True, 1.0, states, commands, 0.1, 5, 0.1)
+    return Optimum(0, path, 0.0)
+
+
+def check(figure: Figure) -> None:
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        if not axes.axison:
+            continue
+        for name in ("x", "y", "z"):
+            axis = getattr(axes, f"{name}axis", None)
+            if axis is None:
+                continue
+            low, high = sorted(getattr(axes, f"get_{name}lim")())
+            assert axis.get_offset_text().get_text() == "", axis.label.get_text()
+            assert high - low > SEEN * max(abs(low), abs(high), 1.0), axis.label.get_text()
+
+
+@pytest.mark.slow
+def test_figures_of_flights_that_stay_show_no_noise() -> None:
+    flight = still()
+    for figure in (
+        figures.evaluation_figure(flight),
+        figures.episode_figure(flight),
+        paths_figure(flight),
+        assure_figures.errors_figure(flight, [0]),
+        assure_figures.paths_figure(flight, [0]),
+        comparison_figures.side_by_side([("a", flight, 0)], 1),
+        comparison_figures.final_error_curves([replace(entry(), flight=flight)]),
+        figures.learning_curve(
+            [{"steps": k, "success": 0.5, "return/a": 3.0 + NOISE * k} for k in range(9)]
+        ),
+    ):
+        check(figure)
+
+
+def test_an_optimum_with_the_noise_of_its_solver_is_steady() -> None:
+    """Five open thrusters: the axis counts from none to five, and not from 4.99999999 to 5.00000001."""
+    figure = optimal_figure([optimum()])
+    check(figure)
+    (sums,) = (axes for axes in figure.axes if axes.get_ylabel() == "open thrusters")
+    low, high = sums.get_ylim()
+    assert low <= 0.0
+    assert 5.0 < high < 6.0
+    assert {float(tick) % 1.0 for tick in sums.get_yticks()} == {0.0}
+    (paths,) = (axes for axes in figure.axes if axes.get_xlabel() == "x, m")
+    assert "1 starts" not in paths.get_title(loc="left")
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft 'far'")
+def test_a_layout_far_from_its_origin_has_no_offset() -> None:
+    thrusters = [((1e4 + x, 0.0), (0.0, 1.0), 1.0) for x in (-0.1, 0.1)]
+    craft = Spacecraft.planar("far", 5.0, 0.1, thrusters)
+    figure = draw_layout(craft)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert axes.xaxis.get_offset_text().get_text() == ""
+
+
+def test_a_chart_of_a_page_shows_no_noise() -> None:
+    """Ticks of nine digits alone could tell the marks apart: they are drawn at one place."""
+    marks = [Mark(2.0 + NOISE * k, 5.0 - NOISE * k, "") for k in range(4)]
+    for logarithmic in (False, True):
+        svg = Chart(
+            "time, s", "impulse, N s", [Series("a", marks, "red")], "", (), logarithmic
+        ).svg()
+        places = re.findall(r'<g class="point".*?transform="translate\((\S+) (\S+)\)"', svg)
+        assert len(places) == 4
+        assert len(set(places)) == 1
+
+
+@given(
+    st.floats(-1e6, 1e6),
+    st.floats(-1e6, 1e6),
+    st.sampled_from(["time, s", "speed, m/s", "x, m", "held, %", "thruster", ""]),
+)
+def test_wide_ends_stay_and_narrow_ones_keep_their_middle(
+    low: float, high: float, label: str
+) -> None:
+    new = widened(low, high, label)
+    assert abs(new[1] - new[0]) >= abs(high - low)
+    assert abs(new[1] - new[0]) >= 1e-6
+    assert sum(new) == pytest.approx(low + high, rel=1e-9, abs=1e-9)
+    assert (new[1] > new[0]) == (high >= low)
+    if abs(high - low) > 1e-3 * max(abs(low), abs(high), 100.0):
+        assert new == (low, high)
+
+
+@given(st.floats(1e-9, 1e9), st.floats(1e-9, 1e9))
+def test_logarithmic_ends_are_a_factor_of_two_apart(low: float, high: float) -> None:
+    new = widened_logarithmic(low, high)
+    assert max(new) / min(new) >= 2.0 - 1e-9
+    assert new[0] * new[1] == pytest.approx(low * high, rel=1e-9)
+    if max(low, high) >= 2.0 * min(low, high):
+        assert new == (low, high)
