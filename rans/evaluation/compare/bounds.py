@@ -45,8 +45,11 @@ SETTLING = (
     "no control found proves that it can be met."
 )
 
-_LONGEST = 25.0
-"""Largest certified least time that is searched, s: that of an episode."""
+_SEARCHED = 2.0
+"""Multiple of the hull's bound up to which a certified least time is searched; that of each craft tried is within
+1.3 of it. A least time beyond it has a bound that is valid, but not the best."""
+_SEARCHED_PERIODS = 10
+"""Control periods beyond that, because a craft that is almost there has a bound of nearly 0 s."""
 
 
 Kind = Literal["arrival", "settling"]
@@ -323,9 +326,10 @@ def bound(start: int, question: Question) -> Bound:
     check_period(period)
     # The bound of the hull: of time without a horizon, else of fuel.
     if horizon is None:
-        steps = max(1, round(_LONGEST / period))
         unit = period
         least = hull.least_time(craft, quantities, begin, end, goals)
+        reachable = 0.0 if math.isinf(least) else least
+        steps = _SEARCHED_PERIODS + math.ceil(_SEARCHED * reachable / period)
     else:
         steps = count_of_periods(horizon, period)
         unit = pulse(craft, period) or 0.0

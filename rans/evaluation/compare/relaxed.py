@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.optima import Optimum, optima
 from rans.evaluation.measure.metrics import impulses, returns, settling_times
+from rans.model.fields import map_leaves
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
 from rans.optimal.trajectory.transcription import usual_guesses
 from rans.progress import Progress, unseen
@@ -45,6 +46,8 @@ class Relaxed:
     """Sum of the task's rewards over the episode, in Drake; NaN if its control period is not the task's."""
     replay_error: float = math.nan
     """Largest distance between the optimised path and the flight in Drake, m."""
+    too_early: bool = False
+    """Whether the objective's time is less than the least time from this start: not a failure, but impossible."""
 
 
 def objectives(contest: Contest, horizons: Sequence[float]) -> list[Objective]:
@@ -59,21 +62,53 @@ def solve(
     objective: Objective,
     workers: int | None = None,
     progress: Progress = unseen,
+    earliest: Sequence[float] = (),
 ) -> list[Relaxed]:
-    """Optimise from every start of a contest; for workers and progress see `optima`."""
+    """Optimise from every start of a contest; for workers and progress see `optima`.
+
+    Args:
+        contest: contest with the starts.
+        objective: objective.
+        workers: processes.
+        progress: reports solved problems.
+        earliest: least times of the starts, s, NaN where it is not known. Starts from which an arrival at the
+            horizon of a least impulse is impossible are not optimised.
+    """
     usual = usual_guesses(contest.craft, contest.task, objective)
     guesses = max(_GUESSES, usual) if isinstance(objective, MaximumReward) else usual
-    result = optima(
-        contest.craft,
-        contest.task,
-        objective,
-        contest.starts,
-        guesses,
-        workers,
-        progress,
-        contest.timing,
+    # Starts from which there is a trajectory in this time.
+    horizon = objective.horizon if isinstance(objective, MinimumFuel) else math.inf
+    late = {k for k, least in enumerate(earliest) if least > horizon}
+    possible = [k for k in range(contest.episodes) if k not in late]
+    starts = map_leaves(lambda x: x[possible], contest.starts)
+    answers = (
+        optima(
+            contest.craft,
+            contest.task,
+            objective,
+            starts,
+            guesses,
+            workers,
+            progress,
+            contest.timing,
+        )
+        if possible
+        else []
     )
-    return [_scored(contest, objective, optimum) for optimum in result]
+    solved = {
+        k: _scored(contest, objective, replace(answer, start=k))
+        for k, answer in zip(possible, answers, strict=True)
+    }
+    progress(len(late))
+    return [
+        _too_early(objective, k, earliest[k]) if k in late else solved[k]
+        for k in range(contest.episodes)
+    ]
+
+
+def _too_early(objective: Objective, start: int, least: float) -> Relaxed:
+    status = f"impossible: the least time is {least:.3g} s"
+    return Relaxed(objective, start, status, solved=False, seconds=0.0, too_early=True)
 
 
 def _scored(contest: Contest, objective: Objective, optimum: Optimum) -> Relaxed:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -33,21 +35,33 @@ from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
 from rans.files import first_line
 from rans.model.spacecraft import check_rigid
+from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import check_certifiable
-from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.optimal.trajectory.arrival import check_goal
+from rans.optimal.trajectory.objectives import MinimumTime
 from rans.progress import Stages, unseen_stages
+from rans.scenario import each
 from rans.tasks.goal_set import aims, asks_rest
 
-_HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
-"""Shares of an episode at which the least impulse is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
+_HORIZONS = (1.2, 1.6, 2.0, 3.0, 4.0, math.inf)
+"""Multiples of `Comparison.least_time` by which the least impulse is certified; none is later than the end of the
+episode. The floating platform's are 6, 8, 10, 15, 20 and 25 s; at 1.2 each craft tried arrives from each start."""
 
-_FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
-"""Shares of an episode at which the front is computed, so close that gaps hardly count (`Front.behind`)."""
+_RELAXED = (2.0, 4.0)
+"""Those by which the relaxed optimum is computed too."""
 
-_RELAXED = (0.4, 0.8)
-"""Shares of an episode for which the relaxed optimum is computed too."""
+_FRONT_RATIO = 1.08
+"""Ratio of instants of the front, so close that gaps hardly count (`Front.behind`)."""
+_FRONT_INSTANTS = 21
+"""Largest number of them before the end of an episode, which bounds the work; a craft that needs a tenth of the
+episode or less has wider gaps."""
+
+_TYPICAL_STARTS = 64
+"""Starts whose median least time is that of a typical one, however few are compared; they take milliseconds."""
+
+_UNBOUNDED = 0.2
+"""Part of an episode that stands for the least time where no bound of it is known: as of the floating platform."""
 
 
 @dataclass
@@ -78,11 +92,47 @@ class Comparison(NotebookRepr):
         """Names of the contestants."""
         return {entry.name for entry in self.entries}
 
-    def horizons(self, fractions: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
-        """Times at which impulses are compared, s, in whole control periods."""
+    @cached_property
+    def least_time(self) -> float:
+        """Least time of this craft from a typical start, s: the scale of all instants that are compared.
+
+        It is the median over starts of the hull's bound, which is 5 to 12 % below the relaxed optimum, and is
+        rounded to half of its leading digit, so that other seeds have the same instants.
+        """
+        contest = replace(self.contest, episodes=_TYPICAL_STARTS)
+        try:
+            goals = goal_set(contest.task)
+            check_rigid(contest.craft, "bounds")
+            bounds = [
+                hull.least_time(contest.craft, aims(contest.task), one.start, one.goal, goals)
+                for one in each(contest.starts)
+            ]
+        except ConfigError:
+            bounds = []
+        typical = [bound for bound in bounds if 0.0 < bound < math.inf]
+        if not typical:
+            return _UNBOUNDED * contest.duration
+        middle = float(np.median(typical))
+        half_digit = 0.5 * 10.0 ** math.floor(math.log10(middle))
+        return half_digit * round(middle / half_digit)
+
+    def horizons(self, multiples: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
+        """Times by which impulses are compared, s, in whole control periods; none is after the episode's end.
+
+        Args:
+            multiples: of `least_time`; infinite: the episode's end.
+        """
         timing = self.contest.timing
-        steps = {max(1, round(fraction * timing.episode_steps)) for fraction in fractions}
+        times = (min(multiple * self.least_time, self.contest.duration) for multiple in multiples)
+        # A horizon of whole periods needs no further one for its rounding.
+        steps = {max(1, math.ceil(time / timing.control_period - 1e-9)) for time in times}
         return tuple(k * timing.control_period for k in sorted(steps))
+
+    def front_horizons(self) -> tuple[float, ...]:
+        """Times of the front, s, from the least time to the episode's end."""
+        span = max(1.0, self.contest.duration / self.least_time)
+        ratio = max(_FRONT_RATIO, span ** (1.0 / _FRONT_INSTANTS))
+        return self.horizons((*(ratio**k for k in range(_FRONT_INSTANTS)), math.inf))
 
     def certified_starts(self) -> list[int]:
         """Numbers of the starts whose bounds are all known."""
@@ -131,7 +181,8 @@ class Comparison(NotebookRepr):
         period = self.contest.timing.control_period
         return max(
             0.0,
-            self.contest.duration - staying_time(craft, staying_set(craft, task, period), period),
+            self.contest.duration
+            - hull.staying_time(craft, staying_set(craft, task, period), period),
         )
 
     def impossible(self) -> list[str]:
@@ -213,7 +264,7 @@ class Comparison(NotebookRepr):
         The bounds take about ``seconds``; see `certify_front`.
         """
         # Flights of the other positions.
-        front = Front(self.contest, self.horizons(_FRONT), [*self.entries])
+        front = Front(self.contest, self.front_horizons(), [*self.entries])
         self.front = front
         for spec, contestant in between.items():
             with _noted(self, spec):
@@ -295,12 +346,24 @@ def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -
     except ConfigError as reason:
         comparison.notes.append(f"No optimum is computed: {reason}")
         return
+    earliest: list[float] = []
     for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED)):
         step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
-            optima = relaxed.solve(contest, objective, workers, step)
+            optima = relaxed.solve(contest, objective, workers, step, earliest)
             comparison.relaxed[objective.name] = optima
-            lost = [optimum.status for optimum in optima if not optimum.solved]
+            if isinstance(objective, MinimumTime):
+                earliest = [optimum.arrival for optimum in optima]
+            # What a craft cannot do is a result; what the optimiser cannot find is a failure.
+            late = [optimum for optimum in optima if optimum.too_early]
+            if late:
+                comparison.notes.append(
+                    f"{objective.name}: impossible from {len(late)} of {counted(len(optima), 'start')}, "
+                    f"whose least time is at least {min(earliest[k.start] for k in late):.3g} s."
+                )
+            lost = [
+                optimum.status for optimum in optima if not (optimum.solved or optimum.too_early)
+            ]
             if lost:
                 comparison.failures.append(
                     f"{objective.name}: no trajectory from {len(lost)} of {counted(len(optima), 'start')} "

@@ -381,8 +381,14 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         best = float(np.median(upper))
         closed = (upper <= lower + 1e-9).sum()
         proven = None if event.kind != "arrival" else f"{closed} of {len(lower)}"
+        least = float(np.median(lower))
         bounds.append(
-            [event.text, float(np.median(lower)), best if np.isfinite(best) else None, proven]
+            [
+                event.text,
+                least if np.isfinite(least) else "impossible",
+                best if np.isfinite(best) else None,
+                proven,
+            ]
         )
     text = (
         f"From {counted(len(starts), 'start')}, times the certified lower bound of the same event: 1 "

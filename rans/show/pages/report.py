@@ -520,7 +520,9 @@ def _outcome(row: Mapping[str, Any]) -> str:
     ):
         if math.isfinite(value := number(row.get(key))):
             text += f", {value:.2f} {what}"
-    lost = row["starts"] - row["flown"]
+    impossible = row.get("impossible", 0)
+    lost = row["starts"] - row["flown"] - impossible
+    text += f"; impossible in this time from {impossible}" if impossible else ""
     return text + (f"; the optimiser found none from {lost}" if lost else "")
 
 

@@ -200,9 +200,9 @@ def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
         solved = [optimum for optimum in optima if optimum.solved]
         middle = [_median(solved, key) for key in ("arrival", "settling", "thrust", "total")]
         worst = max((optimum.replay_error for optimum in solved), default=None)
-        rows.append(
-            [name, f"{len(solved)} of {len(optima)}", *middle, worst, _median(solved, "seconds")]
-        )
+        late = sum(optimum.too_early for optimum in optima)
+        count = f"{len(solved)} of {len(optima)}" + (f"; {late} impossible" if late else "")
+        rows.append([name, count, *middle, worst, _median(solved, "seconds")])
     return rows
 
 
@@ -297,6 +297,7 @@ def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
             "kind": "bound",
             "starts": len(rows),
             "flown": len(solved),
+            "impossible": sum(row.too_early for row in rows),
             "settled": sum(math.isfinite(row.settling) for row in solved),
             "median_settling_time": _median(solved, "settling"),
             "mean_impulse": float(np.mean([row.thrust for row in solved])) if solved else None,

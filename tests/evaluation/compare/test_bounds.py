@@ -402,7 +402,10 @@ def test_the_table_shows_every_number() -> None:
     ]
 
 
-def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_least_time_is_searched_beyond_that_of_a_slow_craft(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Twice the time that no spacecraft beats, and two seconds: 3,600 times the mass needs 60 times as long."""
     asked: list[int] = []
 
     def search(proves: object, problem: object, steps: int, *rest: object) -> Any:
@@ -410,12 +413,15 @@ def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPat
         raise Unreachable("not today")
 
     monkeypatch.setattr("rans.evaluation.compare.bounds.certified_least_time", search)
-    list(
-        bounds_in_parallel(
-            [one_start(), one_start(period=0.25), one_start(period=30.0)], [0, 1, 2], 1
-        )
-    )
-    assert asked == [125, 100, 1]
+    usual = one_start()
+    heavy = replace(PLATFORM, mass=3600.0 * PLATFORM.mass)
+    slow = usual._replace(craft=heavy)
+    for one in (usual, slow):
+        least = bound(0, one).hull
+        [steps] = asked
+        asked.clear()
+        assert 0.2 * steps == pytest.approx(2.0 * least + 2.0, abs=0.2)
+    assert least > 30.0  # the search of all crafts ended at 25 s
 
 
 @pytest.mark.parametrize("distance", [30.0, 1e6])

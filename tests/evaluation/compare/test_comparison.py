@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rans.evaluation.compare.bounds import Bound, Event
+from rans.evaluation.compare.bounds import Bound, Event, count_of_periods
 from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.controllers import user_policy
 from rans.model.timing import Timing
 from rans.show.figures.comparison_figures import gap_histograms
 from rans.show.tables.comparison_tables import gap_rows, gaps, measures
-from rans.tasks import TrackVelocity
+from rans.tasks import TASKS, GoToPose, TrackVelocity
 from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 
@@ -56,13 +56,13 @@ def by_hand(
 
 
 def test_each_flight_is_held_against_the_bound_of_its_event() -> None:
-    """Arrives at 2 s and spends 1 N s, then rests; horizons of 1.4, 2, 2.4, 3.6, 4.8 and 6 s."""
+    """Arrives at 2 s and spends 1 N s, then rests; horizons of 3, 4, 5 and 6 s for a least time of 2.5 s."""
     loose = by_hand(2.0, 1.0, {})
-    assert loose.horizons() == pytest.approx((1.4, 2.0, 2.4, 3.6, 4.8, 6.0))
+    assert loose.horizons() == pytest.approx((3.0, 4.0, 5.0, 6.0))
     assert loose.impossible() == []
     last = loose.horizons()[-2]
     said = ["x beats the certified bound from start 1: the certificate or a flight is wrong."]
-    # 1.8 N s by 4.8 s is more than the 1 N s spent, though less than the 2 s of arrival
+    # 1.8 N s by 5 s is more than the 1 N s spent, though less than the 2 s of arrival
     assert by_hand(2.0, 1.0, {last: Bound(1, last, 1.8)}).impossible() == said
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.8)}).impossible() == []
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 2.2)}).impossible() == said
@@ -87,8 +87,9 @@ def test_bounds_are_lower_and_upper_ends() -> None:
     ratios = gaps(gap)
     assert ratios["time of arrival"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
     assert ratios["time of settling"]["x"] == pytest.approx([20.0, 20.0])
-    assert ratios["impulse by 4.8 s"]["x"] == pytest.approx([10.0, 10.0])
-    assert np.isinf(ratios["impulse by 1.4 s"]["x"]).all()
+    assert ratios["impulse by 5 s"]["x"] == pytest.approx([10.0, 10.0])
+    late = by_hand(3.4, 1.0, {})
+    assert np.isinf(gaps(late)["impulse by 3 s"]["x"]).all()
 
 
 def test_arrival_for_good_is_bounded_by_arrival_and_by_settling() -> None:
@@ -109,12 +110,38 @@ def test_a_task_of_velocities_has_no_rest() -> None:
     assert not any("rest" in name for name in measures(TrackVelocity()))
 
 
-def test_horizons_are_shares_of_an_episode() -> None:
-    """6, 8, 10, 15, 20 and 25 s of 25 s; of very short episodes at least one period."""
-    usual = Comparison(replace(CONTEST, timing=Timing()))
+def test_horizons_scale_with_the_craft() -> None:
+    """Starts of the platform are 3 to 4 m away; four nozzles of 1 N at 45 degrees push 5.32 kg.
+
+    From rest to rest within 5 cm and 5 cm/s: 2 sqrt(3.5 m / 0.53 m/s^2) = 5.1 s, rounded to 5. A craft of four times
+    the mass needs twice that, and its last horizon is the end of the episode.
+    """
+    usual = Comparison(replace(CONTEST, timing=Timing(), task=GoToPose().for_evaluation()))
+    assert usual.least_time == pytest.approx(5.0)
     assert usual.horizons() == pytest.approx((6.0, 8.0, 10.0, 15.0, 20.0, 25.0))
-    assert Comparison(replace(CONTEST, timing=Timing(episode_steps=1))).horizons() == (0.2,)
-    assert usual.horizons((0.4,)) == pytest.approx((10.0,))
+    assert usual.horizons((2.0,)) == pytest.approx((10.0,))
+    craft = usual.contest.craft
+    heavy = replace(craft, mass=4.0 * craft.mass)
+    slow = Comparison(replace(usual.contest, craft=heavy))
+    assert slow.least_time == pytest.approx(10.0)
+    assert slow.horizons() == pytest.approx((12.0, 16.0, 20.0, 25.0))
+    one_period = Comparison(replace(CONTEST, timing=Timing(episode_steps=1)))
+    assert one_period.horizons() == (0.2,)
+    # A fifth of the episode stands for what has no bound: a motion with constraints.
+    moving = replace(usual.contest, task=TASKS["avoid"]())
+    assert Comparison(moving).least_time == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("mass", [0.05, 0.3, 1.0, 4.0, 30.0, 1000.0])
+def test_the_front_has_whole_periods_from_the_least_time_to_the_end(mass: float) -> None:
+    craft = replace(CONTEST.craft, mass=mass * CONTEST.craft.mass)
+    found = Comparison(replace(CONTEST, craft=craft, timing=Timing()))
+    times = found.front_horizons()
+    assert len(times) <= 22
+    assert list(times) == sorted({*times})
+    assert times[0] == pytest.approx(min(found.least_time, 25.0), abs=0.2)
+    assert times[-1] == pytest.approx(25.0)
+    assert all(count_of_periods(time, 0.2) for time in times)
 
 
 def test_bars_of_the_gaps_stand_at_their_own_values() -> None:

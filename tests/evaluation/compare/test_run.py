@@ -31,6 +31,8 @@ from rans.show.tables.comparison_tables import (
     best_returns,
     differences,
     gaps,
+    outcome,
+    relaxed_rows,
     scoreboard,
     to_json,
 )
@@ -74,16 +76,33 @@ def test_everyone_flies_every_start(comparison: Comparison) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> None:
-    told = "\n".join(comparison.failures)
-    for sentence in (
-        "broken failed: KeyError: 'no such layer'",
-        "minimum fuel in 2.4 s: no trajectory from 3 of 3 starts",
-    ):
-        assert sentence in told
-    assert len(comparison.failures) == 2
+    [told] = comparison.failures
+    assert "broken failed: KeyError: 'no such layer'" in told
     report = page(comparison)
     assert not report.passed
-    assert [finding.text for finding in report.findings[:2]] == comparison.failures
+    assert [finding.text for finding in report.findings[:1]] == comparison.failures
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_what_physics_forbids_is_an_answer() -> None:
+    """An episode of 2 s is shorter than the platform's least time of 2.4 s for 85 cm: nothing has failed."""
+    short = Comparison(replace(CONTEST, episodes=2, timing=Timing(episode_steps=10)))
+    short.fly({}, ["optimal"], certified=1, workers=1)
+    assert short.failures == []
+    time, fuel, _ = short.relaxed.values()
+    assert all(optimum.solved and optimum.arrival > 2.0 for optimum in time)
+    assert [(optimum.solved, optimum.too_early) for optimum in fuel] == [(False, True)] * 2
+    [note] = [note for note in short.notes if "impossible" in note]
+    assert note.startswith("minimum fuel in 2 s: impossible from 2 of 2 starts")
+    [_, row, _] = relaxed_rows(short)
+    assert row[1] == "0 of 2; 2 impossible"
+    board = scoreboard(short)
+    summary = {one["contestant"]: one for one in outcome(short, board)["summary"]}
+    assert summary["minimum fuel in 2 s (relaxed)"]["impossible"] == 2
+    text = dict(comparison_section(outcome(short, board)).summary)["minimum fuel in 2 s (relaxed)"]
+    assert "impossible in this time from 2" in text
+    assert "found none" not in text
 
 
 def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
@@ -258,7 +277,7 @@ def test_a_front_between_flights_and_proofs(
 @pytest.mark.slow
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
     """From rest to rest in 1.4 s, 2.83 N carry 5.32 kg at most a T^2 / 4 = 26 cm."""
-    short = [c for c in comparison.certified if c.horizon == pytest.approx(1.4)]
+    short = list(certified_bounds(comparison.contest, 2, [Event(horizon=1.4)], workers=1))
     assert [(c.lower, c.upper, c.commands) for c in short] == [(math.inf, math.inf, None)] * 2
 
 
@@ -266,7 +285,7 @@ def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
 def test_relaxed_optima(comparison: Comparison) -> None:
     """Replayed in Drake to the millimetre; what may throttle earns more than what may not."""
     solved = [all(row.solved for row in rows) for rows in comparison.relaxed.values()]
-    assert solved == [True, False, True, True]  # 2.4 s are too short
+    assert solved == [True] * 4
     errors = [
         row.replay_error for rows in comparison.relaxed.values() for row in rows if row.solved
     ]
@@ -301,7 +320,7 @@ def test_files_for_others(comparison: Comparison) -> None:
     read = json.loads(json.dumps(plain(to_json(comparison, TEXT)), allow_nan=False))
     assert [row["contestant"] for row in read["summary"]][:2] == ["LQR", IDLE]
     assert read["per_start"]["contestants"][IDLE][2]["arrival"] == "inf"
-    assert read["per_start"]["relaxed"]["minimum fuel in 2.4 s"][0]["thrust"] == "nan"  # not solved
+    assert read["per_start"]["relaxed"]["minimum fuel in 5 s"][0]["thrust"] > 0.0
     assert read["contestants"]["LQR"]["tuning"].startswith("tuned: ")
     section = comparison_section(read)
     assert section.summary[1][1].startswith("settles from 0 of 3 starts")
@@ -381,7 +400,7 @@ def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) 
         certified=99,
         stages=stages,
     )
-    assert told == {"flying LQR": 3, "certified bounds": 3 * 8}  # no more starts than there are
+    assert told == {"flying LQR": 3, "certified bounds": 3 * 6}  # no more starts than there are
     assert found.curve == []
 
 
