@@ -82,6 +82,7 @@ class Registry(Mapping[str, T]):
         checked: converts and checks a loaded object.
         or_else: other forms that a user may give, for messages.
         elsewhere: names by what such objects are called elsewhere, for messages.
+        files: what to write for files of other software, by their suffixes, with {name} and {stem}.
 
     Raises:
         ConfigError: by ``registry[name]``: there is no such object, it is not valid (the message names its
@@ -96,6 +97,7 @@ class Registry(Mapping[str, T]):
         checked: Callable[[Any], T],
         or_else: str = "",
         elsewhere: Mapping[str, str] = MappingProxyType({}),
+        files: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._kind = kind
         self._group = group
@@ -103,6 +105,7 @@ class Registry(Mapping[str, T]):
         self._checked = checked
         self._or_else = or_else
         self._elsewhere = elsewhere
+        self._files = files
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
         self.announce: Callable[[str], object] = lambda _: None
@@ -183,7 +186,9 @@ class Registry(Mapping[str, T]):
     def _load(self, name: str) -> T:
         package = self.package(name)
         if name not in self and ":" not in name:
-            near = self.meant(name) or (_of_file(name, self._kind) if self._or_else else "")
+            near = self.meant(name) or (
+                _of_file(name, self._kind, self._files) if self._or_else else ""
+            )
             if self._or_else and "=" in name:
                 near = " (write the line into a file, such as mine.toml, and name that)"
             raise ConfigError(
@@ -210,7 +215,7 @@ class Registry(Mapping[str, T]):
         return resolve(first.value)
 
 
-def _of_file(name: str, kind: str) -> str:
+def _of_file(name: str, kind: str, files: Mapping[str, str]) -> str:
     """What to write for a name that is a file or a folder, or nearly one; else an empty text."""
     path = Path(name)
     try:
@@ -223,8 +228,8 @@ def _of_file(name: str, kind: str) -> str:
         return f" (it is a folder{f'; did you mean {own}?' if own.exists() else ''})"
     if not is_file:
         return meant_file(name)
-    if kind == "spacecraft" and path.suffix in (".urdf", ".sdf", ".xml", ".txt"):
-        return f" (`rans init {path.stem}.toml --from {name}` makes a spacecraft of the file)"
+    if hint := files.get(path.suffix.lower()):
+        return f" ({hint.format(name=name, stem=path.stem)})"
     return " (it is a file, but its name does not end in .toml)"
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rans.api.names import load_spacecraft
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, RansWarning, brief
 from rans.model.actuators import Wheel
 from rans.model.foreign import Foreign, is_foreign, read_foreign
 from rans.model.joined import Effectors, joined
+from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_draft import (
     actuators_of,
@@ -170,6 +172,9 @@ def init_spacecraft(
             )
         foreign = start.source
         origin = f"Written by rans init, from {foreign}."
+        for remark in start.remarks:
+            origin += f"\n# Of that file: {remark}."
+            warnings.warn(f"of {foreign}: {remark}.", RansWarning, stacklevel=2)
         mass = start.mass if mass is None else mass
         if start.inertia is not None and size is None:
             flat_inertia = _tensor(start.inertia[2][2], dimension)
@@ -238,6 +243,8 @@ def init_spacecraft(
         settings["thrust_sharing"] = thrust_sharing
     # The text is read again, so that a draft is what its file will be.
     craft = Spacecraft(dimension=flat, **settings) if start is None else replace(start, **settings)
+    for misfit in misfits(craft) if foreign is not None else ():
+        warnings.warn(f"of {foreign}: {misfit}.", RansWarning, stacklevel=2)
     text = commented(craft, origin)
     return Draft(parse_spacecraft(text, name), text)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +32,14 @@ _DECLARES = re.compile(r"<!\s*(ENTITY|ATTLIST|DOCTYPE)", re.IGNORECASE)
 """Declarations of entities, which can grow without bound."""
 _NOZZLE = re.compile("thruster|nozzle", re.IGNORECASE)
 """Names of links that are thrusters."""
+_OUT_OF_PLANE = 1e-3
+"""Part of a force along z that is laid into the plane. People type angles with two to five digits: 3.1416 is off by
+7e-6 rad, 90 degrees as 1.57 by 8e-4, and a force turned by a milliradian loses 5e-7 of itself."""
+_UNBALANCED = 0.01
+"""Part of the largest principal moment of a link by which it may exceed the sum of the others, or by which another
+may be below zero: files have moments with two or three digits."""
+_COMMENT = re.compile(r"(<!\[CDATA\[.*?\]\]>)|<!--.*?-->", re.DOTALL)
+"""A comment of XML, or text that may hold the beginning of one."""
 _PLUGIN = "SpacecraftThrusterModel"
 _MOST_LINKS = 10_000
 
@@ -70,6 +78,8 @@ class Foreign:
     """m, in G."""
     nozzles: tuple[Nozzle, ...] = ()
     wheels: tuple[Wheel, ...] = ()
+    remarks: tuple[str, ...] = ()
+    """What the file says and a spacecraft of RANS cannot have, or what it does not say and is assumed; clauses."""
 
     @property
     def radius(self) -> float | None:
@@ -89,10 +99,11 @@ class Foreign:
         """
         if dimension == 2:
             for nozzle_pose in self.nozzles:
-                if abs(nozzle_pose.direction[2]) > 1e-6:
+                across = abs(nozzle_pose.direction[2])
+                if across > _OUT_OF_PLANE:
                     raise ConfigError(
-                        f"{nozzle_pose.name} of {self.source} pushes along z, out of the plane: set dimension to 3 "
-                        "or give thrusters of the plane with --thruster."
+                        f"{nozzle_pose.name} of {self.source} pushes along z, {across:.2g} of its force out of the "
+                        "plane: set dimension to 3 or give thrusters of the plane with --thruster."
                     )
         if any(nozzle.force is None or nozzle.position is None for nozzle in self.nozzles):
             missing = "force" if all(nozzle.position for nozzle in self.nozzles) else "position"
@@ -171,13 +182,29 @@ def _rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
+def _check_body(what: str, mass: float, inertia: np.ndarray) -> None:
+    """Refuse (`ConfigError`) a mass or an inertia that no body has; both may be zero."""
+    if mass < 0.0:
+        raise ConfigError(f"the mass of {what} must be at least 0 kg, got {mass:g}.")
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    slack = _UNBALANCED * max(high, 0.0)
+    if low < -slack or high > low + middle + slack:
+        raise ConfigError(
+            f"the inertia of {what} must be that of a body, no principal moment below zero or above the sum of the "
+            f"others, got {low:.4g}, {middle:.4g} and {high:.4g} kg m^2."
+        )
+
+
 def _lumped(
     source: str,
     links: Mapping[str, _Link],
     poses: Mapping[str, _Pose],
     forces: Mapping[str, float | None],
+    remarks: Iterable[str],
 ) -> Foreign:
     """One rigid body of all links, with the parallel-axis theorem; thrusters are links with an entry in forces."""
+    for name, link in links.items():
+        _check_body(f"the link {brief(name)}", link.mass, link.inertia)
     mass = sum(link.mass for link in links.values())
     if not mass > 0.0:
         raise ConfigError("no link has a mass; is <inertial> missing?")
@@ -196,7 +223,9 @@ def _lumped(
     )
     lumped = "" if len(links) == 1 else f", its {len(links)} links as one body with joints at zero"
     tensor = _tensor(inertia) if inertia.any() else None
-    return Foreign(f"{source}{lumped}", mass, tensor, _triple(centre), nozzles)
+    return Foreign(
+        f"{source}{lumped}", mass, tensor, _triple(centre), nozzles, remarks=tuple(remarks)
+    )
 
 
 def _tensor(inertia: np.ndarray) -> tuple[tuple[float, float, float], ...]:
@@ -218,7 +247,11 @@ def _number(value: float | str) -> str:
 
 
 def _xml(text: str) -> ET.Element:
-    """Root of an XML text that declares nothing."""
+    """Root of an XML text that declares nothing.
+
+    Comments are cut: Gazebo's reader takes "--" in them, as its own examples have it, and Python's does not.
+    """
+    text = _COMMENT.sub(lambda match: match[1] or "\n" * match[0].count("\n"), text)
     if _DECLARES.search(text):
         raise ConfigError("it declares entities or a document type, which robots do not need.")
     try:
@@ -241,11 +274,15 @@ def _numbers(text: str | None, count: int, what: str) -> np.ndarray:
     return values
 
 
-def _forces(plugins: Iterable[ET.Element], links: Mapping[str, _Link]) -> dict[str, float | None]:
+def _forces(
+    plugins: Iterable[ET.Element], links: Mapping[str, _Link], remarks: list[str]
+) -> dict[str, float | None]:
     """Links that are thrusters, in the order of their commands, with their forces where a plugin says them."""
-    stated: list[tuple[int, str, float | None]] = []
+    stated: dict[str, tuple[int | None, float | None]] = {}
+    others: list[str] = []
     for plugin in plugins:
         if _PLUGIN not in plugin.get("name", "") + plugin.get("filename", ""):
+            others.append(plugin.get("name") or plugin.get("filename") or "a plugin")
             continue
         # Gazebo's code reads snake_case, its page has camelCase.
         values = {
@@ -255,20 +292,49 @@ def _forces(plugins: Iterable[ET.Element], links: Mapping[str, _Link]) -> dict[s
         link = values.get("link_name", "")
         if link not in links:
             raise ConfigError(f"a plugin {_PLUGIN} names the link {brief(link)}, which is none.")
-        number = values.get("actuator_number", "")
-        thrust = values.get("max_thrust")
-        stated.append(
-            (
-                int(number) if number.isdecimal() else len(stated),
-                link,
-                None if thrust is None else float(_numbers(thrust, 1, f"max_thrust of {link}")[0]),
+        if link in stated:
+            raise ConfigError(
+                f"two plugins {_PLUGIN} name the link {brief(link)}: a thruster has one."
             )
+        thrust = values.get("max_thrust")
+        stated[link] = (
+            _actuator_number(values.get("actuator_number"), link),
+            None if thrust is None else float(_numbers(thrust, 1, f"max_thrust of {link}")[0]),
         )
-    if stated:
-        return {
-            link: force for _, link, force in sorted(stated, key=lambda statement: statement[0])
-        }
-    return {name: None for name in links if _NOZZLE.search(name)}
+    if others:
+        remarks.append(f"its plugins {brief(sorted(set(others)))} are not read")
+    if not stated:
+        return {name: None for name in links if _NOZZLE.search(name)}
+    # Gazebo sends each number of a command to the plugin of that number.
+    owners: dict[int, str] = {}
+    for link, (number, _) in stated.items():
+        if number is None:
+            if len(stated) > 1:
+                raise ConfigError(
+                    f"the plugin {_PLUGIN} of {brief(link)} has no <actuator_number>, which says its command."
+                )
+            number = 0
+        if number in owners:
+            raise ConfigError(
+                f"the links {brief(owners[number])} and {brief(link)} have one actuator_number, {number}: "
+                "thrusters that share a command are not read; give each a number of its own."
+            )
+        owners[number] = link
+    numbers = sorted(owners)
+    if numbers != list(range(len(numbers))):
+        remarks.append(f"its actuator numbers {brief(numbers)} become commands from 0 on")
+    return {owners[number]: stated[owners[number]][1] for number in numbers}
+
+
+def _actuator_number(text: str | None, link: str) -> int | None:
+    """Number of a thruster's command; None: not stated."""
+    if text is None:
+        return None
+    if not re.fullmatch(r"\d{1,6}", text, re.ASCII):
+        raise ConfigError(
+            f"actuator_number of {brief(link)} must be a whole number below a million, got {brief(text)}."
+        )
+    return int(text)
 
 
 def _inertia(
@@ -326,7 +392,9 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
         for child in ready:
             parent, origin = waiting.pop(child)
             poses[child] = poses[parent].then(origin)
-    return _lumped(name, links, poses, _forces(root.iterfind("gazebo/plugin"), links))
+    remarks: list[str] = []
+    forces = _forces(root.iterfind("gazebo/plugin"), links, remarks)
+    return _lumped(name, links, poses, forces, remarks)
 
 
 def _urdf_link(link: ET.Element) -> _Link:
@@ -419,7 +487,20 @@ def _sdf(root: ET.Element, name: str) -> Foreign:
         for own in ready:
             parent, pose = waiting.pop(own)
             poses[own] = poses[parent].then(pose)
-    return _lumped(name, links, poses, _forces(model.iterfind("plugin"), links))
+    remarks: list[str] = []
+    silent = [link.get("name", "") for link in model.findall("link") if _is_silent(link)]
+    if silent:
+        remarks.append(
+            f"a mass of 1 kg and moments of 1 kg m^2, SDF's defaults, are assumed where {brief(silent)} state none"
+        )
+    forces = _forces(model.iterfind("plugin"), links, remarks)
+    return _lumped(name, links, poses, forces, remarks)
+
+
+def _is_silent(link: ET.Element) -> bool:
+    """Whether a link leaves its mass or its inertia to the format's defaults."""
+    inertial = link.find("inertial")
+    return inertial is None or inertial.find("mass") is None or inertial.find("inertia") is None
 
 
 def _sdf_link(link: ET.Element) -> _Link:
@@ -506,7 +587,8 @@ def _table(text: str, name: str) -> Foreign:
             "a .txt file must be a spacecraft file of 42, whose first line has '42: Spacecraft Description File', "
             f"got {brief(lines[0])}."
         )
-    sections = {word: _Lines(word) for word in ("body", "wheel", "thruster")}
+    words = ("body", "wheel", "thruster", "mtb", "dynamics flags")
+    sections = {word: _Lines(word) for word in words}
     current: _Lines | None = None
     for number, line in enumerate(lines, 1):
         title = re.match(r"\*+\s*(\w[\w\s]*?)\s*\*+\s*$", line)
@@ -515,13 +597,16 @@ def _table(text: str, name: str) -> Foreign:
         elif current is not None and "!" in line:
             value, _, comment = line.partition("!")
             current.rows.append((number, value.strip(), comment.strip().lower()))
-    body, wheel, thruster = sections.values()
+    body, wheel, thruster, *_ = sections.values()
     bodies = body.count("number of bodies")
     if bodies != 1:
         raise ConfigError(f"it must have one body, got {bodies}: joints are not read.")
+    mass = float(body.numbers("mass", 1)[0])
     x, y, z = body.numbers("moments of inertia", 3)
     # 42's products are integrals of x y dm; the entries of the tensor are their negatives.
     xy, xz, yz = -body.numbers("products of inertia", 3)
+    tensor = np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
+    _check_body("its body", mass, tensor)
     nozzles = []
     for k in range(thruster.count("number of thrusters")):
         position = None
@@ -544,9 +629,39 @@ def _table(text: str, name: str) -> Foreign:
         wheels.append(Wheel(_triple(axis / length), float(torque), float(momentum), inertia))
     return Foreign(
         name,
-        float(body.numbers("mass", 1)[0]),
-        _tensor(np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]])),
+        mass,
+        _tensor(tensor),
         _triple(body.numbers("location of mass center", 3)),
         tuple(nozzles),
         tuple(wheels),
+        tuple(_unread(sections)),
     )
+
+
+def _unread(sections: Mapping[str, _Lines]) -> Iterator[str]:
+    """What a table of 42 says and a spacecraft of RANS does not have, as clauses."""
+    body, wheel, thruster, mtb, flags = sections.values()
+    # A table with no thruster or wheel still has the lines of one, as a pattern.
+    modes = thruster.all("mode")[: thruster.count("number of thrusters")]
+    if proportional := sum("PROPORTIONAL" in mode.upper() for _, mode in modes):
+        yield (
+            f"{proportional} of {counted(thruster.count('number of thrusters'), 'thruster')} are PROPORTIONAL and "
+            "become valves that are open or shut, unless --set actuators=throttle"
+        )
+    stored = wheel.all("initial momentum")[: wheel.count("number of wheels")]
+    for rows, what in (
+        (body.all("constant embedded momentum"), "constant embedded momentum"),
+        (stored, "initial momentum of wheels"),
+    ):
+        values = [value for _, value in rows]
+        if any(_is_nonzero(value) for value in values):
+            yield f"its {what} is not read, {brief('; '.join(values))} N m s"
+    if count := mtb.count("number of mtb"):
+        yield f"its {counted(count, 'magnetic torquer')} are not read"
+    if any(value.upper() == "TRUE" for _, value in flags.all("flex active")):
+        yield "its flexible modes are not read"
+
+
+def _is_nonzero(text: str) -> bool:
+    """Whether a text has anything besides zeros."""
+    return bool(re.search(r"[^0.\s+-]", re.sub(r"[eE][+-]?\d+", "", text)))

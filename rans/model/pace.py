@@ -14,6 +14,9 @@ nozzles reach 1.22 of it (Apollo), and no body's radius of gyration exceeds its 
 _SMALL = 20.0
 """Factor by which a radius exceeds all else of a body: real craft have a radius of gyration of at least 0.35 of
 it."""
+_LIGHTEST = 0.01
+"""kg/m^3 of a ball through the outermost thruster. Solar sails have about 0.1 (IKAROS: 310 kg, 7 m to a tip), the
+space station 0.6; a file in mm has a billionth of what is meant, one in cm a millionth."""
 
 
 def seconds_for_a_metre(craft: Spacecraft) -> float:
@@ -81,5 +84,10 @@ def misfits(craft: Spacecraft) -> list[str]:
         result.append(
             f"its radius is {radius:g} m, but its inertia is that of a body of {gyration:.3g} m about its centre, "
             f"and no thruster is farther than {arm:.3g} m from it: the usual cause is a radius in mm or cm"
+        )
+    if craft.mass < _LIGHTEST * 4.0 / 3.0 * math.pi * arm**3:
+        result.append(
+            f"a thruster is {arm:.3g} m from the centre of a mass of {craft.mass:g} kg, farther than on any solar "
+            "sail: the usual cause are positions in mm or cm, or a mass in t"
         )
     return result

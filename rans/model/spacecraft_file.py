@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from rans.errors import ConfigError, RansWarning, brief, meant, meant_file, text_of_name
 from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
+from rans.model.foreign import FORMATS
 from rans.model.pace import misfits
 from rans.model.slosh import Slosh
 from rans.model.solids import Solid, with_meshes
@@ -84,6 +85,12 @@ SPACECRAFT = Registry(
     },
     _described,
     ", or a file whose name ends in .toml",
+    files={
+        **dict.fromkeys(
+            FORMATS, "`rans init {stem}.toml --from {name}` makes a spacecraft of the file"
+        ),
+        ".xml": "MJCF is not read; write it as URDF or SDF for `rans init FILE.toml --from FILE`",
+    },
 )
 """Spacecraft by name."""
 

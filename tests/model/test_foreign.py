@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import random
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import rans
 from rans.errors import ConfigError
 from rans.model.foreign import Foreign, read_foreign
 from tests.support.damage import damaged
@@ -201,6 +204,196 @@ def test_a_table_without_places_of_thrusters_says_what_to_add(tmp_path: Path) ->
     text = "\n".join(line for line in TABLE.split("\n") if "Location in B0" not in line)
     with pytest.raises(ConfigError, match=r"--thruster 'POSITION; -1, 0, 0; 1\.5'"):
         read(text, ".txt", tmp_path).thrusters(3)
+
+
+def link(name: str, more: str = "", mass: str = "17", moments: str = "0.3 0.3 0.3") -> str:
+    """A link of an SDF with principal moments along its axes."""
+    tensor = "".join(
+        f"<{k}>{x}</{k}>" for k, x in zip(("ixx", "iyy", "izz"), moments.split(), strict=True)
+    )
+    inertial = f"<inertial><mass>{mass}</mass><inertia>{tensor}</inertia></inertial>"
+    return f"<link name='{name}'>{more}{inertial}</link>"
+
+
+def jets(*poses: str, numbers: Sequence[object] | None = None, force: str = "1.4") -> str:
+    """A hull with thrusters at these poses, as the tutorial of Gazebo's thrusters writes them."""
+    parts = [link("base")]
+    for k, pose in enumerate(poses):
+        number = k if numbers is None else numbers[k]
+        tag = "" if number is None else f"<actuator_number>{number}</actuator_number>"
+        parts += [
+            link(f"jet_{k}", f"<pose>{pose}</pose>", "0.001", "1e-5 1e-5 1e-5"),
+            f"<plugin filename='x' name='gz::sim::systems::SpacecraftThrusterModel'>"
+            f"<link_name>jet_{k}</link_name>{tag}<max_thrust>{force}</max_thrust></plugin>",
+        ]
+    return f"<sdf version='1.9'><model name='m'>{''.join(parts)}</model></sdf>"
+
+
+FLAT = [
+    "-0.12 0.12 0.2 {pi} {half} {pi}",
+    "0.12 0.12 0.2 0 {half} {pi}",
+    "0.12 -0.12 0.2 {half} 0 {pi}",
+    "0.12 0.12 0.2 {half} 0 0",
+]
+"""Thrusters that push along x, -x, y and -y."""
+
+
+@pytest.mark.parametrize(
+    ("pi", "half"),
+    [("3.14159265358979", "1.5707963267949"), ("3.14159", "1.57079"), ("3.1416", "1.5708")],
+)
+@pytest.mark.filterwarnings("ignore:spacecraft .* cannot push and turn it")
+def test_typed_angles_are_laid_into_the_plane(pi: str, half: str, tmp_path: Path) -> None:
+    file = tmp_path / "m.sdf"
+    file.write_text(jets(*(pose.format(pi=pi, half=half) for pose in FLAT)))
+    craft = rans.init_spacecraft("mine", base=file, dimension=2).spacecraft
+    for thruster, along in zip(craft.thrusters, [(1, 0), (-1, 0), (0, 1), (0, -1)], strict=True):
+        # A hundredth of what makes an angle of five digits wrong.
+        assert thruster.direction == pytest.approx((*along, 0.0), abs=1e-4)
+        assert np.hypot(*thruster.direction[:2]) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_force_out_of_the_plane_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "m.sdf"
+    file.write_text(jets("0 0.1 0 0 1.56 0"))
+    with pytest.raises(ConfigError, match=r"jet_0 .* pushes along z, 0\.011 of its force"):
+        rans.init_spacecraft("mine", base=file, dimension=2)
+
+
+def test_comments_of_gazebo_are_read_and_texts_that_look_so_are_left(tmp_path: Path) -> None:
+    """Its example worlds have `--msgtype` in a comment; tinyxml2 takes it, and the standard of XML does not."""
+    body = link("base", "<a><![CDATA[<!-- not a comment --]]></a>")
+    whole = f"<sdf><model name='m'>{body}</model></sdf>"
+    text = whole.replace("<model", "<!-- gz topic --msgtype x\n<link name='no'/> --><model")
+    assert read(text, ".sdf", tmp_path).mass == read(whole, ".sdf", tmp_path).mass == 17.0
+
+
+BAD_BODIES = [("-1", "0.1 0.1 0.1"), ("1", "-0.2 0.1 0.1"), ("1", "0.0001 0.0001 0.9")]
+
+
+@pytest.mark.parametrize(("mass", "moments"), BAD_BODIES)
+@pytest.mark.parametrize("suffix", [".urdf", ".sdf", ".txt"])
+def test_bodies_that_cannot_be_are_refused_by_name(
+    suffix: str, mass: str, moments: str, tmp_path: Path
+) -> None:
+    """Although the whole craft could be: a heavy hull is beside the link."""
+    x, y, z = moments.split()
+    if suffix == ".sdf":
+        text = f"<sdf><model name='m'>{link('base')}{link('leg', '', mass, moments)}</model></sdf>"
+    elif suffix == ".urdf":
+        text = (
+            "<robot name='r'><link name='b'><inertial><mass value='10'/><inertia ixx='1' iyy='1' izz='1'/>"
+            f"</inertial></link><link name='leg'><inertial><mass value='{mass}'/>"
+            f"<inertia ixx='{x}' iyy='{y}' izz='{z}'/></inertial></link><joint name='j' type='fixed'>"
+            "<origin xyz='0.5 0 0'/><parent link='b'/><child link='leg'/></joint></robot>"
+        )
+    else:
+        text = TABLE.replace("6.0    ", f"{mass}    ").replace("0.9  0.8  0.7", moments)
+        text = text.replace("0.06 0.02 0.03", "0 0 0")
+    what = "mass" if mass == "-1" else "inertia"
+    who = "its body" if suffix == ".txt" else "the link 'leg'"
+    with pytest.raises(ConfigError, match=f"the {what} of {who} must be"):
+        read(text, suffix, tmp_path)
+
+
+def test_moments_of_a_plate_in_two_digits_are_read(tmp_path: Path) -> None:
+    text = f"<sdf><model name='m'>{link('plate', '', '1', '0.050 0.050 0.1005')}</model></sdf>"
+    assert read(text, ".sdf", tmp_path).inertia is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (jets("0 0 0 0 0 0", "1 0 0 0 0 0", numbers=[2, 2]), "'jet_0' and 'jet_1' have one act.*2"),
+        (jets("0 0 0 0 0 0", "1 0 0 0 0 0", numbers=[None, 0]), "'jet_0' has no <actuator_num"),
+        (jets("0 0 0 0 0 0", numbers=["9" * 5000]), "actuator_number of 'jet_0' must be a whole"),
+        (jets("0 0 0 0 0 0", numbers=["-1"]), "must be a whole number below a million, got '-1'"),
+        (jets("0 0 0 0 0 0", numbers=["٣"]), "must be a whole number below a million"),
+        (
+            jets("0 0 0 0 0 0", "1 0 0 0 0 0").replace("<link_name>jet_1", "<link_name>jet_0"),
+            "two plugins SpacecraftThrusterModel name the link 'jet_0'",
+        ),
+        (jets("0 0 0 0 0 0", force="x"), "max_thrust of jet_0 must be 1 finite number"),
+    ],
+)
+def test_plugins_that_share_are_refused(text: str, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        read(text, ".sdf", tmp_path)
+
+
+PROPORTIONAL = TABLE.replace(
+    " 1.5                        ! Thrust Force",
+    "PROPORTIONAL ! Mode (PULSED or PROPORTIONAL)\n 1.5  ! Thrust Force",
+)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "remark"),
+    [
+        (".txt", PROPORTIONAL, "1 of 2 thrusters are PROPORTIONAL and become valves"),
+        (
+            ".txt",
+            TABLE.replace("JustA", "0 5.0 0 ! Constant Embedded Momentum (Nms)\nJustA"),
+            "its constant embedded momentum is not read, '0 5.0 0' N m s",
+        ),
+        (
+            ".txt",
+            TABLE.replace("0.0                         ! Initial", "-1e-3 ! Initial"),
+            "wheels",
+        ),
+        (
+            ".sdf",
+            jets("1 0 0 0 0 0").replace("<plugin", "<plugin name='Camera'/><plugin", 1),
+            r"its plugins \['Camera'\] are not read",
+        ),
+        (".sdf", jets("1 0 0 0 0 0", "2 0 0 0 0 0", numbers=[7, 3]), r"numbers \[3, 7\] become"),
+        (
+            ".sdf",
+            jets("1 0 0 0 0 0").replace("<model name='m'>", "<model name='m'><link name='bare'/>"),
+            r"1 kg and moments of 1 kg m\^2, SDF's defaults, are assumed where \['bare'\]",
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:spacecraft .* cannot push and turn it")
+def test_what_is_not_kept_is_named(suffix: str, text: str, remark: str, tmp_path: Path) -> None:
+    """In a warning, and in the file that is written."""
+    assert re.search(remark, "; ".join(read(text, suffix, tmp_path).remarks))
+    file = tmp_path / f"m{suffix}"
+    file.write_text(text)
+    with pytest.warns(rans.RansWarning, match=remark):
+        draft = rans.init_spacecraft("mine", base=file, dimension=3)
+    assert re.search(rf"^# Of that file: .*{remark}", draft.text, re.MULTILINE)
+
+
+def test_a_table_without_effectors_has_their_lines_as_a_pattern(tmp_path: Path) -> None:
+    """They are no thrusters and wheels of the craft: nothing is said of them."""
+    text = PROPORTIONAL.replace("2                           ! Number", "0   ! Number")
+    text = text.replace("0.0                         ! Initial", "7.0 ! Initial")
+    found = read(text, ".txt", tmp_path)
+    assert (found.nozzles, found.wheels, found.remarks) == ((), (), ())
+
+
+def test_the_numbers_of_plugins_are_the_order_of_commands(tmp_path: Path) -> None:
+    found = read(jets("1 0 0 0 0 0", "2 0 0 0 0 0", numbers=[1, 0]), ".sdf", tmp_path)
+    assert [nozzle.name for nozzle in found.nozzles] == ["jet_1", "jet_0"]
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft .* cannot push and turn it")
+def test_a_file_in_millimetres_is_warned_of(tmp_path: Path) -> None:
+    file = tmp_path / "mm.sdf"
+    file.write_text(jets("120 0 200 0 0 0", "-120 0 200 0 0 0"))
+    with pytest.warns(rans.RansWarning, match=r"a thruster is \d+ m .*positions in mm or cm"):
+        rans.init_spacecraft("mine", base=file, dimension=3)
+
+
+def test_the_hint_for_a_file_of_mujoco_is_no_command_that_refuses_it(tmp_path: Path) -> None:
+    file = tmp_path / "m.xml"
+    file.write_text("<mujoco/>")
+    with pytest.raises(ConfigError, match="MJCF is not read"):
+        rans.init_spacecraft("mine", base=file, dimension=3)
+    (tmp_path / "m.urdf").write_text("")
+    with pytest.raises(ConfigError, match=r"rans init m\.toml --from .*m\.urdf"):
+        rans.load_spacecraft(tmp_path / "m.urdf")
 
 
 @pytest.mark.parametrize(
