@@ -17,7 +17,7 @@ from tyro.conf import Positional, arg
 from rans.cli.numbers import named_numbers
 from rans.cli.options import Former
 from rans.errors import ConfigError, require
-from rans.files import parse_json, read_bytes
+from rans.files import read_bytes
 from rans.terminal import Terminal, progress
 
 _CHUNK = 4
@@ -52,8 +52,8 @@ class Prove:
     start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S")] = None
     """Starts of the agent: every state up to this speed and this spin."""
     off: Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S")] = ""
-    """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and how late
-    thrusters may open and shut; by default 0."""
+    """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and the delay of
+    all thrusters, which is one constant, the same to open and to shut; by default 0."""
     resolution: int = 1
     """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
     are 1/512 of the range of a start by default."""
@@ -98,8 +98,22 @@ class Prove:
         """Prove a trapping set."""
         from rans.evaluation.fly.agent import load_policy
         from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.fast.learn.run_folder import RunFolder
         from rans.proof import trap as traps
 
+        # Which agents can be proved is said before anything is asked for.
+        contestant = ContestantName.parse(agent)
+        folder = contestant.folder
+        task = RunFolder(folder).config().task
+        if task != "track-velocity":
+            raise ConfigError(
+                f"{agent} flies {task}, and no proof is known for that: rans prove proves on/off agents that track "
+                "velocities in the plane, such as track-velocity-2d, and networks in ONNX files with a --problem."
+            )
+        run = load_policy(folder)
+        files = _files(folder)
+        loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+        # Property, starts and errors.
         if self.property is None or self.start is None:
             raise ConfigError(
                 "name the --property to keep and the starts, --from, of an agent, as in "
@@ -117,18 +131,6 @@ class Prove:
                 raise ConfigError(
                     f"--from {key} must be from 0 to the {limit:g} of --property, got {start[key]:g}."
                 )
-        # The closed loop of the agent.
-        contestant = ContestantName.parse(agent)
-        folder = contestant.folder
-        run = load_policy(folder)
-        files = _files(folder)
-        config = parse_json(files["config.json"], folder / "config.json")
-        if config.get("task") != "track-velocity":
-            raise ConfigError(
-                f"{agent} flies {config.get('task')}, and rans prove proves agents that track velocities in the "
-                "plane, such as track-velocity-2d: name one, or FILE.onnx with a --problem."
-            )
-        loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
         begun = time.monotonic()
         terminal = Terminal()
         limits = keep["speed"], keep["spin"]
@@ -166,14 +168,10 @@ class Prove:
         shipped = contestant.kind == "pretrained"
         default_file = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
         output = self.output or default_file
-        digest = traps.write_trap(
-            trap, keep["spin"], begin, {name: files[name] for name in traps.BOUND}, output
-        )
+        certificate = traps.write_trap(trap, keep["spin"], begin, files, output)
         terminal.say(
-            f"Proved: from every velocity up to {begin[0]:g} m/s and every spin up to {begin[1]:g} rad/s "
-            f"{folder.name} never exceeds {keep['speed']:g} m/s and {keep['spin']:g} rad/s while its goal is at "
-            f"rest; {len(trap.cells):,} cells, {seconds:.1f} s. The certificate is {output} (SHA-256 "
-            f"{digest[:16]})."
+            f"Proved: {folder.name} on {run.craft.name}, {certificate.theorem}. {len(trap.cells):,} cells, "
+            f"{seconds:.1f} s. The certificate is {output} (SHA-256 {certificate.sha256[:16]})."
         )
         terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
         return 0
@@ -182,21 +180,21 @@ class Prove:
         """Check the certificate of a trapping set."""
         require("flint")
         from rans.evaluation.fly.contestant_name import ContestantName
-        from rans.proof.certificate import LARGEST
+        from rans.proof.trap_certificate import LARGEST, read_certificate
 
-        content = read_bytes(certificate, LARGEST)
-        table = parse_json(content, certificate)
-        if not (
-            isinstance(table, dict) and isinstance(table.get("cells"), list) and "grid" in table
-        ):
-            raise ConfigError(f"{certificate} is no certificate of an agent's trapping set.")
-        count = len(table["cells"])
-        files = _files(ContestantName.parse(agent).folder)
-        # One job at least: without cells too a checker looks at the cover and at the agent.
-        chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)] or [range(0)]
-        return self._judged(
-            _trapped, [(content, files, list(chunk)) for chunk in chunks], count, 64
-        )
+        # The certificate, the agent and the cover, before other processes begin with the cells.
+        folder = ContestantName.parse(agent).folder
+        content, files = read_bytes(certificate, LARGEST), _files(folder)
+        _, refusal = _trapped(None, content, files, [], is_flown=True)
+        if refusal:
+            Terminal().say(f"Refused: {refusal}")
+            return 1
+        table = read_certificate(content, certificate)
+        count = len(table.cells)
+        chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
+        jobs = [(content, files, list(chunk)) for chunk in chunks]
+        statement = f" Proved: {folder.name}, {table.theorem}."
+        return self._judged(_trapped, jobs, count, 64, statement)
 
     def _prove(self) -> int:
         """Prove a property of a network with the plant of a problem's file."""
@@ -345,18 +343,23 @@ def _flown(agent: str, start: np.ndarray) -> str:
 
 def _files(folder: Path) -> dict[str, bytes]:
     """Files of an agent that a certificate is about."""
-    names = ("agent.safetensors", "config.json", "spacecraft.toml")
-    return {name: read_bytes(folder / name, 2**28) for name in names}
+    from rans.proof.trap_certificate import FILES
+
+    return {name: read_bytes(folder / name, 2**28) for name in FILES}
 
 
 def _trapped(
-    _: None, certificate: bytes, files: dict[str, bytes], cells: list[int]
+    _: None,
+    certificate: bytes,
+    files: dict[str, bytes],
+    cells: list[int],
+    is_flown: bool = False,
 ) -> tuple[float, str]:
     """Infinity, as a trapping set has no margins, and why its certificate is refused, or ""."""
     from rans.proof.check_trap import check_trap
 
     def judge() -> float:
-        check_trap(certificate, files, only=cells)
+        check_trap(certificate, files, cells, is_flown)
         return math.inf
 
     return _verdict(judge)

@@ -1,25 +1,30 @@
-"""Check of a trapping set in ball arithmetic; it shares no code with the prover.
+"""Check of a trapping set in ball arithmetic; it shares no mathematics with the prover.
 
-It reads the files of the agent itself: weights, thrusters, and control period. A certificate is accepted if it is
-of these files, its cells contain the starts, and every command that a cell may have moves the whole cell into cells
-of the certificate, without passing the limits of speed and spin on the way. Numbers are intervals of FLINT
-(`rans.proof.balls`), except whole numbers of cells.
+A certificate is accepted if it is of the agent's files, its cells contain the starts, and every command that a
+cell may have moves the whole cell into cells of the certificate, without passing the limits of speed and spin on
+the way. Numbers are intervals of FLINT (`rans.proof.balls`), except whole numbers of cells.
+
+Weights and architecture are those of the reader that a flight uses, thrusters, mass and control period are read
+from the files anew. `rans.proof.flown` compares all of these with the agent as it flies.
 """
 
 from __future__ import annotations
 
 import functools
-import hashlib
 import itertools
 import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
+from rans.errors import RansError, brief
+from rans.fast.agent_files.agent import policy_of
+from rans.policy.network import Network
 from rans.proof.balls import (
     Refused,
     absolute_row_sums,
@@ -29,87 +34,96 @@ from rans.proof.balls import (
     side_by_side,
     with_sizes,
 )
+from rans.proof.flown import Formulas, check_architecture, check_flown, read_run
+from rans.proof.trap_certificate import TrapCertificate, read_certificate
 
-FILES = ("agent.safetensors", "config.json", "spacecraft.toml")
 _BITS = 64
 _LOGIT = arb("0.001")
 """Log-odds below which a command is undecided."""
 _TOLERANCE = arb(2) ** -40
 """Of integrals; what is left is in their balls."""
 _CLIP = 10.0
-"""Normalised columns are clipped here; cells that reach it are refused."""
+"""Normalised columns are clipped here (`rans.proof.flown.check_architecture`); cells that reach it are refused."""
+_CRAFT = {
+    "name": None,
+    "dimension": (2,),
+    "mass": None,
+    "inertia": None,
+    "radius": None,
+    "shape": None,
+    "solid": None,
+    "thrust_sharing": ("none",),
+    "centre_of_mass": None,
+    "actuators": ({"kind": "on-off"},),
+    "thruster": None,
+}
+"""Keys that a spacecraft may have, and the values that are proved for; None: any, or compared where it is read."""
+_THRUSTER = {"position", "direction", "force", "supply"}
 
 
 def check_trap(
-    certificate: bytes, files: Mapping[str, bytes], only: Sequence[int] | None = None
-) -> None:
-    """Check a certificate of a trapping set.
+    certificate: bytes,
+    files: Mapping[str, bytes],
+    only: Sequence[int] | None = None,
+    is_flown: bool = True,
+) -> TrapCertificate:
+    """Check a certificate of a trapping set, and return what it states.
 
     Args:
         certificate: content of its file.
         files: contents of the agent's files, by name.
         only: numbers of the cells whose images are checked; None: all.
+        is_flown: whether the agent is flown too, to compare its network and motion with those that are checked.
 
     Raises:
         Refused: it proves nothing, or is of another agent.
     """
     ctx.prec = _BITS
-    table = json.loads(certificate)
-    # What config.json says is read anew, so that its form may change.
-    for name in ("agent.safetensors", "spacecraft.toml"):
-        if table["agent"][name] != hashlib.sha256(files[name]).hexdigest():
+    try:
+        table = read_certificate(certificate, "the certificate")
+        if name := table.differing(files):
             raise Refused(f"it is of another agent: the SHA-256 of {name} differs.")
-    loop = _Loop(table, files)
-    cells = [tuple(map(int, cell)) for cell in table["cells"]]
-    if [list(cell) for cell in cells] != table["cells"]:
-        raise Refused("its cells are not of whole numbers.")
-    inside = loop.union(cells)
-    loop.check_start(table["start"], inside)
-    for number in range(len(cells)) if only is None else only:
-        for commands in loop.commands(cells[number]):
-            reason = loop.leaves(cells[number], commands, inside)
+        network = policy_of(files["agent.safetensors"], Path("agent.safetensors")).network
+        check_architecture(network.architecture)
+        loop = _Loop(table, files, network)
+        if is_flown:
+            check_flown(read_run(files), loop.formulas(), table.keep)
+    except RansError as error:
+        raise Refused(str(error)) from error
+    inside = loop.union(table.cells)
+    loop.check_start(table.start, inside)
+    for number in range(len(table.cells)) if only is None else only:
+        for commands in loop.commands(table.cells[number]):
+            reason = loop.leaves(table.cells[number], commands, inside)
             if reason:
-                raise Refused(f"cell {number} {cells[number]} {reason}.")
+                raise Refused(f"cell {number} {table.cells[number]} {reason}.")
+    return table
 
 
 class _Loop:
     """Closed loop of an agent and the cells of a certificate."""
 
-    def __init__(self, table: dict[str, Any], files: Mapping[str, bytes]) -> None:
+    def __init__(
+        self, table: TrapCertificate, files: Mapping[str, bytes], network: Network
+    ) -> None:
         config = json.loads(files["config.json"])
-        craft = tomllib.loads(files["spacecraft.toml"].decode())
-        settings = config["ppo"]
-        usual = {"backbone": "dense", "zoom": 0.0, "symmetric": False, "activation": "tanh"}
-        if config["task"] != "track-velocity" or craft["dimension"] != 2:
+        if config["task"] != "track-velocity":
             raise Refused("its task is not track-velocity in the plane.")
-        memory = settings.get("memory", {"kind": "none"})
-        remembers = memory != "none" and memory.get("kind") != "none"
-        if remembers or any(settings.get(key, value) != value for key, value in usual.items()):
-            raise Refused("its policy is not a dense network of tanh on columns in the body frame.")
-        if craft.get("thrust_sharing", "none") != "none" or set(craft) & {
-            "wheel",
-            "propellant",
-            "slosh",
-        }:
-            raise Refused("its spacecraft has a shared supply, wheels, propellant or slosh.")
-        self.period = arb(str(config["timing"]["control_period"]))
+        self.period_text = str(config["timing"]["control_period"])
+        self.period = arb(self.period_text)
         self._integrals: dict[tuple[str, int], Any] = {}
-        self._design(craft)
-        self.layers = _network(files["agent.safetensors"], len(self.force))
-        self.speed, self.spin = (arb(table["keep"][key]) for key in ("speed", "spin"))
+        self._design(tomllib.loads(files["spacecraft.toml"].decode()))
+        self.layers = _network(network, len(self.force))
+        self.speed, self.spin = (arb(table.keep[key]) for key in ("speed", "spin"))
         self.rings, self.sectors, self.side, self.fine = (
-            int(table["grid"][key]) for key in ("rings", "sectors", "layers", "fine")
+            table.grid[key] for key in ("rings", "sectors", "layers", "fine")
         )
-        if min(self.rings, self.sectors, self.side, self.fine) < 1:
-            raise Refused("its grid is empty.")
-        off = {key: arb(value) for key, value in table["uncertainty"].items()}
-        if any(not 0 <= x < 1 for x in off.values()):
-            raise Refused("an uncertainty is not between 0 and 1.")
+        off = {key: arb(value) for key, value in table.uncertainty.items()}
         self.low = (1 - off["thrust"]) / (1 + off["mass"])
         self.high = (1 + off["thrust"]) / (1 - off["mass"])
         self.factor = self.low.union(self.high)
         # A late command finds a state that has moved on since it was read: that is an error of the reading.
-        late = off.get("delay", arb(0))
+        late = off["delay"]
         if not late < self.period:
             raise Refused("its commands may be late by a period.")
         every = list(itertools.product((0, 1), repeat=len(self.force)))
@@ -124,14 +138,24 @@ class _Loop:
 
     def _design(self, craft: dict[str, Any]) -> None:
         """Force over mass of each thruster, and its torque as a whole number of steps of spin."""
-        thrusters = craft["thruster"]
+        for key, value in craft.items():
+            if key not in _CRAFT or (_CRAFT[key] is not None and value not in _CRAFT[key]):
+                raise Refused(
+                    f"its spacecraft's {key} is {brief(value)}, which no proof is known for."
+                )
         if any(craft.get("centre_of_mass", (0, 0))):
             raise Refused("the centre of mass is not in the middle of its frame.")
+        inertia = craft["inertia"][2][2] if isinstance(craft["inertia"], list) else craft["inertia"]
         self.force, self.directions, levers = [], [], []
-        for thruster in thrusters:
+        for thruster in craft["thruster"]:
+            if extra := thruster.keys() - _THRUSTER:
+                raise Refused(f"a thruster has the key {brief(min(extra))}.")
             p, d = (
                 [Fraction(float(x)) for x in thruster[key]] for key in ("position", "direction")
             )
+            if any(p[2:]) or any(d[2:]):
+                raise Refused("a thruster is not in the plane.")
+            p, d = p[:2], d[:2]
             self.directions.append((Fraction(float(thruster["force"])), *d))
             norm = (_ball(d[0]) ** 2 + _ball(d[1]) ** 2).sqrt()
             size = arb(float(thruster["force"])) / norm
@@ -144,7 +168,7 @@ class _Loop:
             raise Refused("its thrusters have different torques.")
         self.lever = [(moment > 0) - (moment < 0) for moment, _ in levers]
         torque = _ball(squares.pop()).sqrt()
-        self.step = torque * self.period / arb(float(craft["inertia"]))
+        self.step = torque * self.period / arb(float(inertia))
 
     def union(self, cells: Sequence[Any]) -> Any:
         inside = np.zeros((self.rings, self.sectors, 2 * self.side), dtype=bool)
@@ -159,11 +183,11 @@ class _Loop:
 
     def check_start(self, start: Mapping[str, float], inside: Any) -> None:
         """Refuse cells that do not contain all states up to a speed and a spin."""
-        rings = (arb(start["speed"]) / self.speed * self.rings).upper()
-        layers = (arb(start["spin"]) / (self.step * self.low) * self.fine).upper()
-        ring = next((k for k in range(self.rings + 1) if rings <= k), None)
-        layer = next((k for k in range(self.side + 1) if layers <= k), None)
-        if ring is None or layer is None:
+        rings = _ceil(arb(start["speed"]) / self.speed * self.rings)
+        layers = _ceil(arb(start["spin"]) / (self.step * self.low) * self.fine)
+        # Rest is a start: the ring and the layers that hold it always belong to the cover.
+        ring, layer = max(rings, 1), max(layers, 1)
+        if ring > self.rings or layer > self.side:
             raise Refused("its starts are beyond its limits.")
         if not inside[:ring, :, self.side - layer : self.side + layer].all():
             raise Refused("its cells do not contain all starts.")
@@ -237,6 +261,34 @@ class _Loop:
             return "may leave the cells"
         return ""
 
+    def formulas(self) -> Formulas:
+        """Middles of the balls of network and motion, to be compared with a flight."""
+
+        def log_odds(states: np.ndarray) -> np.ndarray:
+            x = states
+            for weight, bias, kind, _ in self.layers[0]:
+                x = x @ _middles(weight).T + _middles(bias)[:, 0]
+                x = np.tanh(x) if kind else x
+            return x
+
+        def moved(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+            ends = []
+            step = float(self.step)
+            for (vx, vy, spin), command in zip(states, commands.astype(int).tolist(), strict=True):
+                nominal = arb(spin) / self.step
+                jump = self._jump(command)
+                (fx, fy), (c, s) = self._pull(command), self._turning(arb(nominal.mid()), jump)
+                ends.append(
+                    (
+                        vx + float(c * fx - s * fy),
+                        vy + float(s * fx + c * fy),
+                        spin + jump * step,
+                    )
+                )
+            return np.array(ends)
+
+        return Formulas(log_odds, moved, float(self.period_text))
+
     def _jump(self, commands: Sequence[int]) -> int:
         """Steps of spin that commands make."""
         return sum(k * u for k, u in zip(self.lever, commands, strict=True))
@@ -258,22 +310,26 @@ class _Loop:
         return x, y, arb(0, off.abs_upper())
 
     def _rotation(self, key: str, spin: Any, jump: int) -> tuple[Any, Any]:
-        """Integrals of cosine and sine of the angle that the nominal craft has turned by."""
+        """`_turning` of a spin with this key, which many cells share."""
         if (key, jump) not in self._integrals:
-            turn = self.step * self.period
-
-            def integral(function: Callable[[Any], Any]) -> Any:
-                whole = acb.integral(
-                    lambda x, _: function(turn * x * (spin + jump * x / 2)),
-                    0,
-                    1,
-                    abs_tol=_TOLERANCE,
-                    rel_tol=_TOLERANCE,
-                )
-                return whole.real * self.period
-
-            self._integrals[key, jump] = integral(lambda a: a.cos()), integral(lambda a: a.sin())
+            self._integrals[key, jump] = self._turning(spin, jump)
         return self._integrals[key, jump]
+
+    def _turning(self, spin: Any, jump: int) -> tuple[Any, Any]:
+        """Integrals of cosine and sine of the angle that the nominal craft has turned by."""
+        turn = self.step * self.period
+
+        def integral(function: Callable[[Any], Any]) -> Any:
+            whole = acb.integral(
+                lambda x, _: function(turn * x * (spin + jump * x / 2)),
+                0,
+                1,
+                abs_tol=_TOLERANCE,
+                rel_tol=_TOLERANCE,
+            )
+            return whole.real * self.period
+
+        return integral(lambda a: a.cos()), integral(lambda a: a.sin())
 
     def _directions(self, x: Any, y: Any, middle: Any, turn: Any) -> tuple[Any, Any]:
         """Directions of a box along a middle direction, less a turn, in parts of pi."""
@@ -324,18 +380,16 @@ def _ceil(x: Any) -> int:
     return int(x.upper().ceil().unique_fmpz())
 
 
-def _network(content: bytes, thrusters: int) -> tuple[Any, Any]:
+def _middles(matrix: Any) -> np.ndarray:
+    """Middles of the balls of a matrix."""
+    return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
+
+
+def _network(network: Network, thrusters: int) -> tuple[Any, Any]:
     """Layers from velocity and spin to log-odds, and a check that no column is clipped."""
-    size = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + size])
 
     def tensor(name: str) -> np.ndarray:
-        entry = header[f"weights/{name}"]
-        if entry["dtype"] != "F32":
-            raise Refused(f"{name} is not in single precision.")
-        begin, end = entry["data_offsets"]
-        data = content[8 + size :][begin:end]
-        return np.frombuffer(data, "<f4").reshape(entry["shape"]).astype(float)
+        return network.tensors[name].double().numpy()
 
     mean, variance = tensor("features_extractor.mean"), tensor("features_extractor.variance")
     # Columns in B with the goal at rest: velocity, spin, task flag 2, velocity to gain, and two of zeros.
@@ -356,7 +410,7 @@ def _network(content: bytes, thrusters: int) -> tuple[Any, Any]:
                 raise Refused("a column is clipped.")
 
     layers = []
-    numbers = sorted({int(n.split(".")[-2]) for n in header if ".trunk." in n})
+    numbers = sorted({int(n.split(".")[-2]) for n in network.tensors if ".trunk." in n})
     for k, number in enumerate(numbers):
         weight = matrix(tensor(f"features_extractor.trunk.{number}.weight"))
         bias = matrix(tensor(f"features_extractor.trunk.{number}.bias")[:, None])

@@ -25,10 +25,17 @@ from rans.files import write_text
 from rans.model.spacecraft import Spacecraft, check_rigid
 from rans.policy.network import Network
 from rans.policy.traced import parameters
+from rans.proof.flown import check_architecture
 from rans.proof.relaxation import TorchLayer, Zonotope, enclose
+from rans.proof.trap_certificate import (
+    FILES,
+    FORMAT,
+    PROPERTY,
+    TrapCertificate,
+    check_size,
+    read_certificate,
+)
 
-BOUND = ("agent.safetensors", "spacecraft.toml")
-"""Files of an agent whose SHA-256 a certificate has."""
 LOGIT = 1.1e-3
 """Log-odds below which a command counts as undecided, for networks in single precision. The checker takes 1e-3."""
 _SLACK = 1e-6
@@ -71,7 +78,7 @@ class Uncertainty:
     spin: float = 0.0
     """Readings of the spin are off by at most this, rad/s, at each decision anew."""
     delay: float = 0.0
-    """Thrusters open and shut at most this much later than commanded, s."""
+    """All thrusters open and shut later than commanded by one constant time of at most this, s."""
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -178,8 +185,8 @@ class Trap:
     def has_all(self, loop: Loop, speed: float, spin: float, inside: np.ndarray) -> bool:
         """Whether cells of the smallest size contain all states up to a speed (m/s) and a spin (rad/s)."""
         low, _ = self.uncertainty.push()
-        ring = int(np.ceil(speed / self.speed * self.rings + 1e-9))
-        layer = int(np.ceil(spin / (loop.step * low) * self.fine + 1e-9))
+        ring = max(1, int(np.ceil(speed / self.speed * self.rings + 1e-9)))
+        layer = max(1, int(np.ceil(spin / (loop.step * low) * self.fine + 1e-9)))
         if ring > self.rings or layer > self.layers:
             return False
         middle = slice(self.layers - layer, self.layers + layer)
@@ -193,13 +200,8 @@ def velocity_loop(network: Network, craft: Spacecraft, period: float) -> Loop:
         ConfigError: policy or spacecraft is of a kind that no proof is known for.
     """
     architecture = network.architecture
-    plain = architecture.head == "on-off" and architecture.activation == "tanh"
-    plain = plain and architecture.backbone == "dense"
-    if not plain or architecture.zoom or architecture.memory or architecture.symmetries:
-        raise ConfigError(
-            "trapping sets are proved for on/off agents of dense tanh layers without memory, zoom and symmetry."
-        )
-    if architecture.column_count != 8 or craft.dimension != 2:
+    check_architecture(architecture)
+    if craft.dimension != 2:
         raise ConfigError("trapping sets are proved for track-velocity in the plane.")
     lever = np.array([thruster.position for thruster in craft.thrusters]) - np.array(
         craft.centre_of_mass
@@ -283,23 +285,23 @@ def broken_flight(
 
 def write_trap(
     trap: Trap, spin: float, start: tuple[float, float], agent: Mapping[str, bytes], file: Path
-) -> str:
-    """Write the certificate of a trapping set and return its SHA-256.
+) -> TrapCertificate:
+    """Write the certificate of a trapping set, and return what it states.
 
     Args:
         trap: the set.
         spin: limit of the spin, rad/s.
         start: speed (m/s) and spin (rad/s) up to which every start is in it.
-        agent: contents of agent.safetensors and spacecraft.toml, by name.
+        agent: contents of the agent's files, by name (`rans.proof.trap_certificate.FILES`).
         file: to be written.
 
     Raises:
         ConfigError: the file cannot be written.
     """
     table = {
-        "format": 1,
-        "property": "trapping set of a velocity-tracking agent whose goal is at rest",
-        "agent": {name: hashlib.sha256(content).hexdigest() for name, content in agent.items()},
+        "format": FORMAT,
+        "property": PROPERTY,
+        "agent": {name: hashlib.sha256(agent[name]).hexdigest() for name in FILES},
         "keep": {"speed": trap.speed, "spin": spin},
         "start": {"speed": start[0], "spin": start[1]},
         "grid": {name: getattr(trap, name) for name in ("rings", "sectors", "layers", "fine")},
@@ -308,7 +310,7 @@ def write_trap(
     }
     text = json.dumps(table) + "\n"
     write_text(file, text)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return read_certificate(text.encode(), file)
 
 
 def largest_start(trap: Trap, loop: Loop, spin: float) -> float:
@@ -353,6 +355,7 @@ def trapping_set(
     rings, sectors, fine = grid
     _, high = uncertainty.push()
     layers = int(spin / (loop.step * high) * fine)
+    check_size(2 * rings * sectors * layers)
     trap = Trap(speed, rings, sectors, layers, fine, np.zeros((0, 6), int), uncertainty)
     maps = _Maps(loop, trap)
     inside = np.ones((rings, sectors, 2 * layers), dtype=bool)

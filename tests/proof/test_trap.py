@@ -17,10 +17,11 @@ import torch
 
 from campaigns.proof_flights import leaving, read_trap
 from rans.cli import main
+from rans.fast.agent_files.agent import actor_bytes
+from rans.policy.architecture import Architecture
 from rans.pretrained import pretrained_folder
 from rans.proof.relaxation import TorchLayer
 from rans.proof.trap import (
-    BOUND,
     Grid,
     Loop,
     Trap,
@@ -31,6 +32,9 @@ from rans.proof.trap import (
     velocity_loop,
     write_trap,
 )
+from rans.proof.trap_certificate import read_certificate
+from rans.tasks.derived import layout
+from rans.tasks.tracking import TrackVelocity
 from tests.support.processes import ROOT
 
 PRETRAINED = ROOT / "rans/data/pretrained/track-velocity-2d"
@@ -56,31 +60,27 @@ def braking() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def files() -> dict[str, bytes]:
-    """Files of that agent, with safetensors as its format says: length, JSON, and numbers."""
+    """Files of that agent."""
     hidden, shift, head, bias = braking()
     tensors = {
-        "features_extractor.mean": np.array([0, 0, 0, 2, 0, 0, 0, 0]),
-        "features_extractor.variance": np.full(8, 1.0 - 1e-6),
         "features_extractor.trunk.0.weight": hidden,
         "features_extractor.trunk.0.bias": shift,
         "action_net.weight": head,
         "action_net.bias": bias,
+        "features_extractor.mean": np.array([0, 0, 0, 2, 0, 0, 0, 0]),
+        "features_extractor.variance": np.full(8, 1.0 - 1e-6),
+        "features_extractor.count": np.ones(()),
     }
-    header: dict[str, Any] = {}
-    data = b""
-    for name, table in tensors.items():
-        content = table.astype("<f4").tobytes()
-        ends = [len(data), len(data) + len(content)]
-        header[f"weights/{name}"] = {"dtype": "F32", "shape": table.shape, "data_offsets": ends}
-        data += content
-    text = json.dumps(header).encode()
+    architecture = Architecture(layout(TrackVelocity(), 2), 8, (8,))
+    weights = {name: torch.tensor(x, dtype=torch.float32) for name, x in tensors.items()}
     config = {
         "task": "track-velocity",
-        "ppo": {"activation": "tanh"},
+        "spacecraft": "floating-platform",
+        "ppo": {"layers": [8], "activation": "tanh"},
         "timing": {"control_period": PERIOD},
     }
     return {
-        "agent.safetensors": len(text).to_bytes(8, "little") + text + data,
+        "agent.safetensors": actor_bytes(architecture, weights, 0),
         "config.json": json.dumps(config).encode(),
         "spacecraft.toml": (ROOT / "rans/data/spacecraft/floating-platform.toml").read_bytes(),
     }
@@ -111,8 +111,16 @@ START = (0.049, 0.05)
 
 @pytest.fixture
 def table(trap: Trap, files: dict[str, bytes], tmp_path: Path) -> dict[str, Any]:
-    write_trap(trap, SPIN, START, {name: files[name] for name in BOUND}, tmp_path / "trap.json")
+    write_trap(trap, SPIN, START, files, tmp_path / "trap.json")
     return json.loads((tmp_path / "trap.json").read_text())
+
+
+def written(files: dict[str, bytes], folder: Path) -> Path:
+    """A folder of an agent's files."""
+    folder.mkdir()
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return folder
 
 
 def check(table: dict[str, Any], files: dict[str, bytes]) -> None:
@@ -189,11 +197,9 @@ ERRORS: dict[str, Callable[..., None]] = {
     ),
     "shared": _with_file("spacecraft.toml", b'sharing = "none"', b'sharing = "split"'),
     "longer period": _with_file("config.json", b"0.2", b"0.9"),
-    "a memory": _with_file("config.json", b'"activation"', b'"memory": {"kind": "gru"}, "activation"'),
     "another task": _with_file("config.json", b"track-velocity", b"go-to-pose"),
     "a missing first cell": _with("cells", lambda cells: cells[1:]),
     "missing cells": _with("cells", lambda cells: cells[::2]),
-    "no cells": _with("cells", []),
     "a cell beyond": _with("cells", lambda cells: [*cells, [0, 13, 0, 1, 0, 1]]),
     "an empty cell": _with("cells", lambda cells: [*cells, [0, 0, 0, 1, 0, 1]]),
     "broken numbers": _with("cells", lambda cells: [*cells, [0.5, 1, 0, 1, 0, 1]]),
@@ -221,6 +227,110 @@ def test_planted_errors_are_refused(
     ERRORS[error](table, changed)
     with pytest.raises(Refused):
         check(table, changed)
+
+
+FORGED: dict[str, Any] = {
+    "no cells": ("cells", []),
+    "null cells": ("cells", None),
+    "a short cell": ("cells", [[0, 1, 0, 1, 0]]),
+    "a cell of texts": ("cells", [["0", 1, 0, 1, 0, 1]]),
+    "a cell of truths": ("cells", [[False, True, 0, 1, 0, 1]]),
+    "a start below 0": ("start.speed", -1),
+    "a null start": ("start.speed", None),
+    "a start of no number": ("start.spin", float("nan")),
+    "a start above its limit": ("start.speed", 0.13),
+    "no limit": ("keep.speed", float("inf")),
+    "a limit of 0": ("keep.spin", 0),
+    "a limit below 0": ("keep.speed", -1.0),
+    "a limit of a text": ("keep.speed", "0.16"),
+    "a huge whole number": ("keep.speed", 10**400),
+    "many sectors": ("grid.sectors", 10**9),
+    "many cells": ("grid.layers", 10**6),
+    "no sector": ("grid.sectors", 0),
+    "half a ring": ("grid.rings", 12.5),
+    "a null grid": ("grid", None),
+    "an error of 1": ("uncertainty.mass", 1.0),
+    "an error below 0": ("uncertainty.thrust", -0.1),
+    "an error that nobody checks": ("uncertainty.thrusters_lost", 0.9),
+    "a limit that nobody checks": ("keep.position", 0.1),
+    "a start that nobody checks": ("start.position", 5.0),
+    "a grid that nobody checks": ("grid.offset", 1),
+    "a word that nobody checks": ("judged", "true"),
+    "another format": ("format", 99),
+    "the format before": ("format", 1),
+    "another property": ("property", "safe"),
+    "no digest": ("agent.config.json", 5),
+    "a file more": ("agent.card.json", "0" * 64),
+}
+"""Values of a certificate that no proof has, by where they stand."""
+
+
+def _forge(table: dict[str, Any], path: str, value: Any) -> None:
+    group, _, last = path.partition(".")
+    if last:
+        table[group][last] = value
+    else:
+        table[group] = value
+
+
+@pytest.mark.parametrize("forged", FORGED)
+def test_forged_certificates_are_refused(
+    forged: str, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    pytest.importorskip("flint")
+    from rans.proof.balls import Refused
+
+    _forge(table, *FORGED[forged])
+    with pytest.raises(Refused):
+        check(table, files)
+
+
+@pytest.mark.parametrize("forged", ["no cells", "null cells", "many sectors", "a null start"])
+def test_a_refusal_of_the_command_is_one_sentence(
+    forged: str,
+    table: dict[str, Any],
+    files: dict[str, bytes],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("flint")
+    _forge(table, *FORGED[forged])
+    folder = written(files, tmp_path / "agent")
+    (tmp_path / "forged.json").write_text(json.dumps(table))
+    assert main(["prove", str(folder), "--check", str(tmp_path / "forged.json")]) != 0
+    streams = capsys.readouterr()
+    text = " ".join((streams.out + streams.err).split())
+    assert "Accepted" not in text
+    assert "Error" not in text  # the name of an exception
+    assert text.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("start", "keep", "layers"),
+    [
+        ((0.0, 0.05), (0.0001, SPIN), 2),
+        ((0.049, 0.0), (LIMIT, 0.06), 1),
+        ((0, 0), (LIMIT, SPIN), 2),
+    ],
+)
+def test_a_start_without_speed_or_spin_needs_cells(
+    start: tuple[float, float],
+    keep: tuple[float, float],
+    layers: int,
+    table: dict[str, Any],
+    files: dict[str, bytes],
+) -> None:
+    """Rest is one of its starts; sets that hold only fast states, or only those that turn, do not contain it."""
+    pytest.importorskip("flint")
+    from rans.proof.balls import Refused
+
+    away = [[11, 12, 0, 16, layers - 1, layers], [11, 12, 16, 32, -layers, 1 - layers]]
+    table["start"] = dict(zip(("speed", "spin"), start, strict=True))
+    table["keep"] = dict(zip(("speed", "spin"), keep, strict=True))
+    table["grid"]["layers"] = layers
+    table["cells"] = away
+    with pytest.raises(Refused, match=r"do not contain all starts|beyond the limit"):
+        check(table, files)
 
 
 def test_what_is_false_ends_with_a_flight(loop: Loop) -> None:
@@ -305,16 +415,15 @@ def test_the_command_checks_an_agents_certificate(
 ) -> None:
     """Refused for another agent, accepted for its own."""
     pytest.importorskip("flint")
-    folder = tmp_path / "agent"
-    folder.mkdir()
-    for name, content in files.items():
-        (folder / name).write_bytes(content)
+    folder = written(files, tmp_path / "agent")
     file = tmp_path / "trap.json"
     check = ["--check", str(file), "--workers", "1"]
     assert main(["prove", "pretrained:track-velocity-2d", *check]) == 1
     assert "another agent" in capsys.readouterr().out
     assert main(["prove", str(folder), *check]) == 0
-    assert "Accepted" in capsys.readouterr().out
+    text = " ".join(capsys.readouterr().out.split())
+    assert "Accepted" in text
+    assert read_certificate(file.read_bytes(), file).theorem in text
 
 
 def test_a_report_has_the_proof(
@@ -389,10 +498,28 @@ def test_a_certificate_of_a_shipped_agent_is_not_written_into_the_package(
     assert not (pretrained_folder("track-velocity-2d") / "proof.json").exists()
 
 
-def test_an_agent_of_another_task_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_can_be_proved_is_said_before_a_property_is_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     limits = ["--property", "speed=0.16,spin=1.5", "--from", "speed=0.1,spin=0.1"]
-    assert main(["prove", "pretrained:go-to-pose-2d", *limits]) != 0
-    assert "agents that track velocities" in " ".join(capsys.readouterr().err.split())
+    for options in ([], limits):
+        assert main(["prove", "pretrained:go-to-pose-2d", *options]) != 0
+        text = " ".join(capsys.readouterr().err.split())
+        assert "go-to-pose" in text
+        assert "velocities in the plane" in text
+        assert "ONNX" in text
+
+
+def test_a_theorem_has_every_number_of_its_certificate(table: dict[str, Any]) -> None:
+    """With all digits: a rounded limit is another theorem."""
+    table["start"] = {"speed": 0.0312345678, "spin": 0.0212345678}
+    table["keep"] = {"speed": 0.1212345678, "spin": 0.1612345678}
+    off = {"mass": 0.011, "thrust": 0.012, "velocity": 0.0013, "spin": 0.0014, "delay": 0.0015}
+    table["uncertainty"] = off
+    theorem = read_certificate(json.dumps(table).encode(), "it").theorem
+    numbers = set(map(float, re.findall(r"\d+\.\d+", theorem)))
+    assert numbers == {*table["start"].values(), *table["keep"].values(), *off.values()}
+    assert re.search("one constant delay.* all valves.* open and.* shut", theorem)
 
 
 def test_late_thrusters_are_in_the_errors(loop: Loop, trap: Trap) -> None:
@@ -419,7 +546,8 @@ def test_the_shipped_agent_stays_slow(tmp_path: Path, capsys: pytest.CaptureFixt
     """The page's command with errors, at a coarser grid; a part of its certificate, and flights from its cells."""
     pytest.importorskip("flint")
     from rans.evaluation.fly.agent import load_policy
-    from rans.proof.check_trap import FILES, check_trap
+    from rans.proof.check_trap import check_trap
+    from rans.proof.trap_certificate import FILES
 
     file = tmp_path / "trap.json"
     arguments = ["prove", "pretrained:track-velocity-2d", "--property", "speed=0.16,spin=1.52"]

@@ -147,8 +147,7 @@ def read_policy(file: Path) -> SavedPolicy:
         ConfigError: the file is not an agent, is damaged, or contains code.
     """
     if file.suffix == ".safetensors":
-        with _damage_as_config_error(file):
-            return _read(unpack_tensors(read_bytes(file, _LARGEST), file))
+        return policy_of(read_bytes(file, _LARGEST), file)
     with _checked(file) as archive:
         if AGENT not in archive.namelist():
             raise ConfigError(
@@ -157,6 +156,16 @@ def read_policy(file: Path) -> SavedPolicy:
                 f"Stable-Baselines3 saved as sb3:{file} with --trust."
             )
         return _read(unpack_tensors(content(archive, AGENT), f"{file}/{AGENT}"))
+
+
+def policy_of(content: bytes, where: Path) -> SavedPolicy:
+    """Agent of the content of an ``agent.safetensors``; messages name where it is from.
+
+    Raises:
+        ConfigError: the content is not an agent, or is damaged.
+    """
+    with _damage_as_config_error(where):
+        return _read(unpack_tensors(content, where))
 
 
 def is_agent(file: Path) -> bool:

@@ -11,7 +11,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.files import first_line, parse_json
 
 _TABLE = "rans"
@@ -21,7 +21,7 @@ _CHECKSUM = "crc32"
 _LARGEST_HEADER = 2**25
 """Largest number of bytes of a header; its Python objects take many times as much."""
 _TENSOR = "$tensor"
-"""Key in the table of a reference to a tensor by its name."""
+"""Key in the table of a reference to a tensor by its name, which is the path of the reference."""
 
 
 def pack_tensors(tree: Any) -> bytes:
@@ -56,9 +56,11 @@ def unpack_tensors(content: bytes, where: object, device: str | torch.device = "
         metadata = parse_json(content[8 : 8 + length], where)["__metadata__"]
         if metadata[_CHECKSUM] != _checksum(metadata[_TABLE], tensors):
             raise ValueError("its checksum is wrong")
-        return _joined(
-            parse_json(metadata[_TABLE], where), {name: x.to(device) for name, x in tensors.items()}
-        )
+        left = {name: x.to(device) for name, x in tensors.items()}
+        table = _joined(parse_json(metadata[_TABLE], where), "", left)
+        if left:
+            raise ValueError(f"nothing in its table refers to its tensor {brief(min(left))}")
+        return table
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ConfigError(
             f"{where} is damaged, it is not a safetensors file of RANS: {first_line(error)}."
@@ -79,21 +81,28 @@ def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
         tensors[path] = value.detach().cpu().contiguous().clone()  # members' weights share memory
         return {_TENSOR: path}
     if isinstance(value, dict):
-        return {
-            key: _split(inner, f"{path}/{key}" if path else str(key), tensors)
-            for key, inner in value.items()
-        }
+        return {key: _split(inner, _below(path, key), tensors) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [
-            _split(inner, f"{path}/{index}" if path else str(index), tensors)
-            for index, inner in enumerate(value)
-        ]
+        return [_split(inner, _below(path, index), tensors) for index, inner in enumerate(value)]
     return value
 
 
-def _joined(value: Any, tensors: dict[str, Tensor]) -> Any:
+def _joined(value: Any, path: str, left: dict[str, Tensor]) -> Any:
+    """The value with tensors in place of their names, which are taken out of ``left``.
+
+    A name that is not its own path is refused: a reader by names would read other tensors than one of the table.
+    """
     if isinstance(value, dict):
         if value.keys() == {_TENSOR}:
-            return tensors[value[_TENSOR]]
-        return {key: _joined(inner, tensors) for key, inner in value.items()}
-    return [_joined(inner, tensors) for inner in value] if isinstance(value, list) else value
+            if value[_TENSOR] != path:
+                raise ValueError(f"its {path} refers to the tensor {brief(value[_TENSOR])}")
+            return left.pop(path)
+        return {key: _joined(inner, _below(path, key), left) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_joined(inner, _below(path, index), left) for index, inner in enumerate(value)]
+    return value
+
+
+def _below(path: str, key: object) -> str:
+    """Path of an entry of a dictionary or list."""
+    return f"{path}/{key}" if path else str(key)

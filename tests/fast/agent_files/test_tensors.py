@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
+from safetensors.torch import save
 
 from rans.errors import ConfigError
-from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
+from rans.fast.agent_files.tensors import _checksum, pack_tensors, unpack_tensors
 
 
 def test_what_is_packed_comes_back() -> None:
@@ -63,3 +66,23 @@ def test_every_bit_counts(tmp_path: Path) -> None:
         spoilt[place] ^= 1
         with pytest.raises(ConfigError, match=r"^there is damaged"):
             unpack_tensors(bytes(spoilt), "there")
+
+
+@pytest.mark.parametrize(
+    ("table", "names"),
+    [
+        ({"weights": {"a": {"$tensor": "evil/a"}}}, ("weights/a", "evil/a")),
+        ({"weights": {"a": {"$tensor": "evil/a"}}}, ("evil/a",)),
+        ({"weights": {"a": {"$tensor": "weights/a"}}}, ("weights/a", "weights/b")),
+        ({"rows": [{"$tensor": "rows/1"}, {"$tensor": "rows/0"}]}, ("rows/0", "rows/1")),
+    ],
+)
+def test_a_tensor_that_is_not_where_its_name_says_is_refused(
+    table: dict[str, Any], names: tuple[str, ...]
+) -> None:
+    """Who reads tensors by name and who reads the table would read different weights."""
+    tensors = {name: torch.full((2,), float(k)) for k, name in enumerate(names)}
+    text = json.dumps(table)
+    content = save(tensors, {"rans": text, "crc32": _checksum(text, tensors)})
+    with pytest.raises(ConfigError, match=r"^there is damaged.*(refers to|refer to)"):
+        unpack_tensors(content, "there")
