@@ -12,6 +12,7 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.proof.network import Layer, apply
 from rans.proof.plants import LinearPlant, Piece, Plant
+from rans.proof.polynomial import PolynomialPlant
 from rans.proof.problem import Avoid, KeepOut, Problem, SpeedLimit, Within
 from rans.proof.relaxation import TorchLayer, Zonotope, enclose
 
@@ -206,12 +207,8 @@ class ClosedLoop:
             )
             for layer in layers
         ]
-        if problem.linear() is None:
-            from rans.proof.polynomial import PolynomialPlant
-
-            self._plant: Plant = PolynomialPlant(problem, device)
-        else:
-            self._plant = LinearPlant(problem, device)
+        plant = PolynomialPlant if problem.linear() is None else LinearPlant
+        self._plant: Plant = plant(problem, device)
         angles = 2.0 * torch.pi * torch.arange(_DIRECTIONS, dtype=torch.float64) / _DIRECTIONS
         self._round = torch.stack((angles.cos(), angles.sin()), 1).to(device)
 

@@ -1,0 +1,715 @@
+"""A harness of sound and tight bounds, for the prover's and the checker's sets of states.
+
+Each part computes random cases densely by formulas of its own, and asserts that no sample is outside of a bound and
+that the bound is not much wider than the samples: an unsound bound fails, and so does a useless one. `Checker` and
+`Prover` say both programs' bounds in numbers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Callable, Mapping, Sequence
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.proof.network import Layer
+from tests.support.graphs import SHIFT, WEIGHT, graph, ordinary, step
+from tests.support.small_networks import layers as random_layers
+
+CHECKER = (
+    "rans.proof.balls",
+    "rans.proof.check_file",
+    "rans.proof.check_network",
+    "rans.proof.check",
+)
+"""Modules of the checker, each after those that it imports."""
+PROVER = (
+    "rans.proof.relaxation",
+    "rans.proof.problem",
+    "rans.proof.plants",
+    "rans.proof.polynomial",
+    "rans.proof.prove",
+)
+"""Modules of the prover, in such an order, too."""
+
+BENDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "tanh": np.tanh,
+    "sigmoid": lambda z: 1.0 / (1.0 + np.exp(-z)),
+    "relu": lambda z: z * (z > 0.0),
+    "": lambda z: z,
+}
+
+
+class Set(NamedTuple):
+    """States centre + generators s with |s| <= 1."""
+
+    centre: np.ndarray
+    """(n,)."""
+    generators: np.ndarray
+    """(n, k)."""
+
+    def corners(self, extra: int, random: np.random.Generator) -> np.ndarray:
+        """(N, n) states at corners, all of them if there are few, and random ones."""
+        count = self.generators.shape[1]
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=count)))
+        if len(signs) > 256:
+            signs = random.choice((-1.0, 1.0), (256, count))
+        signs = np.concatenate((signs, random.uniform(-1.0, 1.0, (extra, count))))
+        return self.centre + signs @ self.generators.T
+
+    def highest(self, directions: np.ndarray) -> np.ndarray:
+        """(d,) largest values of linear functions (d, n)."""
+        return directions @ self.centre + np.abs(directions @ self.generators).sum(axis=1)
+
+
+class Piece(NamedTuple):
+    """Set at the begin and end of a part of a motion, and how far it is off the straight line."""
+
+    begin: Set
+    end: Set
+    sag: np.ndarray
+
+
+class Checker:
+    """Bounds of the checker in ball arithmetic."""
+
+    def __init__(self, modules: Mapping[str, ModuleType]) -> None:
+        import flint
+
+        flint.ctx.prec = 80
+        self.balls: Any = modules["rans.proof.balls"]
+        self.file: Any = modules["rans.proof.check_file"]
+        self.network: Any = modules["rans.proof.check_network"]
+        self.check: Any = modules["rans.proof.check"]
+        self.refusals = (self.balls.Refused,)
+        self._arb = flint.arb
+
+    def _column(self, values: np.ndarray) -> Any:
+        return self.balls.matrix(np.asarray(values, dtype=float).reshape(-1, 1))
+
+    def _set(self, states: Set) -> Any:
+        return self._column(states.centre), self.balls.matrix(states.generators)
+
+    @staticmethod
+    def _array(table: Any) -> np.ndarray:
+        return np.array([[float(x.mid()) for x in row] for row in table.tolist()])
+
+    def _numbers(self, values: Any) -> np.ndarray:
+        return np.array([float(x.upper()) for x in values])
+
+    def _layers(self, network: Sequence[Layer]) -> Any:
+        return self.balls.with_sizes(
+            [
+                (self.balls.matrix(weight), self._column(bias), activation.capitalize())
+                for weight, bias, activation in network
+            ]
+        )
+
+    def lines(self, low: float, high: float, kind: str) -> tuple[float, float, float]:
+        """Slope, offset and error."""
+        ends = self._arb(low), self._arb(high)
+        slope, offset, error = self.balls.parallel(*ends, kind.capitalize())
+        return float(slope.mid()), float(offset.mid()), float(error.upper())
+
+    def enclosure(self, network: Sequence[Layer], states: Set) -> tuple[np.ndarray, ...]:
+        """Gain, offset and error."""
+        gain, offset, error = self.balls.network_enclosure(
+            self._layers(network), *self._set(states)
+        )
+        return self._array(gain), self._array(offset)[:, 0], self._numbers(error)
+
+    def move(
+        self, problem: str, states: Set, gain: np.ndarray, offset: np.ndarray, error: np.ndarray
+    ) -> list[Piece]:
+        """Pieces of a control period."""
+        table = self.file.problem_table(problem)
+        motion = self.check._linear(table) or self.check._taylor(table)
+        pieces = motion(
+            *self._set(states),
+            self.balls.matrix(gain),
+            self._column(offset),
+            [self._arb(float(x)) for x in error],
+        )
+
+        def numbers(ends: Any) -> Set:
+            return Set(self._array(ends[0])[:, 0], self._array(ends[1]))
+
+        return [
+            Piece(numbers(begin), numbers(end), self._numbers(sag)) for begin, end, sag in pieces
+        ]
+
+    def margin(self, problem: str, piece: Piece) -> float:
+        """Margin of a piece."""
+        keep = self.file.problem_table(problem)["keep"]
+        sag = [self._arb(float(x)) for x in piece.sag]
+        return float(self.check._margin(keep, self._set(piece.begin), self._set(piece.end), sag))
+
+    def flight(
+        self, problem: str, network: Sequence[Layer], low: np.ndarray, high: np.ndarray
+    ) -> float:
+        """Margin of all flights from a cell."""
+        table = self.file.problem_table(problem)
+        move = self.check._linear(table) or self.check._taylor(table)
+        cell = list(zip(low.tolist(), high.tolist(), strict=True))
+        return self.check._fly(table, self._layers(network), move, cell)
+
+
+class Prover:
+    """Bounds of the prover in double precision."""
+
+    def __init__(self, modules: Mapping[str, ModuleType]) -> None:
+        import torch
+
+        self.torch = torch
+        self.relaxation: Any = modules["rans.proof.relaxation"]
+        self.problem: Any = modules["rans.proof.problem"]
+        self.proof: Any = modules["rans.proof.prove"]
+        self.plants: Any = modules["rans.proof.plants"]
+        self.refusals: tuple[type[Exception], ...] = ()
+
+    def _tensor(self, array: Any) -> Any:
+        return self.torch.tensor(np.asarray(array, dtype=float))[None]
+
+    def _set(self, states: Set) -> Any:
+        box = np.zeros(len(states.centre))
+        return self.relaxation.Zonotope(*map(self._tensor, (states.centre, states.generators, box)))
+
+    @staticmethod
+    def _numbers(zonotope: Any) -> Set:
+        centre, generators, box = (x[0].numpy() for x in zonotope)
+        return Set(centre, np.concatenate((generators, np.diag(box)), axis=1))
+
+    def _loop(self, problem: str, network: Sequence[Layer]) -> Any:
+        return self.proof.ClosedLoop(
+            self.problem.problem_of(problem), network, self.torch.device("cpu")
+        )
+
+    def lines(self, low: float, high: float, kind: str) -> tuple[float, float, float]:
+        """Slope, offset and error."""
+        ends = (self.torch.tensor([x], dtype=self.torch.float64) for x in (low, high))
+        slope, offset, error = (float(x) for x in self.relaxation.parallel_lines(*ends, kind))
+        return slope, offset, error
+
+    def enclosure(self, network: Sequence[Layer], states: Set) -> tuple[np.ndarray, ...]:
+        """Gain, offset and error; the last generators are a box where they are one."""
+        tensors = [
+            self.relaxation.TorchLayer(self.torch.tensor(w), self.torch.tensor(b), kind)
+            for w, b, kind in network
+        ]
+        count = len(states.centre)
+        box = states.generators[:, -count:]
+        zonotope = self._set(states)
+        if np.array_equal(box, np.diag(np.diag(box))):
+            parts = states.centre, states.generators[:, :-count], np.abs(np.diag(box))
+            zonotope = self.relaxation.Zonotope(*map(self._tensor, parts))
+        return tuple(x[0].numpy() for x in self.relaxation.enclose(tensors, zonotope))
+
+    def move(
+        self, problem: str, states: Set, gain: np.ndarray, offset: np.ndarray, error: np.ndarray
+    ) -> list[Piece]:
+        """Pieces of a control period."""
+        network = [Layer(gain, offset, "")]
+        planes = self.relaxation.Planes(*map(self._tensor, (gain, offset, error)))
+        pieces = self._loop(problem, network)._plant.move(self._set(states), planes)
+        return [
+            Piece(self._numbers(piece.begin), self._numbers(piece.end), piece.sag[0].numpy())
+            for piece in pieces
+        ]
+
+    def margin(self, problem: str, piece: Piece) -> float:
+        """Margin of a piece."""
+        problem_ = self.problem.problem_of(problem)
+        network = [
+            Layer(np.zeros((problem_.commands, problem_.states)), np.zeros(problem_.commands), "")
+        ]
+        ends = self._set(piece.begin), self._set(piece.end)
+        sets = self.plants.Piece(*ends, self._tensor(piece.sag))
+        return float(self._loop(problem, network)._margin(sets).nan_to_num(-np.inf))
+
+    def flight(
+        self, problem: str, network: Sequence[Layer], low: np.ndarray, high: np.ndarray
+    ) -> float:
+        """Margin of all flights from a cell."""
+        return float(self._loop(problem, network).margins(low[None], high[None])[0][0])
+
+
+Bounds = Checker | Prover
+
+
+def answers(network: Sequence[Layer], states: np.ndarray) -> np.ndarray:
+    """Answers (N, outputs) to states (N, inputs)."""
+    for weight, bias, activation in network:
+        states = BENDS[activation](np.einsum("oi,ni->no", weight, states) + bias)
+    return states
+
+
+def lines(bounds: Bounds) -> None:
+    """Activations lie between their lines, which are as near as those along the chord can be."""
+    random = np.random.default_rng(1)
+    for kind in ("tanh", "sigmoid", "relu"):
+        middles = np.concatenate((random.normal(size=25), 8.0 * random.normal(size=10)))
+        widths = 10.0 ** random.uniform(-2.0, 1.2, len(middles))
+        for middle, width in zip(middles, widths, strict=True):
+            low, high = middle - width, middle + width
+            slope, offset, error = bounds.lines(low, high, kind)
+            z = np.linspace(low, high, 2001)
+            y = BENDS[kind](z)
+            off = y - slope * z
+            # The samples are rounded to 1e-16 of their size, and between them lies 1e-6 of the width squared.
+            size = 1e-14 * (1.0 + abs(middle) + width)
+            assert np.abs(off - offset).max() <= error + size
+            chord = (y[-1] - y[0]) / (z[-1] - z[0])
+            best = 0.5 * np.ptp(y - chord * z)
+            assert (
+                error
+                <= 1.01 * best
+                + 1e-5 * width**2 * (kind != "relu")
+                + 1e-3 * width * (kind == "relu")
+                + size
+            )
+
+
+def enclosures(bounds: Bounds) -> None:
+    """Networks lie between their planes, which no one layer's error makes much wider than the network bends."""
+    random = np.random.default_rng(2)
+    for kind, sizes in itertools.product(
+        ("tanh", "sigmoid", "relu"), ((2, 3), (2, 4, 2), (2, 3, 4, 2))
+    ):
+        network = [
+            Layer(weight, 2.0 * bias, activation)
+            for weight, bias, activation in random_layers(sizes, len(sizes), kind, 1.5)
+        ]
+        if len(sizes) == 3:  # a last layer that does not bend
+            network[-1] = network[-1]._replace(activation="")
+        worst = 0.0
+        for width in (0.02, 0.2):
+            generators = np.concatenate(
+                (width * random.normal(size=(2, 2)), width * np.diag(random.random(2))), axis=1
+            )
+            states = Set(random.normal(size=2), generators)
+            gain, offset, error = bounds.enclosure(network, states)
+            x = states.corners(1000, random)
+            off = np.abs(answers(network, x) - x @ gain.T - offset)
+            assert (off <= error + 1e-12).all()
+            reach = np.abs(gain @ generators).sum(axis=1).max() + error.max()
+            worst = max(worst, float((error - off.max(axis=0)).max()) / reach)
+        # What an enclosure adds to the samples is a part of how far the answers reach.
+        assert worst <= 0.35, worst
+
+
+PLANTS = {
+    "a line": ('["x1", "0.5 * u0"]', 1, 0.8),
+    "a growing line": ('["0.7 * x0 + x1", "1.1 * x0 + 0.4 * x1 + u0"]', 1, 0.9),
+    "a turn": (
+        '["x1 + 0.3 * u1", "-1.5 * x0 + 0.2 * x1 + 0.7 * u0", "0.4 * x0 - x2 + u1"]',
+        2,
+        0.5,
+    ),
+    "a square": ('["0.6 * x0 * x0 + 0.3 * u0", "x0 * x1"]', 1, 0.6),
+    "a cube": ('["x1", "0.5 * x0 * x0 * x0 - x1 + u0 * x0"]', 1, 0.7),
+    "an asymmetric body": (
+        '["0.8 * x1 * x2 + u0", "-1.2 * x0 * x2", "0.7 * x0 * x1 + u1"]',
+        2,
+        0.6,
+    ),
+}
+"""Rates, number of commands and period."""
+
+
+def problem_text(
+    rates: str,
+    commands: int,
+    period: float,
+    low: Any,
+    high: Any,
+    keep: str,
+    steps: int = 1,
+    end: str = "",
+) -> str:
+    """Text of a problem."""
+    box = f"[start]\nlower = {list(map(float, low))}\nupper = {list(map(float, high))}\n"
+    head = f'name = "random"\nperiod = {period}\nsteps = {steps}\ncommands = {commands}\nderivative = {rates}\n'
+    return head + box + end + keep
+
+
+def within(count: int, size: float = 1e6) -> str:
+    """A box around the origin that flights stay in."""
+    return f"[keep.within]\nlower = {[-size] * count}\nupper = {[size] * count}\n"
+
+
+def motion(
+    rates: str, states: np.ndarray, commands: np.ndarray, period: float, instants: int
+) -> np.ndarray:
+    """States (instants + 1, N, n) of plants with held commands (N, p), by Runge-Kutta steps of order 4.
+
+    Formulas are computed by Python, which reads them by itself.
+    """
+    codes = [compile(text, "rates", "eval") for text in json.loads(rates)]
+    names = {f"u{i}": u for i, u in enumerate(commands.T)}
+
+    def rate(x: np.ndarray) -> np.ndarray:
+        values = names | {f"x{i}": row for i, row in enumerate(x.T)}
+        return np.stack([np.broadcast_to(eval(code, {}, values), len(x)) for code in codes], axis=1)
+
+    x = states
+    path = [x]
+    h = period / instants
+    for _ in range(instants):
+        a = rate(x)
+        b = rate(x + 0.5 * h * a)
+        c = rate(x + 0.5 * h * b)
+        d = rate(x + h * c)
+        x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        path.append(x)
+    return np.stack(path)
+
+
+def motions(bounds: Bounds) -> None:
+    """Flights of a period are in their sets, off chords by at most the sag; and both nearly reach their bounds."""
+    random = np.random.default_rng(4)
+    for name, (rates, commands, period) in PLANTS.items():
+        count = rates.count('"') // 2
+        is_linear = name in ("a line", "a growing line", "a turn")
+        # Points, whose sets have the width of a Taylor step's rest alone; states that differ; and wrong commands.
+        for width, error in ((0.0, 0.0), (0.05, 0.0), (0.02, 0.1)):
+            centre = 0.6 + 0.6 * random.random(count)
+            generators = width * random.normal(size=(count, count))
+            states = Set(centre, generators)
+            gain = 0.4 * random.random((commands, count))
+            offset = 0.3 + random.random(commands)
+            wrong = error * (1.0 + random.random(commands))
+            text = problem_text(rates, commands, period, centre, centre, within(count))
+            pieces = bounds.move(text, states, gain, offset, wrong)
+            # Flights from all corners, with all errors; 240 steps of a period err by 1e-10.
+            dense = 240 // len(pieces)
+            x = states.corners(20, random)
+            ends = np.array(list(itertools.product((-1.0, 1.0), repeat=commands))) * wrong
+            u = (x @ gain.T + offset)[:, None] + ends[None]
+            path = motion(
+                rates,
+                np.repeat(x, len(ends), axis=0),
+                u.reshape(-1, commands),
+                period,
+                len(pieces) * dense,
+            )
+            directions = np.concatenate(
+                (np.eye(count), -np.eye(count), random.normal(size=(8, count)))
+            )
+            first = path[0]
+            assert (
+                np.max(first @ directions.T, axis=0) <= pieces[0].begin.highest(directions) + 1e-9
+            ).all()
+            excess = sag = np.zeros(count)
+            for number, piece in enumerate(pieces):
+                part = path[dense * number : dense * (number + 1) + 1]
+                excess = piece.end.highest(directions) - np.max(part[-1] @ directions.T, axis=0)
+                assert (excess >= -1e-9).all(), (name, width, error)
+                fraction = np.linspace(0.0, 1.0, dense + 1)[:, None, None]
+                sag = np.abs(part - part[0] - fraction * (part[-1] - part[0])).max(axis=(0, 1))
+                assert (sag <= piece.sag + 1e-9).all(), (name, width, error)
+            # A sag's bound adds absolute values: it is near where all terms have one sign, and not of a turn.
+            span = np.max(path[-1] @ directions.T, axis=0) + np.max(
+                path[-1] @ -directions.T, axis=0
+            )
+            travel = np.abs(path[-1] - path[0]).max()
+            assert excess.max() <= (1e-9 if is_linear else 0.1 * travel + 0.35 * span.max()), (
+                name,
+                width,
+                error,
+                excess,
+            )
+            largest = {"a line": 2.5, "a growing line": 2.5, "a turn": 40.0}.get(name, 15.0)
+            assert (pieces[-1].sag <= largest * np.maximum(sag, 0.1 * sag.max())).all(), name
+
+
+def explosions(bounds: Bounds) -> None:
+    """A motion that leaves every box has no bound from then on, and none is said."""
+    # x = 30 / (1 - 30 t) is infinite after 0.033 s, in the first Taylor step of both programs.
+    text = problem_text('["x0 * x0", "u0"]', 1, 1.0, [30.0, 0.0], [30.0, 0.0], within(2))
+    states = Set(np.array([30.0, 0.0]), np.zeros((2, 1)))
+    try:
+        pieces = bounds.move(text, states, np.zeros((1, 2)), np.zeros(1), np.zeros(1))
+    except bounds.refusals:
+        return
+    assert not np.isfinite(pieces[0].end.generators).all()
+
+
+def true_margins(keep: str, limit: Mapping[str, Any], x: np.ndarray) -> np.ndarray:
+    """Margins (N,) of states (N, n)."""
+    if keep in ("avoid", "within"):
+        inside = np.minimum(x - limit["lower"], np.array(limit["upper"]) - x)
+        return inside.min(axis=1) if keep == "within" else -inside.min(axis=1)
+    distance = np.sqrt((x[:, limit["position"]] ** 2).sum(axis=1))
+    if keep == "keep_out":
+        return distance - limit["radius"]
+    speed = np.sqrt((x[:, limit["velocity"]] ** 2).sum(axis=1))
+    return limit["base"] + limit["slope"] * distance - speed
+
+
+def keep_text(keep: str, limit: Mapping[str, Any]) -> str:
+    """Table of a property."""
+    return f"[keep.{keep}]\n" + "".join(f"{key} = {value}\n" for key, value in limit.items())
+
+
+LIMITS: dict[str, dict[str, Any]] = {
+    "within": {"lower": [-9.0, -8.0, -2.0, -3.0], "upper": [7.0, 9.0, 4.0, 2.5]},
+    "avoid": {"lower": [-1.0, -1.5, -2.0, -3.0], "upper": [1.0, 0.5, 4.0, 2.5]},
+    "keep_out": {"position": [1, 3], "radius": 0.7},
+    "speed_limit": {"position": [0, 3], "velocity": [2, 1], "base": 0.4, "slope": 0.3},
+}
+
+
+def margins(bounds: Bounds) -> None:
+    """No state of a piece has less than the piece's margin, and some have nearly it."""
+    random = np.random.default_rng(6)
+    for keep, limit in LIMITS.items():
+        text = problem_text(
+            '["x1", "x2", "x3", "u0"]', 1, 1.0, [0.0] * 4, [0.0] * 4, keep_text(keep, limit)
+        )
+        for number in range(36):
+            # A third are points, of every direction; a third have a width; a third have a sag, too.
+            width, sag = ((0.0, 0.0), (0.05, 0.0), (0.05, 0.04))[number % 3]
+            angle = random.uniform(0.0, 2.0 * np.pi, 2)
+            centre = np.empty(4)
+            far = 3.0
+            pairs = {"keep_out": ([1, 3], [0, 2]), "speed_limit": ([0, 3], [2, 1])}.get(
+                keep, ([0, 1], [2, 3])
+            )
+            for pair, turn, size in zip(pairs, angle, (far, 2.0), strict=True):
+                centre[pair] = size * np.array([np.cos(turn), np.sin(turn)])
+            if width and keep == "avoid":  # one axis parts the set from the box
+                centre = np.array([0.0, 0.0, 0.0, 0.0])
+                axis = number // 3 % 4
+                centre[axis] = random.choice((-1.0, 1.0)) * 6.0
+            later = centre + (0.3 if width else 0.0) * random.normal(size=4)
+            begin, last = (Set(c, width * random.normal(size=(4, 3))) for c in (centre, later))
+            # Off the chord along the worst diagonal: sizes of a sag are those of the state.
+            sags = sag * (np.abs(centre) if sag else np.zeros(4))
+            margin = bounds.margin(text, Piece(begin, last, sags))
+            first, last = (end.corners(30, random) for end in (begin, last))
+            chord = np.concatenate(
+                [first + t * (last - first) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
+            )
+            signs = (
+                np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
+                if sag
+                else np.zeros((1, 4))
+            )
+            x = (chord[:, None] + signs * sags).reshape(-1, 4)
+            least = float(true_margins(keep, limit, x).min())
+            assert margin <= least + 1e-9, (keep, width, sag, margin - least)
+            # A polygon of 48 sides is 0.2 % outside of the circle; along one direction a distance is up to its
+            # width squared too short; and the largest lengths of both parts of a sag do not add up.
+            speed = 3.0 if keep == "speed_limit" else 0.0
+            slack = 0.0022 * speed + (
+                0.25 * (width > 0) + 3.0 * sag if keep in ("keep_out", "speed_limit") else 0.0
+            )
+            assert margin >= least - slack - 1e-9, (keep, width, sag, margin - least)
+    # A chord through the origin has no direction ahead.
+    for keep in ("keep_out", "speed_limit"):
+        text = problem_text(
+            '["x1", "x2", "x3", "u0"]', 1, 1.0, [0.0] * 4, [0.0] * 4, keep_text(keep, LIMITS[keep])
+        )
+        point = np.array([3.0, 0.5, 0.5, 3.0])
+        begin, last = (Set(sign * point, np.zeros((4, 1))) for sign in (1.0, -1.0))
+        # Half way the distance is 0, and the speed too.
+        assert bounds.margin(text, Piece(begin, last, np.zeros(4))) <= (
+            -0.7 if keep == "keep_out" else 0.4
+        )
+
+
+FLIGHTS = {
+    "within": ("a line", {"lower": [-0.5, -2.0], "upper": [1.9, 0.9]}, 6),
+    "avoid": ("a line", {"lower": [1.8, -9.0], "upper": [3.0, 9.0]}, 5),
+    "keep_out": ("a line", {"position": [0], "radius": 0.3}, 1),
+    "speed_limit": ("a cube", {"position": [0], "velocity": [1, 0], "base": 2.0, "slope": 0.5}, 2),
+}
+
+
+def flights(bounds: Bounds) -> None:
+    """No flight from a cell has less than the cell's margin at any instant or its end, and some have nearly it."""
+    random = np.random.default_rng(8)
+    for (keep, (name, limit, steps)), has_end in itertools.product(FLIGHTS.items(), (False, True)):
+        rates, commands, period = PLANTS[name]
+        network = random_layers((2, 3, commands), steps, "tanh", 0.7)
+        low, high = np.array([0.9, 0.1]), np.array([1.0, 0.15])
+        x = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(60, random)
+        least = np.inf
+        for _ in range(steps):
+            path = motion(rates, x, answers(network, x), period, 32)
+            least = min(least, float(min(true_margins(keep, limit, y).min() for y in path)))
+            x = path[-1]
+        end = ""
+        if has_end:  # a box that flights end in by less than they keep the property by
+            box = {
+                "lower": (x.min(axis=0) - 0.02).tolist(),
+                "upper": (x.max(axis=0) + 0.02).tolist(),
+            }
+            end = keep_text("x", box).replace("keep.x", "end")
+            least = min(least, 0.02)
+        text = problem_text(rates, commands, period, low, high, keep_text(keep, limit), steps, end)
+        margin = bounds.flight(text, network, low, high)
+        assert margin <= least + 1e-9, (keep, has_end, margin, least)
+        assert margin >= least - 0.12, (keep, has_end, margin, least)
+
+
+def covers(bounds: Checker) -> None:
+    """Cells cover a box only if no point of it is left out."""
+    random = np.random.default_rng(10)
+    for count in (1, 2, 3):
+        box = [(-1.0, 2.0)] * (count - 1) + [(0.5, 0.5) if count == 3 else (0.0, 1.0)]
+        cells = [box]
+        while len(cells) < 9:
+            cell = cells.pop(int(random.integers(len(cells))))
+            axis = int(random.integers(max(count - 1, 1)))
+            low, high = cell[axis]
+            cut = low + (high - low) * float(random.uniform(0.2, 0.8))
+            cells += [[*cell[:axis], part, *cell[axis + 1 :]] for part in ((low, cut), (cut, high))]
+        bounds.check._cover(box, cells)
+        bounds.check._cover(box, [*cells[::-1], cells[0]])
+        for k in range(len(cells)):
+            axis = k % max(count - 1, 1)
+            low, high = cells[k][axis]
+            less = float(np.nextafter(high, low))
+            smaller = [*cells[k][:axis], (low, less), *cells[k][axis + 1 :]]
+            for rest in (cells[:k] + cells[k + 1 :], [*cells[:k], smaller, *cells[k + 1 :]]):
+                try:
+                    bounds.check._cover(box, rest)
+                except bounds.refusals:
+                    continue
+                raise AssertionError("a gap was not seen")
+
+
+LINE = problem_text(
+    '["u0", "u1"]',
+    2,
+    0.1,
+    [-0.1, -1.0],
+    [0.1, 1.0],
+    keep_text("within", {"lower": [-0.4, -1.2], "upper": [0.4, 1.2]}),
+    3,
+)
+"""A plant x' = u of the states of `graphs`, which its network keeps within the limits from these starts."""
+
+
+def certificate(network: bytes, problem: str, cells: Any) -> bytes:
+    """A certificate in words of its own."""
+    digest = hashlib.sha256(network).hexdigest()
+    margins = [0.1] * len(cells)
+    return json.dumps(
+        {"format": 1, "network": digest, "problem": problem, "cells": cells, "margins": margins}
+    ).encode()
+
+
+def verdicts(bounds: Checker) -> None:
+    """True certificates are accepted with their least margin, and others refused."""
+    network = graph([step("Gemm", "x W b", "y", transB=1)], b=np.zeros(2))
+    cells = [[[-0.1, -1.0], [0.0, 1.0]], [[0.0, -1.0], [0.1, 1.0]]]
+    honest = certificate(network, LINE, cells)
+    margin = bounds.check.check(honest, network)
+    # The flights from the corners; x' = W x per period.
+    x = np.array(list(itertools.product((-0.1, 0.0, 0.1), (-1.0, 1.0))))
+    least = np.inf
+    for _ in range(3):
+        x = x + 0.1 * x @ WEIGHT.T.astype(float)
+        least = min(least, 0.4 - np.abs(x[:, 0]).max(), 1.2 - np.abs(x[:, 1]).max())
+    least = min(least, 1.2 - 1.0)
+    assert least - 0.03 <= margin <= least + 1e-9
+    false_problem = LINE.replace("[-0.4, -1.2]", "[-0.11, -1.2]")
+    beyond = LINE.replace("upper = [0.1, 1.0]", "upper = [0.2, 1.0]")
+    other = graph([step("Gemm", "x W b", "y", transB=1)], b=SHIFT)
+    forged = [
+        (honest, other),
+        (certificate(network, false_problem, cells), network),
+        (certificate(network, beyond, cells), network),
+        (certificate(network, LINE, cells[:1]), network),
+        (
+            certificate(
+                network,
+                LINE.replace("commands = 2", "commands = 1").replace('"u1"', '"-x1"'),
+                cells,
+            ),
+            network,
+        ),
+    ]
+    for content, file in forged:
+        try:
+            bounds.check.check(content, file)
+        except bounds.refusals:
+            continue
+        raise AssertionError("a false certificate was accepted")
+    assert bounds.check.check(honest, network, only=[1]) >= margin
+
+
+def readings(bounds: Checker) -> None:
+    """Layers answer as ONNX Runtime does, without the comparison that would refuse them."""
+    import onnxruntime
+
+    bounds.network._compare = lambda *_: None
+    states = np.random.default_rng(12).normal(size=(10, 2)).astype(np.float32)
+    for name in ("transposed", "general product", "product and sum", "activations", "convolution"):
+        content = ordinary()[name]
+        session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+        shape = [1, *session.get_inputs()[0].shape[1:]]
+        true = np.stack(
+            [np.asarray(session.run(None, {"x": x.reshape(shape)})[0]).ravel() for x in states]
+        )
+        layers = [
+            Layer(bounds._array(weight), bounds._array(bias)[:, 0], kind.lower())
+            for weight, bias, kind, _ in bounds.network.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
+        ]
+        np.testing.assert_allclose(answers(layers, states.astype(float)), true, atol=1e-5)
+
+
+def proofs(bounds: Prover) -> None:
+    """Proved cells fill the starts, and no flight from one has less than its margin; what is open is said to be."""
+    random = np.random.default_rng(14)
+    rates, commands, period = PLANTS["a line"]
+    hidden = Layer(np.array([[0.5, 6.0], [-4.0, 1.0]]), np.array([0.0, 0.5]), "tanh")
+    network = [hidden, Layer(np.array([[3.0, 2.0]]), np.zeros(1), "tanh")]
+    low, high = np.array([-1.0, 0.0]), np.array([1.0, 1.5])
+    # A limit that some cells keep as a whole, and the others in parts only.
+    x = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(300, random)
+    path = motion(rates, x, answers(network, x), period, 16)
+    highest = float(path[..., 1].max())
+    for spare, is_true in ((0.03, True), (-0.3, False)):
+        limit = {"lower": [-99.0, -99.0], "upper": [99.0, highest + spare]}
+        text = problem_text(rates, commands, period, low, high, keep_text("within", limit))
+        problem = bounds.problem.problem_of(text)
+        proof = bounds.proof.prove(problem, network, smallest=1.0 / 64, first=[2, 3])
+        assert proof.is_whole == is_true
+        assert (proof.counterexample is None) == is_true
+        assert (proof.margins > 0.0).all()
+        if not is_true:
+            continue
+        assert 6 < len(proof.low) < 400
+        start = random.uniform(low, high, (2000, 2))
+        inside = (start[:, None] >= proof.low) & (start[:, None] <= proof.high)
+        assert inside.all(axis=2).any(axis=1).all()
+        assert np.prod(proof.high - proof.low, axis=1).sum() == np.prod(high - low)
+        for k in range(0, len(proof.low), 7):
+            x = random.uniform(proof.low[k], proof.high[k], (20, 2))
+            path = motion(rates, x, answers(network, x), period, 16)
+            assert proof.margins[k] <= true_margins("within", limit, path.reshape(-1, 2)).min()
+
+
+PARTS: dict[str, Callable[[Any], None]] = {
+    "lines": lines,
+    "enclosures": enclosures,
+    "motions": motions,
+    "explosions": explosions,
+    "margins": margins,
+    "flights": flights,
+}
+"""Parts for both programs."""
+OF_CHECKER: dict[str, Callable[[Any], None]] = {
+    **PARTS,
+    "covers": covers,
+    "verdicts": verdicts,
+    "readings": readings,
+}
+OF_PROVER: dict[str, Callable[[Any], None]] = {**PARTS, "proofs": proofs}
