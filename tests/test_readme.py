@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 import inspect
 import json
 import os
@@ -189,11 +190,22 @@ def test_the_glossary_has_the_words_of_the_tables() -> None:
     assert {"late", "left", "unsettled"} <= known
 
 
+def commands_in_markup(text: str) -> set[str]:
+    """Commands between tags, and in strings of scripts; each may end with what a script puts in."""
+    tagged = re.findall(r"<(?:code|pre)[^>]*>\s*(rans [^<]+)</", text)
+    quoted = re.findall(r"""["'`](rans [^"'`\n]+)["'`]""", text)
+    return {html.unescape(found) for found in (*tagged, *quoted)}
+
+
 def commands() -> set[str]:
-    """The commands of all pages."""
+    """The commands of all pages, of templates of pages that RANS writes, and of their scripts."""
     found: set[str] = set()
+    for file in (ROOT / "rans").rglob("*"):
+        if file.suffix in (".j2", ".js", ".html"):
+            found |= commands_in_markup(file.read_text("utf-8"))
     for page in PAGES:
         found.update(re.findall(r"`(rans [^`\n]+)`", page.read_text("utf-8")))
+        found |= commands_in_markup(page.read_text("utf-8"))
         found.update(re.findall(r"^(rans .+)$", "".join(blocks(page, "")), re.MULTILINE))
     return found
 
@@ -208,6 +220,14 @@ def test_commands_parse() -> None:
             except (SystemExit, ConfigError) as error:
                 refused.append((line, str(error)))
     assert not refused
+
+
+def test_commands_of_templates_and_scripts_are_seen() -> None:
+    text = "<p><code>rans evaluate a@b.toml</code></p> x = 'rans list'; y = `rans view ${name}`"
+    assert commands_in_markup(text) == {"rans evaluate a@b.toml", "rans list", "rans view ${name}"}
+    assert "rans evaluate any-craft-2d@mine.toml" in commands()
+    with pytest.warns(DeprecationWarning, match="write it after the name"):
+        _parse(["evaluate", "any-craft-2d", "--spacecraft", "mine.toml"])
 
 
 def test_torchrun_takes_no_option_of_ours_for_its_own() -> None:

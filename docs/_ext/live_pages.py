@@ -37,7 +37,7 @@ MISSIONS = {
 """Who flies in the frame on the page of each mission."""
 _FRAME = """
 ```{{raw}} html
-<iframe class="play part" src="{up}play/{file}#part" title="{who} flies" loading="lazy"></iframe>
+<iframe class="play part" src="{up}play/{file}?part" title="{who} flies" loading="lazy"></iframe>
 <p><a href="{up}play/{file}">{who} flies</a> in this frame: click a thruster to make it fail. As a page of its own
 it has all controls.</p>
 ```

@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import subprocess
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -74,30 +75,40 @@ def live(html: str) -> list[str]:
     return _Live(html).live
 
 
-def ran(pages: Mapping[str, str], profile: Path) -> list[str]:
-    """Titles of pages in whose browser a text of `HOSTILE` has run; "control" is a page in which it does."""
-    texts = dict(enumerate([_RUNS, *pages.values()]))
-    frames = "".join(f'<iframe src="/{number}"></iframe>' for number in texts)
+@contextmanager
+def served(pages: Mapping[str, str]) -> Iterator[tuple[str, list[str]]]:
+    """Serve pages by their paths; gives the address, and what they ask for at /ran? while they are served."""
     reports: list[str] = []
 
     class Answer(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            number = self.path.lstrip("/")
-            if self.path.startswith("/ran"):
-                reports.append(self.path.partition("?")[2])
-            found = number == "" or (number.isdigit() and int(number) in texts)
-            self.send_response(200 if found else 404)
+            path, _, rest = self.path.partition("?")
+            if path == "/ran":
+                reports.append(rest)
+            page = pages.get(path)
+            self.send_response(404 if page is None else 200)
             self.send_header("Content-Type", "text/html; charset=utf-8")
             self.end_headers()
-            if found:
-                self.wfile.write((texts[int(number)] if number else frames).encode())
+            self.wfile.write((page or "").encode())
 
         def log_message(self, format: str, *args: object) -> None:
             """Say nothing."""
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Answer) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_port}/"
-        chromium("--virtual-time-budget=5000", "--dump-dom", address, profile=profile)
+        yield f"http://127.0.0.1:{server.server_port}", reports
         server.shutdown()
+
+
+def ran(pages: Mapping[str, str], profile: Path) -> list[str]:
+    """Titles of pages in whose browser a text of `HOSTILE` has run; "control" is a page in which it does."""
+    texts = {f"/{number}": text for number, text in enumerate([_RUNS, *pages.values()])}
+    texts["/"] = "".join(f'<iframe src="{path}"></iframe>' for path in texts)
+    with served(texts) as (address, reports):
+        opened(f"{address}/", profile)
     return reports
+
+
+def opened(address: str, profile: Path) -> str:
+    """The page at an address after its scripts have run."""
+    return chromium("--virtual-time-budget=5000", "--dump-dom", address, profile=profile)

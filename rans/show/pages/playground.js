@@ -1,4 +1,6 @@
 // Controls and drawing of the page; the flight itself is `Flight`.
+// ?part in the address: the picture, its status and its buttons fill a frame. A fragment would scroll the page around it.
+document.body.classList.toggle("part", new URLSearchParams(location.search).has("part"));
 const at = id => document.getElementById(id);
 const flight = new Flight(DATA.episode);
 const field = at("field"), strip = at("history");
@@ -7,6 +9,9 @@ let running = !matchMedia("(prefers-reduced-motion: reduce)").matches;
 let speed = 1, frames = [flight.pose()], clock = 0, last = 0, records = [], trail = [], dragged = "";
 const DIMENSION = DATA.planar ? 2 : 3, SIZE = DATA.planar ? 3 : 7;  // of a position and of a pose
 let view = {centre: [0, 0, 0], half: 3, floor: 0};
+let close = false, hovered = -1;  // whether the craft fills the picture; the thruster under the pointer
+const extent = () => close ? Math.min(view.half, 4 * DATA.radius) : view.half;
+const eye = () => close ? frames[0] : view.centre;
 let azimuth = -1.1, elevation = 0.4;  // from where a flight in space is seen, rad
 const follows = !DATA.errors.some(error => error.name === "position");
 const ink = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -40,26 +45,29 @@ function ready(canvas) {
 }
 
 // From W, m, to the picture and back.
-const scale = () => Math.min(field.clientWidth, field.clientHeight) / (2 * view.half);
+const scale = () => Math.min(field.clientWidth, field.clientHeight) / (2 * extent());
 // Axes of the picture in W: to the right, up, and towards the reader.
 function camera() {
   if (DATA.planar) return [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
   const [c, s] = [Math.cos(azimuth), Math.sin(azimuth)], [level, height] = [Math.cos(elevation), Math.sin(elevation)];
   return [[-s, c, 0], [-height * c, -height * s, level], [level * c, level * s, height]];
 }
-const offset = point => { const from = view.centre.map((x, k) => (point[k] ?? 0) - x); return camera().map(axis => dot(axis, from)); };
+const offset = (point, from = eye()) => {
+  const away = [0, 1, 2].map(k => k < DIMENSION ? (point[k] ?? 0) - from[k] : 0);
+  return camera().map(axis => dot(axis, away));
+};
 const shown = point => {
   const [u, v] = offset(point.slice(0, DIMENSION));
   return [field.clientWidth / 2 + u * scale(), field.clientHeight / 2 - v * scale()];
 };
 // A point moved within the picture by so many metres to the right and up.
 const pushed = (point, u, v) => { const [right, up] = camera(); return point.map((x, k) => k < DIMENSION ? x + u * right[k] + v * up[k] : x); };
-const placed = (x, y) => pushed(view.centre, (x - field.clientWidth / 2) / scale(), (field.clientHeight / 2 - y) / scale());
+const placed = (x, y) => pushed(eye().slice(0, 3), (x - field.clientWidth / 2) / scale(), (field.clientHeight / 2 - y) / scale());
 
 function frame() {
   const pose = flight.pose(), goal = flight.goal;
   if (follows) { view = {...view, centre: centre(pose, pose), half: 3, floor: pose[2] - 1}; return; }
-  const reach = Math.max(...[pose, goal].flatMap(one => offset(one.slice(0, DIMENSION)).slice(0, 2).map(Math.abs))) + 3 * DATA.radius;
+  const reach = Math.max(...[pose, goal].flatMap(one => offset(one.slice(0, DIMENSION), view.centre).slice(0, 2).map(Math.abs))) + 3 * DATA.radius;
   if (reach > view.half) view.half = reach;
 }
 const centre = (a, b) => [0, 1, 2].map(k => k < DIMENSION ? (a[k] + b[k]) / 2 : 0);
@@ -70,7 +78,7 @@ function begin_anew() {
   frame(); view.half *= 1.1;
   // A keep-out zone is seen as a whole.
   shapes(start.scenery, (kind, values) => {
-    if (kind === "Ball") view.half = Math.max(view.half, ...offset(values.slice(0, DIMENSION)).slice(0, 2).map(x => Math.abs(x) + values[2 * DIMENSION]));
+    if (kind === "Ball") view.half = Math.max(view.half, ...offset(values.slice(0, DIMENSION), view.centre).slice(0, 2).map(x => Math.abs(x) + values[2 * DIMENSION]));
   });
   told(); draw();
 }
@@ -89,7 +97,7 @@ function arrow(pen, from, vector, colour) {
 }
 // m from line to line of the grid: 1, 2 or 5 times a power of ten, so that there are 6 to 20 lines.
 function every() {
-  const size = view.half / 5, decade = 10 ** Math.floor(Math.log10(size));
+  const size = extent() / 5, decade = 10 ** Math.floor(Math.log10(size));
   return decade * [1, 2, 5, 10].find(u => u * decade >= size);
 }
 function floor(pen, width, height) {
@@ -100,8 +108,8 @@ function floor(pen, width, height) {
 }
 // A level grid below start and goal, with plumb lines.
 function ground(pen, every) {
-  const under = ([x, y]) => [x, y, view.floor], reach = every * Math.ceil(1.3 * view.half / every);
-  const [x, y] = view.centre.map(u => every * Math.round(u / every));
+  const under = ([x, y]) => [x, y, view.floor], reach = every * Math.ceil(1.3 * extent() / every);
+  const [x, y] = eye().slice(0, 2).map(u => every * Math.round(u / every));
   for (let k = -reach; k <= reach + 1e-9; k += every) {
     path(pen, [[x + k, y - reach], [x + k, y + reach]].map(one => shown(under(one)))); pen.stroke();
     path(pen, [[x - reach, y + k], [x + reach, y + k]].map(one => shown(under(one)))); pen.stroke();
@@ -127,7 +135,7 @@ function scenery(pen, numbers) {
       pen.arc(...shown(values), values[2 * DIMENSION] * scale(), 0, 7);
     } else if (kind === "GlideSlope") {
       const [apex, up, angle] = [values.slice(0, 3), values.slice(3, 6), values[6]];
-      cone(pen, [...apex, ...up, Math.PI / 2 - angle, view.half]);
+      cone(pen, [...apex, ...up, Math.PI / 2 - angle, extent()]);
       pen.strokeStyle = ink("--good");
     } else if (!DATA.planar) {
       cone(pen, values);
@@ -205,10 +213,12 @@ function craft(pen, pose) {
     pen.lineWidth = 3; path(pen, [[x, y], shown(turn(pose, [DATA.radius, 0]))]); pen.stroke();
   } else box(pen, pose, "--link");
   pen.font = "600 11px system-ui"; pen.textAlign = "center"; pen.textBaseline = "middle";
-  nozzles(pose).forEach(([u, v], k) => {
+  const places = nozzles(pose), apart = places.every(([u, v], k) => places.slice(0, k).every(([x, y]) => Math.hypot(u - x, v - y) > 13));
+  places.forEach(([u, v], k) => {
     pen.fillStyle = {ok: ink("--soft"), dead: ink("--bad"), "stuck open": ink("--plume")}[flight.faults[k]];
-    if (flight.faults[k] !== "ok") { pen.beginPath(); pen.arc(u, v, 8, 0, 7); pen.fill(); pen.fillStyle = ink("--page"); }
-    if (size > (DATA.planar ? 22 : 90) || flight.faults[k] !== "ok") pen.fillText(k, u, v);
+    const marked = flight.faults[k] !== "ok" || k === hovered;
+    if (marked) { pen.beginPath(); pen.arc(u, v, 8, 0, 7); pen.fill(); pen.fillStyle = ink("--page"); }
+    if (marked || (apart && size > (DATA.planar ? 22 : 90))) pen.fillText(k, u, v);
   });
   pen.textAlign = "start"; pen.textBaseline = "alphabetic";
 }
@@ -236,7 +246,7 @@ function box(pen, pose, colour) {
     pen.lineWidth = k ? 1 : 3; path(pen, [shown(middle), drawn(pose, tip)]); pen.stroke();
   });
 }
-// Where the numbers of thrusters stand: inwards of the nozzle, along its force, so that two of a corner are apart.
+// Where the numbers of thrusters stand, all of them only where there is room, or else that under the pointer: inwards of the nozzle, along its force, so that two of a corner are apart.
 const nozzles = pose => DATA.thrusters.map(({at: place, along}) => {
   const size = Math.hypot(...along) || 1;
   return drawn(pose, place.map((u, n) => u * 0.86 + along[n] / size * DATA.radius * 0.2));
@@ -346,6 +356,7 @@ at("back").textContent = `Back ${back} s`;
 at("back").onclick = () => rewound(Math.max(1, Math.round(back / DATA.period)));
 at("again").onclick = () => { flight.restart(); begin_anew(); };
 at("next").onclick = () => { flight.restart(flight.number + 1); begin_anew(); };
+at("closer").onclick = () => { close = !close; at("closer").textContent = close ? "Whole way" : "Closer"; draw(); };
 at("repair").onclick = () => { flight.faults.fill("ok"); told(); draw(); };
 function valves() {
   at("valves").replaceChildren(...DATA.thrusters.map((_, k) => {
@@ -425,7 +436,13 @@ field.onpointerdown = event => {
 };
 field.onpointermove = event => {
   const [x, y] = inside(event);
-  if (!dragged) { field.style.cursor = hit(x, y) === "" ? "default" : "pointer"; return; }
+  if (!dragged) {
+    const found = hit(x, y), before = hovered;
+    field.style.cursor = found === "" ? "default" : "pointer";
+    hovered = typeof found === "number" ? found : -1;
+    if (hovered !== before) draw();
+    return;
+  }
   const now = flight.goal, [a, b] = shown(now), [u, v] = [(x - a) / scale(), (b - y) / scale()];
   if (dragged === "view") looked(event.movementX / 120, event.movementY / 120);
   else if (dragged === "goal") moved(pushed(now, u, v));
@@ -436,6 +453,7 @@ function looked(aside, up) {
   elevation = Math.max(-1.5, Math.min(1.5, elevation + up));
   draw();
 }
+field.onpointerleave = () => { hovered = -1; draw(); };
 field.onpointerup = field.onpointercancel = () => { dragged = ""; };
 // A finger on the goal drags it; elsewhere it scrolls the page.
 field.addEventListener("touchstart", event => {

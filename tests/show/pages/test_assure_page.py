@@ -6,17 +6,18 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from rans.api.pages import flyers
 from rans.evaluation.assure.assurance import Assurance
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.campaign import Campaign
+from rans.show.pages.assure_page import assurance_page
+from rans.show.pages.stress_page import StressReport
+
+from rans.api.pages import flyers
 from rans.evaluation.stress.effects import Level
 from rans.evaluation.stress.outcome import StressOutcome
 from rans.files import plain
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
-from rans.show.pages.assure_page import assurance_page
 from rans.show.pages.report import assurance_section, stress_section
-from rans.show.pages.stress_page import StressReport
 from tests.support.evaluation_flights import two_episodes
 from tests.support.stress_runs import small
 

@@ -40,6 +40,7 @@ from rans.scenario import scenarios
 from rans.show.pages.playground import Playground, _Traced, playground
 from rans.show.scene.interactive import InteractiveFlight, interactive_world
 from rans.tasks import Dock, TargetOrbit
+from tests.support.browser import opened, served
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaScript")
@@ -452,3 +453,68 @@ console.log(JSON.stringify(found));"""
         # The check in the middle of a period sees a point or two more or less on the terminator.
         assert np.count_nonzero(seen != markers[:, 3].astype(bool)) <= 2
     assert 20 < seen.sum() < 80
+
+
+_ALARM = (
+    '<script>addEventListener("error", '
+    "event => { document.body.dataset.error = event.message; });</script>"
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["any-craft-2d", "go-to-pose-2d-robust", "mission:dock-3d"])
+def test_a_browser_runs_the_page_whole_and_near(name: str, tmp_path: Path) -> None:
+    """Every script of it without an error, from far and from near; a page with an error says so."""
+    (run,) = flyers((name,), None, False)
+    page = playground(run).html().replace("<h1>", f"{_ALARM}<h1>", 1)
+    assert _ALARM in page
+    press = '<script>at("closer").click();</script>'
+    pages = {
+        "/": page.replace("</body>", f"{press}</body>"),
+        "/wrong": page.replace("</body>", "<script>nothing();</script></body>"),
+    }
+    with served(pages) as (address, _):
+        near = opened(f"{address}/", tmp_path / "near")
+        wrong = opened(f"{address}/wrong", tmp_path / "wrong")
+    assert "data-error" not in near.partition("<script")[0]
+    assert 'id="closer">Whole way<' in near
+    assert re.search(r"<body[^>]* data-error=", wrong)
+
+
+@pytest.mark.slow
+def test_a_page_with_a_live_part_opens_at_its_title(tmp_path: Path) -> None:
+    """Which a fragment in the frame's address would scroll away, as the control does."""
+    part = playground(run_of("go-to-pose-2d")).html()
+    around = """<h1 style="height: 400px">Title</h1><iframe src="FRAME" width="600" height="400"></iframe>
+<p style="height: 3000px"></p>
+<script>addEventListener("load", () => setTimeout(() => { document.body.dataset.y = scrollY; }, 500));</script>"""
+    pages = {
+        "/play/x.html": part,
+        "/fragment": '<p style="height: 300px"></p><p id="part">here</p>',
+        "/site": around.replace("FRAME", "play/x.html?part"),
+        "/control": around.replace("FRAME", "fragment#part"),
+    }
+    scrolled = {}
+    with served(pages) as (address, _):
+        for name in ("site", "control"):
+            dom = opened(f"{address}/{name}", tmp_path / name)
+            found = re.search(r'data-y="([\d.]+)"', dom)
+            assert found
+            scrolled[name] = float(found[1])
+        alone = opened(f"{address}/play/x.html?part", tmp_path / "alone")
+        whole = opened(f"{address}/play/x.html", tmp_path / "whole")
+    assert scrolled["site"] == 0.0 < scrolled["control"]
+    assert '<body class="part">' in alone
+    assert 'class="part"' not in whole
+
+
+def test_no_page_of_the_site_has_a_frame_with_a_fragment() -> None:
+    """It scrolls the page around it."""
+    docs = Path(__file__).parents[3] / "docs"
+    frames = [
+        found
+        for file in (*docs.rglob("*.md"), *docs.rglob("*.py"))
+        for found in re.findall(r"<iframe[^>]*>", file.read_text("utf-8"))
+    ]
+    assert frames
+    assert [frame for frame in frames if "#" in frame] == []

@@ -8,9 +8,7 @@ import io
 import json
 import logging
 import re
-import shutil
 import socket
-import subprocess
 import urllib.request
 from itertools import combinations
 from pathlib import Path
@@ -25,6 +23,7 @@ from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.scene.scene import BODIES
 from rans.show.scene.view import View
+from tests.support.browser import chromium
 from tests.support.processes import PATIENCE
 from tests.support.reference_flights import TRACKING, drifting, lqr_flight
 
@@ -60,35 +59,17 @@ probe();
 
 def browse(page: Path) -> str:
     """The page after its scripts have run, without any network."""
-    browser = (
-        shutil.which("chromium")
-        or shutil.which("google-chrome")
-        or shutil.which("chromium-browser")
+    return chromium(
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+        "--virtual-time-budget=10000",
+        "--window-size=640,480",
+        "--dump-dom",
+        page.as_uri(),
+        profile=page.parent / "profile",
     )
-    if browser is None:
-        pytest.skip("needs the browser Chromium: sudo apt-get install -y chromium")
-    run = subprocess.run(
-        [
-            browser,
-            "--headless",
-            "--no-sandbox",
-            "--disable-background-networking",
-            "--use-gl=angle",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--host-resolver-rules=MAP * ~NOTFOUND",
-            f"--user-data-dir={page.parent / 'profile'}",
-            "--virtual-time-budget=10000",
-            "--window-size=640,480",
-            "--dump-dom",
-            page.as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=True,
-    )
-    return run.stdout
 
 
 @pytest.mark.slow
