@@ -1,11 +1,13 @@
 """What is known at least of every mission: ``python -m campaigns.standings --docs docs``.
 
 It measures nothing: it gathers proven bound, cheapest known flight, guidance and agent of each mission from the
-evidence of `campaigns.missions`, `campaigns.inspection` and `campaigns.passive`, into the first table of its page.
+evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.front` and `campaigns.passive`, into the first
+table of its page. The cheapest known flight is of whoever spends least, optimal trajectories included.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,10 +49,10 @@ _CHEAPEST = "cheapest known"
 _GUIDANCE = "guidance"
 _SAFE = "guidance, passively safe"
 _AGENT = "agent"
+_AGAIN = ", in Drake"
 _NONE = "none"
 """Cell of a row for which no flight is known."""
 _ORBITAL = (
-    (_CHEAPEST, "convex guidance"),
     (_GUIDANCE, "mission guidance"),
     (_AGENT, _NONE),
 )
@@ -71,7 +73,6 @@ MISSIONS = {
     "land": Mission(
         "",
         (
-            (_CHEAPEST, "landing guidance"),
             (_GUIDANCE, "landing guidance"),
             (_AGENT, "pretrained:land-3d"),
         ),
@@ -80,7 +81,6 @@ MISSIONS = {
     "inspect": Mission(
         "",
         (
-            (_CHEAPEST, "circumnavigation, 12,240 s"),
             (_GUIDANCE, "visiting"),
             (_AGENT, "inspect-3d, filtered"),
         ),
@@ -92,7 +92,6 @@ MISSIONS = {
     "avoid": Mission(
         "default zones",
         (
-            (_CHEAPEST, "pretrained:avoid-2d"),
             (_GUIDANCE, "MPC"),
             (_GUIDANCE, "LQR, filtered"),
             (_AGENT, "pretrained:avoid-2d"),
@@ -102,7 +101,6 @@ MISSIONS = {
     "dock-port": Mission(
         "default rates",
         (
-            (_CHEAPEST, "pretrained:dock-port-2d"),
             (_GUIDANCE, "MPC"),
             (_GUIDANCE, "LQR, filtered"),
             *((_AGENT, f"pretrained:dock-port-{name}") for name in ("2d", "2d-atmos", "3d")),
@@ -139,9 +137,12 @@ def in_document(docs: Path, mission: str) -> Table:
     of_safety = {who: safety[name] for who, name in asked.passive}
     starts = read_json(docs / "validation" / f"mission-{mission}.json").get("episodes", "")
     lines = [_bound(mission, asked, flown)]
-    for what, who in asked.rows:
-        name = f"{who}, by {asked.condition}" if asked.rows is _ORBITAL and who != _NONE else who
-        lines.append([what, name, *_cells(flown.get(who), of_safety.get(who), starts, asked.unit)])
+    entries = [(_CHEAPEST, *_cheapest(flown, _optima(docs, mission)))]
+    entries += [(what, who, flown.get(who)) for what, who in asked.rows]
+    for what, who, row in entries:
+        orbital = asked.rows is _ORBITAL and who in flown
+        name = f"{who}, by {asked.condition}" if orbital else who
+        lines.append([what, name, *_cells(row, of_safety.get(who), starts, asked.unit)])
     if _SAFE in of_safety:
         name = dict(asked.passive)[_SAFE].partition(", ")[2]
         row = of_safety[_SAFE]
@@ -163,6 +164,58 @@ def in_document(docs: Path, mission: str) -> Table:
         lines,
         "",
     )
+
+
+def _optima(docs: Path, mission: str) -> dict[str, Any]:
+    """Optimal trajectories of a mission's front, as rows by their names, where it has one (`campaigns.front`).
+
+    They have the longest of its times, which costs least, and the bound of that time; starts without a trajectory
+    are not won.
+    """
+    file = docs / "validation" / f"{mission}-front.json"
+    if not file.exists():
+        return {}
+    rows = read_json(file)["rows"]
+    time = max(row["time"] for row in rows)
+    of_time = [row for row in rows if row["time"] == time]
+    found = [row for row in of_time if math.isfinite(number(row["flight"]))]
+    return {
+        f"optimal trajectories, throttled, by {time:g} s": {
+            "starts": len(of_time),
+            "won": len(found) / len(of_time),
+            "ratio": sum(row["flight"] / row["bound"] for row in found) / len(found),
+            "spent": sum(row["flight"] for row in found) / len(found),
+        }
+    }
+
+
+def _cheapest(flown: dict[str, Any], optima: dict[str, Any]) -> tuple[str, Any]:
+    """Who has the lowest mean ratio to the bound of all that win from every start, from whichever hand.
+
+    Where nobody wins from every start, of those that win from the largest part of them.
+    """
+    # Drake flies the same guidance once more, from fewer starts.
+    candidates = {
+        who: row
+        for who, row in {**flown, **optima}.items()
+        if math.isfinite(_ratio(row)) and not who.endswith(_AGAIN)
+    }
+    most = max(map(_won, candidates.values()))
+    return min(
+        ((who, row) for who, row in candidates.items() if _won(row) == most),
+        key=lambda candidate: _ratio(candidate[1]),
+    )
+
+
+def _won(row: Any) -> float:
+    return row["won"] if "won" in row else row["succeeded"]
+
+
+def _ratio(row: Any) -> float:
+    """Mean of what is spent over the bound; NaN: there is none."""
+    if "ratio" in row:
+        return _number(row, "ratio")
+    return row["impulse"] / row["bound"] if "bound" in row else math.nan
 
 
 def _bound(mission: str, asked: Mission, flown: dict[str, Any]) -> list[str]:
@@ -187,9 +240,9 @@ def _cells(row: Any, safety: Any, starts: Any, unit: str) -> list[str]:
     """Starts, won, over the bound, spent, time, margin and coasts of a contestant."""
     if row is None:
         return [*"-------"]
-    won = row["won"] if "won" in row else row["succeeded"]
+    won = _won(row)
     spent = _number(row, "spent") if "spent" in row else row["impulse"]
-    ratio = _number(row, "ratio") if "ratio" in row else row["impulse"] / row["bound"]
+    ratio = _ratio(row)
     median = f"{row['median']:,.0f}" if "median" in row else "-"
     rest = [median, "-", "-"] if safety is None else _safe(safety)
     return [

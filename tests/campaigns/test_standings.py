@@ -1,0 +1,64 @@
+"""The first table of each mission's page: nobody in the evidence is cheaper than the cheapest known flight."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from campaigns.standings import MISSIONS, in_document
+from rans.files import read_json, write_json
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.parametrize("mission", MISSIONS)
+def test_nobody_who_always_wins_is_cheaper(mission: str) -> None:
+    table = in_document(DOCS, mission)
+    (cheapest,) = (row for row in table.rows if row[0] == "cheapest known")
+    ratio = float(cheapest[4])
+    others = [float(row[4]) for row in table.rows if row[3] == "100.0" and row[4] != "-"]
+    assert ratio <= min(others)
+    # Optimal trajectories are in a table of their own, by the same pages.
+    file = DOCS / "validation" / f"{mission}-front.json"
+    if file.exists():
+        rows = read_json(file)["rows"]
+        last = max(row["time"] for row in rows)
+        spent = [float(row["flight"]) for row in rows if row["time"] == last]
+        if all(map(math.isfinite, spent)):
+            assert float(cheapest[5].split()[0].replace(",", "")) <= sum(spent) / len(spent) + 0.01
+
+
+@pytest.mark.parametrize("mission", MISSIONS)
+def test_the_page_has_the_table_of_the_evidence(mission: str) -> None:
+    page = (DOCS / "missions" / f"{mission}.md").read_text("utf-8")
+    for row in in_document(DOCS, mission).rows:
+        assert re.search(r"\| " + re.escape(" | ".join(row)) + r" \|", page), row
+
+
+def test_flights_of_any_hand_count(tmp_path: Path) -> None:
+    """An agent always wins with 3 N s, guidance wins half with 1, an optimum has 2 over a bound of 1."""
+    folder = tmp_path / "validation"
+    folder.mkdir()
+    agent = {"condition": "default zones", "starts": 9, "won": 1.0, "ratio": 3.0, "spent": 3.0}
+    guidance = agent | {"who": "MPC", "won": 0.5, "ratio": 1.0, "spent": 1.0}
+    rows = [agent | {"who": "pretrained:avoid-2d"}, guidance]
+    write_json(folder / "mission-avoid.json", {"episodes": 9, "rows": rows})
+    write_json(folder / "passive-safety.json", {"rows": []})
+
+    def cheapest() -> list[str]:
+        (row,) = (row for row in in_document(tmp_path, "avoid").rows if row[0] == "cheapest known")
+        return row[1:6]
+
+    assert cheapest() == ["pretrained:avoid-2d", "9", "100.0", "3.000", "3 N s"]
+    front = [{"time": t, "start": 0, "bound": 1.0, "flight": 40.0 / t} for t in (10.0, 20.0)]
+    write_json(folder / "avoid-front.json", {"rows": front})
+    assert cheapest() == [
+        "optimal trajectories, throttled, by 20 s",
+        "1",
+        "100.0",
+        "2.000",
+        "2 N s",
+    ]
