@@ -9,19 +9,25 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from tyro.conf import Positional, arg
 
 from rans.cli.numbers import named_numbers
 from rans.cli.options import Former
-from rans.errors import ConfigError, require
+from rans.errors import ConfigError, is_installed, require
 from rans.files import read_bytes
 from rans.terminal import Terminal, progress
 
+if TYPE_CHECKING:
+    from rans.proof.trap_certificate import TrapCertificate
+    from rans.proof.verdicts import Verdict
+
 _CHUNK = 4
 """Cells that a process checks between two reports, some seconds."""
+_SAMPLE = 16
+"""Cells of an agent's certificate that are checked at once when it is proved, in about a second."""
 _SMALLEST = 1.0 / 512
 """Part of the range of a start, below which a network's cells are not split with --resolution 1."""
 
@@ -100,6 +106,7 @@ class Prove:
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.fast.learn.run_folder import RunFolder
         from rans.proof import trap as traps
+        from rans.proof.trap_certificate import LARGEST
 
         # Which agents can be proved is said before anything is asked for.
         contestant = ContestantName.parse(agent)
@@ -169,9 +176,24 @@ class Prove:
         default_file = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
         output = self.output or default_file
         certificate = traps.write_trap(trap, keep["spin"], begin, files, output)
+        # A part of the check, which finds an agent that prover and checker take for different ones.
+        how = "not checked"
+        if is_installed("flint"):
+            count = min(_SAMPLE, len(trap.cells))
+            some = np.random.default_rng(0).choice(len(trap.cells), count, replace=False)
+            _, refusal = _trapped(
+                None, read_bytes(output, LARGEST), files, some.tolist(), is_flown=True
+            )
+            if refusal:
+                terminal.say(
+                    f"Not proved: the checker refuses {output}: {refusal} Please report it."
+                )
+                return 1
+            how = f"{count} of them checked"
+        _record(certificate, "proved")
         terminal.say(
             f"Proved: {folder.name} on {run.craft.name}, {certificate.theorem}. {len(trap.cells):,} cells, "
-            f"{seconds:.1f} s. The certificate is {output} (SHA-256 {certificate.sha256[:16]})."
+            f"{how}, {seconds:.1f} s. The certificate is {output} (SHA-256 {certificate.sha256[:16]})."
         )
         terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
         return 0
@@ -194,7 +216,10 @@ class Prove:
         chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
         jobs = [(content, files, list(chunk)) for chunk in chunks]
         statement = f" Proved: {folder.name}, {table.theorem}."
-        return self._judged(_trapped, jobs, count, 64, statement)
+        code = self._judged(_trapped, jobs, count, 64, statement)
+        if code == 0:
+            _record(table, "checked")
+        return code
 
     def _prove(self) -> int:
         """Prove a property of a network with the plant of a problem's file."""
@@ -346,6 +371,17 @@ def _files(folder: Path) -> dict[str, bytes]:
     from rans.proof.trap_certificate import FILES
 
     return {name: read_bytes(folder / name, 2**28) for name in FILES}
+
+
+def _record(certificate: TrapCertificate, verdict: Verdict) -> None:
+    """Keep a verdict for pages and contracts, and say so if that is impossible."""
+    from rans.proof.verdicts import record
+
+    if not record(certificate, verdict):
+        Terminal().say(
+            "The verdict cannot be written below XDG_STATE_HOME, or ~/.local/state: reports will call the "
+            "certificate a claim."
+        )
 
 
 def _trapped(

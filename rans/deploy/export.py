@@ -144,14 +144,7 @@ def write_export(
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
-    if (source.path / FILE).exists() and (proof := proved(source.path)).same_weights:
-        about["proved"] = {
-            "property": proof.sentence,
-            "uncertainty": proof.uncertainty,
-            "cells": proof.cells,
-            "sha256": proof.sha256,
-            "meaning": "of the certificate, which rans prove --check judges again",
-        }
+    about |= proof_entry(source.path)
     if stack := stack_of(folder):
         about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}
     write_json(folder / "contract.json", about)
@@ -162,6 +155,24 @@ def write_export(
     card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
     write_json(folder / "card.json", card)
     return card
+
+
+def proof_entry(run: Path) -> dict[str, Any]:
+    """What a contract says of a run's certificate: "proved" if that was done here, or "claimed"; {}: none.
+
+    Raises:
+        ConfigError: the certificate is damaged.
+    """
+    if not (run / FILE).exists() or (proof := proved(run)).differs:
+        return {}
+    entry = {
+        "property": proof.sentence,
+        "errors": proof.errors,
+        "cells": proof.cells,
+        "sha256": proof.sha256,
+        "meaning": "of the certificate, which rans prove --check judges; here: where the export was made",
+    }
+    return {"proved" if proof.verdict else "claimed": entry}
 
 
 def check_alone(folder: Path, form: Form, pairs: str) -> None:

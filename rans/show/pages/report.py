@@ -488,20 +488,24 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
 
 
 def proof_section(run: Path, _: Mapping[str, Any]) -> Section:
-    """Section of the certificate of a trapping set; it is of no use for other weights than the run's."""
-    proof = proved(run)
-    off = [f"{name} {value:g}" for name, value in proof.uncertainty.items() if value]
+    """Section of the certificate of a trapping set: proved and checked on this computer, or only claimed."""
+    try:
+        proof = proved(run)
+    except ConfigError as error:  # the rest of the run is not the worse for it
+        return Section("Proof", findings=[Finding(str(error), False)])
     rows = [
+        ["verdict", proof.heading],
         ["cells", f"{proof.cells:,}"],
-        ["may be off", ", ".join(off) or "nothing"],
+        ["may be off", proof.errors],
         ["certificate, SHA-256", proof.sha256],
     ]
-    finding = Finding("The certificate is of other weights than this run's.", False)
+    finding = Finding(f"The certificate is of another agent: its {proof.differs} differs.", False)
     summary = []
-    if proof.same_weights:
-        finding = Finding(proof.sentence, True)
-        summary = [("proved", f"certificate SHA-256 {proof.sha256[:16]}")]
-    text = "By rans prove; its --check judges the certificate again."
+    if not proof.differs:
+        finding = Finding(proof.sentence, True if proof.verdict == "checked" else None)
+        summary = [("proof", proof.heading)]
+    command = shlex.join(["rans", "prove", str(run), "--check", str(run / "proof.json")])
+    text = f"Judge the certificate with {command}."
     tables = [Table(("", "value"), rows)]
     return Section("Proof", text, tables, findings=[finding], summary=summary)
 
