@@ -461,9 +461,11 @@ def pareto_front() -> Figure:
             64, seed=EVALUATION_SEED
         )
         points.append((np.minimum(arrival_times(flight), 25.0).mean(), impulses(flight).mean()))
-        axes.annotate(f"  {position:g}", points[-1], color=INK, fontsize=8, va="bottom")
+        if position != 0.25:  # whose number would stand on that of 0
+            axes.annotate(f"  {position:g}", points[-1], color=INK, fontsize=8, va="bottom")
     axes.plot(*np.transpose(points), "-o", color=BLUE, label="agent, by its trade-off input")
-    for who, colour, marker in (("lqr", ORANGE, "s"), ("switching", PURPLE, "^")):
+    rivals = ("lqr", ORANGE, "s"), ("switching", PURPLE, "^"), ("mpc", GREEN, "v")
+    for who, colour, marker in rivals:
         flight = load_agent(f"{who}:go-to-pose-2d").fly(64, seed=EVALUATION_SEED)
         mean = np.minimum(arrival_times(flight), 25.0).mean(), impulses(flight).mean()
         axes.plot(*mean, marker, color=colour, markersize=8, label=flight.controller)
