@@ -1,33 +1,24 @@
 """Gradients of the PPO losses without autograd, for GPUs with bfloat16 products (docs/decisions/kernels.md).
 
-They are computed in one kernel, forward and backward, or for wider networks in matrix products.
+They are computed in matrix products, forward and backward.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
 from typing import ClassVar, Protocol
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from rans.compile.cuda.design import DoesNotFit
-from rans.compile.cuda.launch import CudaError, Function
-from rans.compile.cuda.update_design import (
-    PAD,
-    WARPS,
-    KernelDesign,
-    Places,
-    UpdateDesign,
-)
 from rans.compile.loss_gradient import STATISTICS, d_logit, opening_term, transition_losses
 from rans.errors import is_installed
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.graph import fused
 from rans.fast.learn.rollout import Batch
+from rans.fast.learn.update_layout import Places, UpdateDesign
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.network import Network
 
@@ -86,7 +77,7 @@ class FusedGradient(ABC):
         # What to gather for the packed weights and biases. Each is the difference of two parameters, since a
         # thruster's logit is a difference of outputs. The heads' weights come twice: rounded, and their remainder.
         matrices = [
-            [functional.pad(x, (0, PAD), value=zero).flatten() for x in pair]
+            [x.flatten() for x in pair]
             for pair in (offsets["first"], offsets["second"], head, head)
         ]
         biases = [[x.flatten() for x in offsets[name]] for name in ("bias", "constant")]
@@ -130,14 +121,6 @@ class FusedGradient(ABC):
             and len(row) == 1
         ):
             return None
-        try:
-            chip = torch.cuda.get_device_properties(row.device)
-            kernel = UpdateKernel(*arguments, chip.shared_memory_per_block_optin)
-            _ = kernel.function
-        except (DoesNotFit, OSError, CudaError):
-            pass
-        else:
-            return kernel
         try:
             return MatrixGradient(*arguments)
         except DoesNotFit:
@@ -200,70 +183,8 @@ class FusedGradient(ABC):
         )
 
 
-class UpdateKernel(FusedGradient):
-    """Gradient backend in one CUDA kernel, for networks that fit a block's shared memory.
-
-    Args:
-        network: network of one member.
-        adam: see `FusedGradient`.
-        coefficients: see `FusedGradient`.
-        shared: shared memory that a block may have, bytes.
-
-    Raises:
-        DoesNotFit: the network needs more.
-    """
-
-    description: ClassVar[str] = "one kernel"
-    design: KernelDesign
-
-    def __init__(
-        self, network: Network, adam: Adam, coefficients: Coefficients, shared: int
-    ) -> None:
-        super().__init__(KernelDesign(network.architecture, shared), network, adam, coefficients)
-
-    @cached_property
-    def blocks(self) -> int:
-        """Number of blocks: one per multiprocessor."""
-        return torch.cuda.get_device_properties(self._device).multi_processor_count
-
-    @cached_property
-    def function(self) -> Function:
-        """Compiled kernel; raises the errors of `Function`."""
-        with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
-            return Function(
-                self.design.source(),
-                "gradient",
-                torch.cuda.get_device_capability(),
-                self.design.used,
-            )
-
-    def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        coefficients = self._coefficients
-        sums = self._adam.row.new_empty(self.blocks, self.design.size)
-        tensors = (
-            weights,
-            biases,
-            x,
-            part.action,
-            part.log_prob,
-            part.advantage,
-            part.target,
-            coefficients.clip_range,
-            coefficients.vf_coef,
-            coefficients.ent_coef,
-            sums,
-        )
-        self._launch([tensor.data_ptr() for tensor in tensors], len(x))
-        return sums
-
-    def _launch(self, pointers: list[int], count: int) -> None:
-        with torch.cuda.device(self._device):
-            stream = torch.cuda.current_stream().cuda_stream
-            self.function.launch(self.blocks, 32 * WARPS, stream, pointers, [count])
-
-
 class MatrixGradient(FusedGradient):
-    """Gradient backend in matrix products, for networks that do not fit one kernel or have two trunks."""
+    """Gradient backend in matrix products, forward and backward, of networks with two layers."""
 
     description: ClassVar[str] = "products of matrices"
 

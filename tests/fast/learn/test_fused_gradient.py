@@ -1,9 +1,8 @@
-"""Gradients in one kernel, on a block of a CPU, and in products, against autograd."""
+"""Gradients in products of matrices, against autograd."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,14 +11,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.compile.cuda.design import DoesNotFit
-from rans.compile.cuda.update_design import UpdateDesign
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.fused_gradient import FusedGradient, MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
+from rans.fast.learn.update_layout import UpdateDesign
 from tests.support.engines import FLYER, PLATFORM
-from tests.support.host_kernels import needs_compiler
-from tests.support.host_update import HostUpdate
 from tests.support.training import collected, tiny_learner
 
 
@@ -81,14 +78,6 @@ CASES = pytest.mark.parametrize(
     ],
     ids=["plane", "space, elu, idle units and a second look"],
 )
-
-
-@pytest.mark.slow
-@needs_compiler
-@CASES
-def test_the_kernel_finds_what_autograd_finds(craft: Any, settings: Any, tmp_path: Path) -> None:
-    learner, batch = collected(craft, **settings)
-    agree(HostUpdate(learner, tmp_path), learner, batch, 0.01)
 
 
 @CASES
