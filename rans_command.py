@@ -151,7 +151,14 @@ def _interruptible() -> int:
         signal.signal(number, _interrupt)
     sys.unraisablehook, before = _again, sys.unraisablehook
     try:
-        code = _run()
+        try:
+            code = _run()
+        except Exception:
+            if not _ended_by:
+                raise
+            # Libraries in C++ that are interrupted, such as matplotlib's, raise an error of their own.
+            os.write(2, b"\nrans: interrupted; what was written is kept.\n")
+            code = 130
         return 128 + _ended_by[0] if code == 130 and _ended_by else code
     finally:  # Python's way out: nothing is left to lose
         sys.unraisablehook = before

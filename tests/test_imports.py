@@ -35,7 +35,7 @@ LAYERS: list[set[str]] = [
         "rans.progress",
         "rans.system",
     },
-    {"rans.files", "rans.renamed"},
+    {"rans.files", "rans.renamed", "rans.backend"},
     {"rans.registry", "rans.structure", "rans.archives"},
     {"rans.abilities"},
     {"rans.executors"},

@@ -11,7 +11,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -22,7 +22,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from rans.cli import STARTED
 from rans.cli.numbers import whole_number
 from rans.errors import ConfigError, RansError, brief, is_installed, meant_file
-from rans.files import command_line, inside, write_text
+from rans.files import command_line, first_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
 from rans.randomization.conditions_file import load_conditions
@@ -276,16 +276,20 @@ class Train:
         for sink in others:
             sink.close()
         # Result: curve, summary, and a warning where the training left the nominal craft out.
+        Terminal().say(_summary(trainer, begun, stop.requested, time.monotonic() - STARTED))
         rows = trainer.run.metrics()
         if rows and curve is not None:
-            write_text(trainer.run.path / "learning_curve.svg", curve(rows))
-        Terminal().say(_summary(trainer, begun, stop.requested, time.monotonic() - STARTED))
+            with _beside_the_agent("its learning curve"):
+                write_text(trainer.run.path / "learning_curve.svg", curve(rows))
         if not stop.requested and trainer.steps > begun and (hole := _nominal_hole(trainer)):
             Terminal().say(hole)
         if stop.requested:
             return stop.code
         # No page has the safety filter.
-        page = None if trainer.config.guard else _live_page(trainer.run.path)
+        page = None
+        if not trainer.config.guard:
+            with _beside_the_agent("the page of its flights"):
+                page = _live_page(trainer.run.path)
         if page is not None:
             Terminal().say(f"Open {page} in a browser to see it fly.")
         Terminal().suggest(*self._next(trainer))
@@ -314,6 +318,22 @@ class Train:
             better = shlex.join([*words, "--quality", "good"])
             commands.append(f"{better}   # a better agent, in minutes")
         return commands
+
+
+@contextlib.contextmanager
+def _beside_the_agent(what: str) -> Iterator[None]:
+    """Context of what is made after a training: an error of another library does not end the command.
+
+    The agent is written by then, and what follows in the command may still be made.
+    """
+    try:
+        yield
+    except RansError:
+        raise
+    except Exception as error:
+        Terminal().say(
+            f"The agent is complete, but {what} could not be made: {type(error).__name__}: {first_line(error)}."
+        )
 
 
 def trust_option(config: TrainConfig, craft: Spacecraft) -> list[str]:

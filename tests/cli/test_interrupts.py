@@ -33,6 +33,16 @@ match {moment!r}:
     case "running":
         import rans.cli
         rans.cli._run = interrupt
+    case "drawing":  # in C++ of matplotlib, which makes an error of its own of it
+        import rans.cli
+
+        def draw(*_):
+            try:
+                interrupt()
+            except KeyboardInterrupt:
+                raise ValueError("Invalid affine transformation matrix") from None
+
+        rans.cli._run = draw
 code = rans_command.main()
 interrupt() if {moment!r} == "leaving" else sys.exit(code)
 """
@@ -43,6 +53,7 @@ interrupt() if {moment!r} == "leaving" else sys.exit(code)
     [
         ("SIGINT", "loading", "signal", "\nrans: interrupted.\n"),
         ("SIGTERM", "running", "code", "\nrans: interrupted; nothing was written.\n"),
+        ("SIGINT", "drawing", "code", "\nrans: interrupted; what was written is kept.\n"),
         ("SIGINT", "leaving", "signal", ""),
         ("SIGINT", "never", "none", ""),
     ],

@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from rans.cli import main, train
-from rans.cli.train import StopGently, Train, compile_in_this_process
+from rans.cli.train import StopGently, Train, _beside_the_agent, compile_in_this_process
+from rans.errors import ConfigError
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
@@ -337,3 +338,13 @@ def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) ->
     Path("config.json").write_text(json.dumps(to_table(Train("go-to-pose").resolved())))
     assert Train("config.json").resolved().device == "cpu"
     assert Train("config.json", device="cuda").resolved().device == "cuda"
+
+
+def test_what_follows_a_training_does_not_end_it(capsys: pytest.CaptureFixture[str]) -> None:
+    """The agent is written by then; a disk that is full is still said as such."""
+    with _beside_the_agent("its learning curve"):
+        raise ValueError("Key backend: 'x' is not a valid value")
+    said = " ".join(capsys.readouterr().out.split())
+    assert "The agent is complete, but its learning curve could not be made: ValueError" in said
+    with pytest.raises(ConfigError, match="full"), _beside_the_agent("its learning curve"):
+        raise ConfigError("the disk is full.")

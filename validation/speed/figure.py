@@ -6,6 +6,9 @@ import math
 from collections.abc import Sequence
 from functools import partial
 
+from rans import backend  # noqa: F401  # before matplotlib
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter

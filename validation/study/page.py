@@ -7,6 +7,10 @@ from collections.abc import Iterable
 from itertools import groupby
 
 import numpy as np
+
+from rans import backend  # noqa: F401  # before matplotlib
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 

@@ -4,6 +4,4 @@ Raises:
     MissingPackage: when it is imported, where matplotlib is missing.
 """
 
-from rans.errors import require
-
-require("matplotlib")
+from rans import backend as backend

@@ -11,6 +11,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from rans import backend  # noqa: F401  # before matplotlib
+
+# isort: split
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from rans.show.figures.axes import widened, widened_logarithmic

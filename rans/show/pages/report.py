@@ -10,6 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rans import backend  # noqa: F401  # before matplotlib
+
+# isort: split
 import matplotlib
 
 from rans.drawing import draw_layout

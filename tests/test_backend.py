@@ -1,0 +1,92 @@
+"""Figures are drawn whatever backend of matplotlib the environment names."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.processes import ROOT
+
+PROGRAM = """
+import os
+import rans
+from rans.drawing import draw_layout
+before = os.environ.get("MPLBACKEND")
+draw_layout(rans.load_spacecraft("floating-platform")).savefig("layout.svg")
+import matplotlib
+assert os.environ.get("MPLBACKEND") == before
+print(matplotlib.rcParams._get("backend") if isinstance(before, str) else None)
+"""
+
+
+def ran(folder: Path, program: str, **variables: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | variables,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    ("name", "then"),
+    [
+        ("module://no_such_package.backend", "module://no_such_package.backend"),
+        ("module://matplotlib_inline.backend_inline", None),  # of a notebook's kernel
+        ("no-such-backend", None),
+        ("svg", "svg"),  # a user's script keeps what it asks for
+    ],
+)
+def test_a_backend_that_is_not_installed(name: str, then: str | None, tmp_path: Path) -> None:
+    printed = ran(tmp_path, PROGRAM, MPLBACKEND=name)
+    assert (tmp_path / "layout.svg").read_text().rstrip().endswith("</svg>")
+    if then is not None:
+        assert printed == then
+
+
+@pytest.mark.parametrize("line", ["backend: no-such-backend", "backend: module://nowhere.b"])
+def test_a_backend_of_a_configuration_file(line: str, tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text(f"{line}\n")
+    ran(tmp_path, PROGRAM, MATPLOTLIBRC=str(tmp_path))
+    assert (tmp_path / "layout.svg").exists()
+
+
+@pytest.mark.slow
+def test_a_command_in_a_notebook_of_another_environment(tmp_path: Path) -> None:
+    program = "from rans.cli import main; raise SystemExit(main({!r}))"
+    words = ["train", "go-to-pose", "--output", "run", "--total-timesteps", "70000"]
+    kernel = {"MPLBACKEND": "module://matplotlib_inline.backend_inline"}
+    ran(tmp_path, program.format(words), **kernel)
+    assert (tmp_path / "run" / "learning_curve.svg").exists()
+    ran(tmp_path, program.format(["report", "run"]), **kernel)
+
+
+def test_every_module_that_draws_loads_matplotlib_by_one() -> None:
+    """Else the first of them that is imported would fail."""
+    wrong, count = [], 0
+    for room in ("rans", "validation"):
+        for file in sorted((ROOT / room).rglob("*.py")):
+            # Only what is imported when the module is: blocks and functions come later, or never.
+            body = ast.parse(file.read_text("utf-8")).body
+            names = [
+                f"{node.module}.{alias.name}" if isinstance(node, ast.ImportFrom) else alias.name
+                for node in body
+                if isinstance(node, ast.Import | ast.ImportFrom)
+                for alias in node.names
+            ]
+            drawn = [k for k, name in enumerate(names) if name.split(".")[0] == "matplotlib"]
+            count += bool(drawn)
+            inside = "rans/show/figures/" in file.as_posix()
+            if drawn and not inside and "rans.backend" not in names[: drawn[0]]:
+                wrong.append(str(file.relative_to(ROOT)))
+    assert not wrong
+    assert count > 12  # or the search itself is broken
