@@ -13,11 +13,14 @@ from rans.effectors.slosh import Pendulum, Swinging
 from rans.effectors.wheels import ReactionWheels
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift
+from rans.model.drift import FREE, Drift, Following
 from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, undelayed
-from rans.model.fields import Field, at_least, fraction_of, map_leaves
+from rans.model.fields import Field, at_least, fraction_of, map_leaves, where
 from rans.model.spacecraft import CommandRange, Spacecraft, Store
 from rans.model.timing import Timing
+
+_NO_SPIN = 1e-15
+"""Spin relative to W, rad/s, up to which a craft stands in it: in a day it turns by 1e-10 rad."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,11 @@ def states_at_checks(
     if pieces is None:
         pieces = ThrusterEffector(craft).pieces(body, command, period)
     actions = begin_actions(craft, command, state.stores, body, period)
+    # On an orbit on which W turns unevenly, what stands in W without effectors that turn it is held there.
+    if not (drift.steady or craft.turns):
+        square = sum(x * x for x in state.spin())
+        zero = square * 0.0
+        drift = Following(drift, where(square > _NO_SPIN**2, zero + 1.0, zero))
     # A pendulum inside the craft moves together with it.
     swinging = next((action for action in actions if isinstance(action, Swinging)), None)
     if swinging is not None:

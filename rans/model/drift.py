@@ -3,9 +3,8 @@
 Written over fields (`rans.model.fields`). A drift is defined by its exact motion instead of its accelerations,
 so that the quadrature of the thrust stays exact (`rans.model.dynamics.advance`).
 
-W may be a rotating frame, such as that of Clohessy and Wiltshire. In the plane the spin is relative to it,
-which is exact. In space the rotation of W is neglected in the attitude: near the Earth (0.001 rad/s) this
-neglects 0.025 rad, or 1.4 degrees, in 25 s.
+W may be a rotating frame, such as that of Clohessy and Wiltshire (`Drift.turn`, `Drift.rate`). Attitude and spin
+are relative to it, as position and velocity are: a craft without spin turns with W.
 """
 
 from __future__ import annotations
@@ -76,6 +75,14 @@ class Drift(ABC):
     def kicked(self, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Change of a motion by a velocity change v (m/s) a time t (s) ago: if linear, `carry` from W's origin."""
         return self.carry(v.scale(0.0), v, t)
+
+    def turn(self, t: Field) -> Quat | None:
+        """Attitude of W after a time t (s) in the axes that it has now; None: W does not turn."""
+        return None
+
+    def rate(self) -> Vec3 | None:
+        """Angular velocity of W now in its own axes, rad/s; None: W does not turn."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -183,6 +190,15 @@ class ClohessyWiltshire(Drift):
             return Vec2(x, y), Vec2(v_x, v_y)
         return Vec3(x, y, v.z * by_s), Vec3(v_x, v_y, v.z * (1.0 - rise))
 
+    def turn(self, t: Field) -> Quat:
+        """Rotation about z by n t."""
+        half = 0.5 * self.mean_motion * t
+        return Quat(_cosine(half), 0.0, 0.0, _sine(half))
+
+    def rate(self) -> Vec3:
+        """Angular velocity n about z, rad/s."""
+        return Vec3(0.0, 0.0, self.mean_motion)
+
     def _transition(self, t: Field, v: Field) -> tuple[Field, Field, Field, Field, Field]:
         """Coefficients of the motion of fields such as v over a time t (s); those of a number are computed once."""
         # The compiler of torch warns of what remembers results, and computes numbers once by itself.
@@ -248,25 +264,7 @@ class EllipticOrbit(Drift):
         n = self.mean_motion
         e = self.eccentricity
         eta = math.sqrt(1.0 - e * e)
-
-        # Eccentric anomaly at the start, and its change until the end: first the difference of two solutions of
-        # Kepler's equation, then one step of Newton with the equation of the change itself.
-        anomaly = eccentric_anomaly(self.mean_anomaly, e)
-        end = eccentric_anomaly(self.mean_anomaly + n * t, e)
-        half = (end - anomaly) * 0.5
-        middle = anomaly + half
-        short = (2.0 * half - 2.0 * e * _cosine(middle) * _sine(half)) - n * t
-        half = half - 0.5 * short / (1.0 - e * _cosine(anomaly + 2.0 * half))
-        middle = anomaly + half
-
-        # Radii over the semi-major axis; sine and cosine of the true anomaly and of half of its change.
-        r_0 = 1.0 - e * _cosine(anomaly)
-        r_1 = 1.0 - e * _cosine(anomaly + 2.0 * half)
-        sin_0 = eta * _sine(anomaly) / r_0
-        cos_0 = (_cosine(anomaly) - e) / r_0
-        scale = 1.0 / _root(r_0 * r_1)
-        sin_h = eta * _sine(half) * scale
-        cos_h = (_cosine(half) - e * _cosine(middle)) * scale
+        sin_0, cos_0, sin_h, cos_h = self._passed(t)
         sin_m = sin_0 * cos_h + cos_0 * sin_h
         cos_m = cos_0 * cos_h - sin_0 * sin_h
         sin_1 = sin_m * cos_h + cos_m * sin_h
@@ -336,6 +334,43 @@ class EllipticOrbit(Drift):
             vector(*(q * back for q, _ in ends)),
             vector(*(rate * speed + q * turn for q, rate in ends)),
         )
+
+    def turn(self, t: Field) -> Quat:
+        """Rotation about z by the change of the true anomaly."""
+        *_, sin_h, cos_h = self._passed(t)
+        return Quat(cos_h, 0.0, 0.0, sin_h)
+
+    def rate(self) -> Vec3:
+        """Angular velocity of the line to the target, n sqrt(1 - e^2) (a / r)^2 about z, rad/s."""
+        e = self.eccentricity
+        r = 1.0 - e * _cosine(eccentric_anomaly(self.mean_anomaly, e))
+        return Vec3(0.0, 0.0, self.mean_motion * math.sqrt(1.0 - e * e) / (r * r))
+
+    def _passed(self, t: Field) -> tuple[Field, Field, Field, Field]:
+        """Sine and cosine of the true anomaly at the start, and of half of its change over a time t (s)."""
+        n = self.mean_motion
+        e = self.eccentricity
+        eta = math.sqrt(1.0 - e * e)
+
+        # Eccentric anomaly at the start, and its change until the end: first the difference of two solutions of
+        # Kepler's equation, then one step of Newton with the equation of the change itself.
+        anomaly = eccentric_anomaly(self.mean_anomaly, e)
+        end = eccentric_anomaly(self.mean_anomaly + n * t, e)
+        half = (end - anomaly) * 0.5
+        middle = anomaly + half
+        short = (2.0 * half - 2.0 * e * _cosine(middle) * _sine(half)) - n * t
+        half = half - 0.5 * short / (1.0 - e * _cosine(anomaly + 2.0 * half))
+        middle = anomaly + half
+
+        # Radii over the semi-major axis; sine and cosine of the true anomaly and of half of its change.
+        r_0 = 1.0 - e * _cosine(anomaly)
+        r_1 = 1.0 - e * _cosine(anomaly + 2.0 * half)
+        sin_0 = eta * _sine(anomaly) / r_0
+        cos_0 = (_cosine(anomaly) - e) / r_0
+        scale = 1.0 / _root(r_0 * r_1)
+        sin_h = eta * _sine(half) * scale
+        cos_h = (_cosine(half) - e * _cosine(middle)) * scale
+        return sin_0, cos_0, sin_h, cos_h
 
 
 @dataclass(frozen=True)
@@ -432,6 +467,41 @@ class PerturbedOrbit(Drift):
         """Change of a motion by a velocity change v (m/s) a time t (s) ago, at its start."""
         return self._linear(v.scale(0.0), v, t)
 
+    def turn(self, t: Field) -> Quat:
+        """Rotation about z, and a tilt that is exact to the first order in k.
+
+        With the argument of latitude u in the middle and half of its change a, the rotation vector in the axes that
+        W has in the middle is -k sin(2i) (n / u') (sin u (a + sin(2a) / 2), cos u (a - sin(2a) / 2), 0). Its halves
+        in the quaternion are the same in the axes at the start, because both halves of the rotation about z meet.
+        """
+        faster = self.mean_motion / self.latitude_rate
+        a = 0.5 * self.latitude_rate * t
+        u = self.latitude + a
+        s = _sine(u)
+        c = _cosine(u)
+        swing = 0.5 * _sine(2.0 * a)
+        tilt = math.sin(self.inclination) ** 2
+        mean = self.mean_motion * (1.0 + 0.5 * self.oblateness * (1.0 - 1.5 * tilt))
+        uneven = (self.oblateness * faster * tilt / 6.0) * (1.0 - 2.0 * s * s) * swing
+        half = 0.5 * mean * t + uneven
+        across = -0.5 * self.oblateness * faster * math.sin(2.0 * self.inclination)
+        x = across * s * (a + swing)
+        y = across * c * (a - swing)
+        rest = 1.0 - 0.5 * (x * x + y * y)
+        return Quat(_cosine(half) * rest, x, y, _sine(half) * rest)
+
+    def rate(self) -> Vec3:
+        """Angular velocity of W, rad/s, as in the description of the class."""
+        n, k = self.mean_motion, self.oblateness
+        tilt = math.sin(self.inclination) ** 2
+        s = _sine(self.latitude)
+        uneven = (1.0 - 2.0 * s * s) * (n * k * tilt / 6.0)
+        return Vec3(
+            s * (-n * k * math.sin(2.0 * self.inclination)),
+            0.0,
+            uneven + n * (1.0 + 0.5 * k * (1.0 - 1.5 * tilt)),
+        )
+
     def _linear(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """`carry` without drag."""
         sphere = ClohessyWiltshire(self.mean_motion)
@@ -473,6 +543,44 @@ class PerturbedOrbit(Drift):
         y = y - p.z * c * (2.0 * across) - v.z * side * (2.0 / n)
         z = p.x * side * 5.0 - p.z * (twice_c * 2.0 + 3.0 * mean) + v.y * side * (2.0 / n)
         return Vec3(x * scale, y * scale, z * scale)
+
+
+@dataclass(frozen=True)
+class Following(Drift):
+    """A drift for craft of which some follow W: something that is not modelled holds their attitude in it."""
+
+    drift: Drift
+    """Motion of a free point."""
+    free: Field
+    """1 for craft that W does not turn, 0 for those that follow it."""
+    name: ClassVar[str] = "orbit"
+    in_straight_lines: ClassVar[bool] = False
+    steady: ClassVar[bool] = False
+
+    def later(self, t: Field) -> Following:
+        """The drift of a motion that begins a time t (s) later."""
+        return replace(self, drift=self.drift.later(t))
+
+    def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
+        """Position and velocity after a time t (s)."""
+        return self.drift.carry(p, v, t)
+
+    def kicked(self, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
+        """Change of a motion by a velocity change v (m/s) a time t (s) ago, at its start."""
+        return self.drift.kicked(v, t)
+
+    def turn(self, t: Field) -> Quat | None:
+        """Attitude of W after a time t (s) as a free craft sees it."""
+        turn = self.drift.turn(t)
+        if turn is None:
+            return None
+        x, y, z = (q * self.free for q in (turn.x, turn.y, turn.z))
+        return Quat(1.0 - (1.0 - turn.w) * self.free, x, y, z)
+
+    def rate(self) -> Vec3 | None:
+        """Angular velocity of W now, rad/s, as a free craft sees it."""
+        rate = self.drift.rate()
+        return None if rate is None else rate.scale(self.free)
 
 
 def _transition(n: float, t: Field) -> tuple[Field, Field, Field, Field, Field]:
@@ -536,8 +644,7 @@ def eccentric_anomaly(mean_anomaly: Field, eccentricity: float) -> Field:
 def mean_anomaly(true_anomaly: Field, eccentricity: float) -> Field:
     """Mean anomaly, rad, of a true anomaly from -pi to pi, rad."""
     eta = math.sqrt(1.0 - eccentricity * eccentricity)
-    rise, run = eta * _sine(true_anomaly), eccentricity + _cosine(true_anomaly)
-    anomaly = math.atan2(rise, run) if isinstance(rise, float) else atan2(rise, run)
+    anomaly = arctangent(eta * _sine(true_anomaly), eccentricity + _cosine(true_anomaly))
     return anomaly - eccentricity * _sine(anomaly)
 
 
@@ -554,6 +661,11 @@ def _cosine(angle: Field) -> Field:
 def _root(x: Field) -> Field:
     """Square root as `_sine`."""
     return math.sqrt(x) if isinstance(x, float) else sqrt(x)
+
+
+def arctangent(y: Field, x: Field) -> Field:
+    """Angle of the point (x, y), rad, as `_sine`."""
+    return math.atan2(y, x) if isinstance(y, float) else atan2(y, x)
 
 
 def _floor(x: Field) -> Field:
@@ -599,7 +711,8 @@ def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field
 def step_goal(goal: Any, drift: Drift, duration: Field) -> Any:
     """Goal after a duration (s) of free motion, exactly: it drifts as spacecraft do and keeps its spin.
 
-    Its angular velocity is constant in its own frame, as that of a body with equal moments of inertia.
+    Its angular velocity relative to W is constant in its own frame, as that of a body with equal moments of inertia
+    where W does not turn. A goal without spin turns with W.
     """
     p, v = drift.carry(goal.p, goal.v, duration)
     if isinstance(goal.attitude, Heading):

@@ -16,7 +16,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from rans.model.body import Body, Mounting
-from rans.model.drift import FREE, Drift
+from rans.model.drift import FREE, Drift, arctangent
 from rans.model.fields import (
     Attitude,
     Field,
@@ -90,7 +90,7 @@ class PlanarState(State):
 
 @dataclass(frozen=True)
 class SpatialState(State):
-    """Motion in space (6DoF), where w is w_WB_B: expressed in B."""
+    """Motion in space (6DoF), where w is w_WB_B: relative to W, which may turn, and expressed in B."""
 
     p: Vec3
     attitude: Quat
@@ -280,6 +280,9 @@ def advance(
 ) -> AnyState:
     """State after a wrench, constant or linear in time in B, has acted on the body for a duration.
 
+    In space the angular velocity during the substeps is that in axes that do not turn, in which Euler's equation
+    holds; before and after it is relative to W (`rans.model.drift.Drift.rate`).
+
     Args:
         state: state at the start.
         applied: wrench in B at the start.
@@ -305,6 +308,7 @@ def advance(
     swell = None
     if growth is not None:
         swell = (growth[0], (growth[1] - growth[0]) * (1.0 / substeps))
+    state = _relative_to(state, drift, 1.0)
     for _ in range(substeps):
         load = _Load(applied, change, disturbance, body, drift, momentum, swell)
         if isinstance(state, PlanarState):
@@ -318,7 +322,15 @@ def advance(
         if swell is not None:
             swell = (swell[0] + swell[1], swell[1])
         drift = drift.later(h)
-    return state
+    return _relative_to(state, drift, -1.0)
+
+
+def _relative_to(state: AnyState, drift: Drift, sign: float) -> AnyState:
+    """State in space with the angular velocity of W added to its own (sign 1), or taken off it (-1)."""
+    rate = drift.rate()
+    if rate is None or not isinstance(state, SpatialState):
+        return state
+    return replace(state, w=state.w + state.attitude.inverse().rotate(rate.scale(sign)))
 
 
 @dataclass(frozen=True)
@@ -367,9 +379,16 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
     more = None if rise is None else rise * (1.0 / load.body.inertia[0])
     push = load.pushes()
 
+    # Where the rate of W changes, heading and spin relative to it change by as much in the other direction.
+    rate = None if load.drift.steady else load.drift.rate()
+
     def angle(t: Field, elapsed: float) -> Field:
         mean = spin_up if more is None else spin_up + more * (elapsed / 3.0)
-        return state.attitude.angle + t * (state.w + (0.5 * t) * mean)
+        heading = state.attitude.angle + t * (state.w + (0.5 * t) * mean)
+        turn = None if rate is None else load.drift.turn(t)
+        if rate is None or turn is None:
+            return heading
+        return heading + (t * rate.z - 2.0 * arctangent(turn.z, turn.w))
 
     def turn(node: float) -> Vec2:
         return Vec2(*Heading(angle(node * h, node)).columns())
@@ -384,38 +403,76 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
     in_world = (lambda u, s: u.scale(s)) if grows else (lambda u, s: times(u, push(0.0)).scale(s))
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.pulls())
     faster = spin_up if more is None else spin_up + 0.5 * more
-    return PlanarState(p, Heading(angle(h, 1.0)), v, state.w + h * faster)
+    w = state.w + h * faster
+    later = None if rate is None else load.drift.later(h).rate()
+    if rate is not None and later is not None:
+        w = w + (rate.z - later.z)
+    return PlanarState(p, Heading(angle(h, 1.0)), v, w)
 
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
     """State after a substep h (s) in space, computed in the axes of B at its start.
 
-    The spin is a Taylor series, the attitude a Magnus series, and the translation a quadrature.
+    The spin is a Taylor series, the attitude a Magnus series, and the translation a quadrature. The spin is that in
+    axes that do not turn. Where W turns, vectors are turned back into it at every node and at the end.
     """
     inertia = load.body.inertia
     pull = load.disturbance
+    drift = load.drift
+    rule = RULES[_SPATIAL_NODES]
+    # Attitude at the start in the axes that W has at each node.
+    whole = drift.turn(h)
+    starts = [state.attitude] * len(rule)
+    if whole is not None:
+        frames: list[Any] = [drift.turn(node * h) for node, _ in rule]
+        starts = [frame.inverse().times(state.attitude) for frame in frames]
     torque = [load.thrust.torque, *([] if load.change is None else [load.change.torque])]
-    steady = None if pull is None else state.attitude.inverse().rotate(pull.torque)
-    rate = spin_series(state.w, torque, inertia, h, steady, load.momentum, load.swell)
+    steady = None
+    carried = []
+    if pull is not None:
+        into_body = state.attitude.inverse()
+        steady = into_body.rotate(pull.torque)
+        carried = [into_body.rotate(rate) for rate in _rates_of_frame(drift, h)]
+    rate = spin_series(state.w, torque, inertia, h, steady, load.momentum, load.swell, carried)
     rotation = Rotation(rate, h)
     push = load.pushes()
-    rule = RULES[_SPATIAL_NODES]
     turns = [(rotation.vector(node), node, weight) for node, weight in rule]
     pushes = (turned(turn, push(node)) for turn, node, _ in turns)
+    if whole is not None:
+        pushes = (start.rotate(push) for start, push in zip(starts, pushes, strict=True))
 
     def in_world(u: Vec3, weight: Field) -> Vec3:
-        return state.attitude.rotate(u.scale(weight))
+        return state.attitude.rotate(u.scale(weight)) if whole is None else u.scale(weight)
 
-    p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.pulls())
+    p, v = moved(state.p, state.v, h, drift, rule, pushes, in_world, load.pulls())
     turn = rotation.whole
     w = at(rate, 1.0)
-    if steady is not None and even(inertia) and load.momentum is None:
+    if pull is not None and steady is not None and even(inertia) and load.momentum is None:
+        pulls = [steady] * len(rule)
+        if whole is not None:
+            pulls = [start.inverse().rotate(pull.torque) for start in starts]
         once, twice = (
-            x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, steady, load.swell)
+            x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, pulls, load.swell)
         )
         turn = (state.w + twice).scale(h) + rotation.brackets
         w = state.w + once
-    return SpatialState(p, state.attitude.times(exponential(turn)), v, w)
+    attitude = state.attitude.times(exponential(turn))
+    return SpatialState(p, attitude if whole is None else whole.inverse().times(attitude), v, w)
+
+
+def _rates_of_frame(drift: Drift, h: Field) -> list[Vec3]:
+    """Angular velocity of W by powers of the elapsed share of a substep h (s), rad/s; empty where W does not turn.
+
+    It is constant on a circle. Elsewhere a line through its values at two nodes of Gauss turns by the right angle.
+    """
+    if drift.steady:
+        rate = drift.rate()
+        return [] if rate is None else [rate]
+    (first, _), (second, _) = RULES[2]
+    one: Any = drift.later(first * h).rate()
+    two: Any = drift.later(second * h).rate()
+    rise = (two - one).scale(1.0 / (second - first))
+    return [one - rise.scale(first), rise]
 
 
 def moved(

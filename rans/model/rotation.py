@@ -46,13 +46,14 @@ def spin_series(
     steady: Vec3 | None,
     stored: Sequence[Vec3] | None = None,
     swell: tuple[Field, Field] | None = None,
+    carried: Sequence[Vec3] = (),
 ) -> Series:
     """Taylor series of the angular velocity in the elapsed share of a step.
 
     Euler's equation is I w' = tau - w x ((I - I_zz 1) w + H), with the angular momentum H of the wheels: a
     multiple of the unit tensor does not contribute to w x I w. The series of a body with three equal moments of
     inertia and without wheels therefore ends after its second term. A torque u that is constant in W rotates in
-    B: u' = u x w.
+    B: u' = u x (w - f), with the angular velocity f of W.
 
     Args:
         w: angular velocity in B, rad/s.
@@ -62,6 +63,8 @@ def spin_series(
         steady: second torque, constant in W, expressed in B at the start, N m.
         stored: angular momentum of the wheels in B by powers of the elapsed share, N m s; None: no wheels.
         swell: factor on the second torque by powers of the elapsed share; None: 1.
+        carried: angular velocity of W by powers of the elapsed share, expressed in B at the start, rad/s; at most
+            two entries; none: W does not turn.
     """
     xx, xy, xz, yy, yz, zz = inertia
     # The part of the tensor that contributes, and how many terms the series has.
@@ -72,18 +75,26 @@ def spin_series(
     order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
     rate = [w]
+    # Vectors that are constant in axes that do not turn, as B sees them.
+    frame = [[vector] for vector in carried]
+    relative = [w - carried[0]] if carried else rate
     momentum = []
     for k in range(order):
         torques: list[Any] = list(torque[k : k + 1])
         if turning:
             torques += _swollen(turning[: k + 1], swell)
-            turning.append(last_product(turning, rate).scale(h / (k + 1)))
+            turning.append(last_product(turning, relative).scale(h / (k + 1)))
         if not calm:
             own = [] if is_even else [symmetric_times(excess, rate[k])]
             own += (stored or ())[k : k + 1]
             momentum.append(reduce(add, own) if own else Vec3(0.0, 0.0, 0.0))
             torques.append(last_product(momentum, rate))
+        for seen in frame:
+            seen.append(last_product(seen, rate).scale(h / (k + 1)))
         rate.append(symmetric_times(mobility, reduce(add, torques)).scale(h / (k + 1)))
+        if frame:
+            later = [seen[-1 - power] for power, seen in enumerate(frame)]
+            relative.append(rate[-1] - reduce(add, later))
     return rate
 
 
@@ -194,7 +205,7 @@ def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
 def pulled(
     torque: Sequence[Any],
     turns: Sequence[tuple[Vec3, float, float]],
-    steady: Vec3,
+    steady: Sequence[Vec3],
     swell: tuple[Field, Field] | None = None,
 ) -> tuple[Vec3, Vec3]:
     """First and second integral over a step of a torque in B plus a torque that is constant in W.
@@ -205,10 +216,10 @@ def pulled(
     Args:
         torque: torque in B by powers of the elapsed share, N m.
         turns: rotation vectors at the nodes of a quadrature rule, the nodes and their weights.
-        steady: torque that is constant in W, expressed in B at the start, N m.
+        steady: torque that is constant in W at each node, expressed in B at the start, N m.
         swell: factor on it by powers of the elapsed share; None: 1.
     """
-    rotated = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
+    rotated = [turned(turn.scale(-1.0), u) for (turn, _, _), u in zip(turns, steady, strict=True)]
     if swell is not None:
         rotated = [
             vector.scale(swell[0] + swell[1] * node)

@@ -400,6 +400,16 @@ class Spacecraft(NotebookRepr):
         return tuple(tuple(t[2:] if self.dimension == 2 else t) for t in torques)
 
     @property
+    def turns(self) -> bool:
+        """Whether an effector of the craft as designed turns it; if none does, it has no attitude of its own.
+
+        >>> rans.load_spacecraft("afrl-deputy").turns, rans.load_spacecraft("free-flyer").turns
+        (False, True)
+        """
+        torques = (row[self.dimension :] for row in self.wrench_map)
+        return bool(self.wheels or self.further_effectors) or any(map(any, torques))
+
+    @property
     def degrees_of_freedom(self) -> int:
         """Number of degrees of freedom: 3 in the plane, 6 in space."""
         return 3 if self.dimension == 2 else 6

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -181,24 +182,38 @@ Orbit = ClohessyWiltshire | EllipticOrbit | PerturbedOrbit
 
 
 class OrbitForces(LeafSystem):
-    """Adds the pseudo-forces of a Hill frame, at every spacecraft's present place and velocity.
+    """Adds the pseudo-forces and pseudo-torques of a Hill frame to every spacecraft as it moves in this frame.
 
     With x radial, y along the track and z across, the frame's angular velocity w and the gradient G of gravity at
-    the target, they are m (G p - w' x p - w x (w x p) - 2 w x v), and m times a drag. Circles have a constant w
-    along z. On ellipses w and G follow from Kepler's equation at the time. Around an oblate planet w tilts with
-    the plane of the orbit, and G has the part of J2.
+    the target, the forces are m (G p - w' x p - w x (w x p) - 2 w x v), and m times a drag. The same
+    pseudo-accelerations of all parts of a body that turns with u relative to the frame add up to the torque
+    -J w' - w x J w + tr(J) u x w - 2 u x J w, of a wheel with the momentum h relative to the body to h x w besides.
+    Circles have a constant w along z. On ellipses w and G follow from Kepler's equation at the time. Around an
+    oblate planet w tilts with the plane of the orbit, and G has the part of J2.
 
-    The input of masses (N,) is in kg, that of angles at time 0 (N,) in rad: mean anomalies on an ellipse, arguments
-    of latitude around an oblate planet. Places (N, 2 or 3) tell where each spacecraft's place stands among the
-    plant's positions, speeds (N, 2 or 3) where its velocity stands among the velocities, and its force among the
-    generalised forces. The plant has so many positions, and a count of velocities.
+    The input of masses (N,) is in kg, that of inertias (N, 3, 3) about the centre of mass with wheels that do not
+    turn in kg m^2, that of angles at time 0 (N,) in rad: mean anomalies on an ellipse, arguments of latitude around
+    an oblate planet.
+
+    Args:
+        drift: the orbit.
+        places: where the coordinates of each spacecraft's joint stand among the plant's positions, (N, 3 or 7).
+        speeds: where its velocities stand among the plant's velocities and generalised forces, (N, 3 or 6).
+        spins: where the rates of its wheels stand there, (N, wheels).
+        axes: of the wheels in B, (3, wheels).
+        rotors: moments of inertia of the wheels, (wheels,) kg m^2.
+        positions: number of the plant's positions.
+        count: number of its velocities.
     """
 
     def __init__(
         self,
         drift: Orbit,
-        mountings: np.ndarray,
+        places: np.ndarray,
         speeds: np.ndarray,
+        spins: np.ndarray,
+        axes: np.ndarray,
+        rotors: np.ndarray,
         positions: int,
         count: int,
     ) -> None:
@@ -206,11 +221,20 @@ class OrbitForces(LeafSystem):
         self._drift = drift
         self._n = drift.mean_motion
         self._positions = positions
-        self._places = mountings
-        self._speeds = speeds
+        # Drake's planar joint has x, y and the angle, its floating joint the rotation first.
+        self._planar = speeds.shape[1] == 3
+        along = slice(0, 2) if self._planar else slice(-3, None)
+        about = slice(2, 3) if self._planar else slice(0, 3)
+        self._places, self._speeds = places[:, along], speeds[:, along]
+        self._turns, self._turning = (
+            places[:, 2:3] if self._planar else places[:, :4],
+            speeds[:, about],
+        )
+        self._spins, self._axes, self._rotors = spins, axes, rotors
         self.state = self.DeclareVectorInputPort("state", positions + count)
-        self.masses = self.DeclareVectorInputPort("masses", len(mountings))
-        self.angles = self.DeclareVectorInputPort("angles", len(mountings))
+        self.masses = self.DeclareVectorInputPort("masses", len(places))
+        self.inertias = self.DeclareVectorInputPort("inertias", 9 * len(places))
+        self.angles = self.DeclareVectorInputPort("angles", len(places))
         self.others = self.DeclareVectorInputPort("others", count)
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
@@ -220,9 +244,10 @@ class OrbitForces(LeafSystem):
         masses = np.array(self.masses.Eval(context))
         angles = np.array(self.angles.Eval(context))
         dimension = self._places.shape[1]
-        position, speed = np.zeros((2, len(masses), 3))
+        position, speed, spin = np.zeros((3, len(masses), 3))
         position[:, :dimension] = state[self._places]
         speed[:, :dimension] = state[self._positions + self._speeds]
+        spin[:, -self._turning.shape[1] :] = state[self._positions + self._turning]
         rate, change, gradient = self._orbit(angles, context.get_time())
         turn = _crossing(rate)
         pull = ((gradient - _crossing(change) - turn @ turn) @ position[:, :, None])[:, :, 0]
@@ -230,7 +255,33 @@ class OrbitForces(LeafSystem):
         if isinstance(self._drift, PerturbedOrbit):
             pull[:, 1] -= self._drift.drag
         total[self._speeds] += masses[:, None] * pull[:, :dimension]
+
+        # Torques in W: of the whole craft, and along the axes of its wheels.
+        attitude = self._attitudes(state[self._turns])
+        inertia = np.array(self.inertias.Eval(context)).reshape(-1, 3, 3)
+        inertia = attitude @ inertia @ attitude.transpose(0, 2, 1)
+        across = np.cross(spin, rate)
+        carried = np.einsum("nij,nj->ni", inertia, rate)
+        torque = np.trace(inertia, axis1=1, axis2=2)[:, None] * across
+        torque -= np.einsum("nij,nj->ni", inertia, change)
+        torque -= np.cross(rate + 2.0 * spin, carried)
+        axes = attitude @ self._axes
+        momenta = axes @ (self._rotors * state[self._positions + self._spins])[:, :, None]
+        torque += np.cross(momenta[:, :, 0], rate)
+        total[self._turning] += torque[:, -self._turning.shape[1] :]
+        total[self._spins] += self._rotors * np.einsum("niw,ni->nw", axes, across - change)
         output.SetFromVector(total)
+
+    def _attitudes(self, coordinates: np.ndarray) -> np.ndarray:
+        """R_WB (N, 3, 3) of headings (N, 1), rad, or of quaternions (N, 4)."""
+        if self._planar:
+            return np.array([RotationMatrix.MakeZRotation(x).matrix() for (x,) in coordinates])
+        unit = coordinates / np.linalg.norm(coordinates, axis=1, keepdims=True)
+        return np.array([RotationMatrix(Quaternion(q)).matrix() for q in unit])
+
+    def rates(self, angles: np.ndarray, time: float) -> np.ndarray:
+        """Angular velocities of the frame (N, 3), rad/s, at a time, s, of angles at time 0."""
+        return self._orbit(angles, time)[0]
 
     def _orbit(self, angles: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angular velocity of the frame (N, 3), rad/s, its change, and the gradient of gravity (N, 3, 3), 1/s^2."""

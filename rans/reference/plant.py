@@ -106,6 +106,12 @@ class Plant:
         self._drift = drift
         self._nozzles = Nozzles.of(craft, self._body, count)
         self._further = drake_effectors(craft.further_effectors)
+        self._orbit: OrbitForces | None = None
+        self._held = np.zeros(count, bool)
+        """Craft on an uneven orbit that no effector turns and that stand in W: something that is not modelled holds
+        them, and no pseudo-torque turns them."""
+        self._angles = np.zeros(count)
+        """Where targets are on their orbits at time 0, rad."""
         self._given = np.zeros((count, sum(len(effector.places()) for effector in self._further)))
         """What further effectors give at each of their places."""
         builder = DiagramBuilder()
@@ -275,10 +281,10 @@ class Plant:
         # State, motors of wheels and disturbances at the start of the period.
         nozzles = nozzles or self._nozzles
         states = self._with_stores(states)
+        self._set_angles(drift)
         self._set(states, commands, duration)
         self._drive(commands, self._momenta(states), duration)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
-        self._set_angles(drift)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
         # Segments of constant thrust, at whose ends Drake stops, as it does at every check.
@@ -372,19 +378,23 @@ class Plant:
                 forces = friction.others
             builder.ExportInput(forces, "disturbance")
             return
-        along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
         orbit = OrbitForces(
             self._drift,
-            self._position[:, along],
-            self._velocity[:, along],
+            self._position,
+            self._velocity,
+            self._spins,
+            self._axes(),
+            np.array([wheel.inertia for wheel in self.craft.wheels]),
             self._plant.num_positions(),
             self._plant.num_velocities(),
         )
+        self._orbit = orbit
         builder.AddSystem(orbit)
         builder.Connect(self._plant.get_state_output_port(), orbit.state)
         builder.Connect(orbit.total, forces)
         builder.ExportInput(orbit.others, "disturbance")
         builder.ExportInput(orbit.masses, "masses")
+        builder.ExportInput(orbit.inertias, "inertias")
         builder.ExportInput(orbit.angles, "angles")
 
     def _rest(self) -> np.ndarray:
@@ -441,13 +451,33 @@ class Plant:
 
     def _weigh(self, left: np.ndarray) -> None:
         """Give every spacecraft a share (N,) of its full mass and inertia."""
-        masses = left * np.broadcast_to(self._body.mass, self.count)
-        if isinstance(self._drift, Orbit):
-            self._simulator.get_system().GetInputPort("masses").FixValue(self._context, masses)
         if self.craft.propellant is not None:
             for k, body in enumerate(self._bodies):
                 inertia = spatial_inertia(self.craft, self._body, k, float(left[k]))
                 body.SetSpatialInertiaInBodyFrame(self._plant_context, inertia)
+        if self._orbit is not None:
+            masses = left * np.broadcast_to(self._body.mass, self.count)
+            inertias = np.array([self._inertia(k) for k in range(self.count)])
+            inertias[self._held] = 0.0
+            diagram = self._simulator.get_system()
+            diagram.GetInputPort("masses").FixValue(self._context, masses)
+            diagram.GetInputPort("inertias").FixValue(self._context, inertias.ravel())
+
+    def _inertia(self, k: int) -> np.ndarray:
+        """Inertia of one spacecraft and its wheels about the centre of mass, in B, (3, 3) kg m^2."""
+        parts = [
+            self._bodies[k].index(),
+            *(joint.child_body().index() for joint in self._wheels[k]),
+        ]
+        whole = self._plant.CalcSpatialInertia(self._plant_context, self._frames[k], parts)
+        return np.asarray(whole.CalcRotationalInertia().CopyToFullMatrix3())
+
+    def _turning(self, time: float) -> np.ndarray:
+        """Angular velocity of W at a time of a period, s, in the axes of every spacecraft, (N, 3) rad/s."""
+        if self._orbit is None:
+            return np.zeros((self.count, 3))
+        rates = self._orbit.rates(self._angles, time)
+        return np.einsum("nji,nj->ni", self._rotations(), rates)
 
     def _set_angles(self, drift: Drift | None) -> None:
         """Say where targets are on their orbits at time 0."""
@@ -468,13 +498,15 @@ class Plant:
             ):
                 raise ConfigError(f"the plant was built for {own!r}, got {drift!r}.")
             angle = drift.latitude
-        now = np.broadcast_to(np.asarray(angle, dtype=np.float64).ravel(), self.count)
-        self._simulator.get_system().GetInputPort("angles").FixValue(self._context, now)
+        angles = np.asarray(angle, dtype=np.float64).ravel()
+        self._angles = np.broadcast_to(angles, self.count)
+        self._simulator.get_system().GetInputPort("angles").FixValue(self._context, self._angles)
 
     def _share_of_mass(self, left: np.ndarray) -> np.ndarray:
         """Share of the full mass (N,) with so much propellant left, kg."""
         tank = self.craft.propellant
-        assert tank is not None
+        if tank is None:
+            return np.ones(self.count)
         return 1.0 - (tank.mass - left) / np.broadcast_to(self._body.mass, self.count)
 
     def _burned(
@@ -526,17 +558,15 @@ class Plant:
         states = states[:, : self._width]
         q = np.zeros(self._plant.num_positions())
         v = np.zeros(self._plant.num_velocities())
-        if self.craft.wheels:
-            # Of their absolute momentum, what the craft's spin gives is not theirs to have.
-            spins = states[:, 5:6] * np.eye(3)[2] if self.craft.dimension == 2 else states[:, 10:]
-            rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
-            v[self._spins] = self._momenta(stores) / rotors - spins @ self._axes()
         if self._rods is not None:
             end = self._end_of_rods(stores)
             own = stores[:, end - len(self.craft.slosh_stores) : end]
             self._rods.set(self._plant_context, q, v, own)
-        if self.craft.propellant is not None:
-            self._left = stores[:, 0]
+        spins = states[:, 5:] if self.craft.dimension == 2 else states[:, 10:]
+        held = not (self._drift.steady or self.craft.turns)
+        self._held = held & (np.abs(spins) < 1e-15).all(axis=1)
+        self._left = np.zeros(self.count) if self.craft.propellant is None else stores[:, 0]
+        if held or self.craft.propellant is not None:
             self._weigh(self._share_of_mass(self._left))
         if self.craft.dimension == 2:
             q[self._position] = states[:, :3]
@@ -547,6 +577,12 @@ class Plant:
             self._plant.SetPositions(self._plant_context, q)
             w_W = np.einsum("nij,nj->ni", self._rotations(), states[:, 10:])
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
+        if self.craft.wheels:
+            # Of their absolute momentum, what the craft's spin and that of W give is not theirs to have.
+            spins = states[:, 5:6] * np.eye(3)[2] if self.craft.dimension == 2 else states[:, 10:]
+            spins = spins + self._turning(0.0)
+            rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
+            v[self._spins] = self._momenta(stores) / rotors - spins @ self._axes()
         self._plant.SetVelocities(self._plant_context, v)
         opened = commands[:, self.craft.thruster_commands]
         self._begin_further(commands, stores, duration)
@@ -599,6 +635,7 @@ class Plant:
         if self.craft.wheels:
             rotors = np.array([wheel.inertia for wheel in self.craft.wheels])
             spins = self._plant.GetVelocities(self._plant_context)[self._spins]
+            w_B = w_B + self._turning(self._context.get_time())
             rows = np.hstack([rows, rotors * (w_B @ self._axes() + spins)])
         if self._rods is not None:
             rows = np.hstack([rows, self._rods.get(self._plant_context)])

@@ -12,6 +12,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from rans.errors import ConfigError
 from rans.model.body import Body
@@ -123,9 +124,12 @@ def test_a_pushed_and_turning_craft_moves_by_its_equations() -> None:
     body = Body(5.0, (0.2,))
     state: Any = PlanarState(Vec2(15.0, -20.0), Heading(0.4), Vec2(0.02, 0.01), spin)
     steady = Wrench(Vec2(0.0003, 0.0002), 0.0)
+    rate = N * (1 + e * math.cos(true)) ** 2 / (1 - e * e) ** 1.5
 
     def push(t: float) -> np.ndarray:
-        angle = 0.4 + spin * t
+        # The inertial spin stays, and W turns on by the target's true anomaly.
+        now = brentq(lambda f: mean_anomaly(f, e) - mean_anomaly(true, e) - N * t, -1.0, 2.0)
+        angle = 0.4 + (spin + rate) * t - (now - true)
         thrust = 0.001 * np.array([math.cos(angle), math.sin(angle), 0.0])
         return (thrust + np.array([0.0003, 0.0002, 0.0])) / 5.0
 

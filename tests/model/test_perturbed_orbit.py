@@ -120,7 +120,7 @@ def test_without_perturbations_it_is_clohessy_and_wiltshires() -> None:
 
 
 def test_a_pushed_craft_moves_as_in_axes_that_do_not_turn() -> None:
-    """Thrust along W's axes, in substeps: the drag acts once, and not with every push."""
+    """A force along W's axes, in substeps: the drag acts once, and not with every push."""
     p, v, latitude = starts(1.0)
     push = np.array([2e-4, -1e-4, 3e-4])
     truth, _ = perturbed_motion(
@@ -131,7 +131,8 @@ def test_a_pushed_craft_moves_as_in_axes_that_do_not_turn() -> None:
     force = Wrench(Vec3(*(2.0 * push)), Vec3(0.0, 0.0, 0.0))
     drag = 1e-5
     drift = PerturbedOrbit.around_earth(N, 0.9, drag, latitude)
-    after = advance(state, force, body, 400.0, 4, drift=drift)
+    none = Wrench(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
+    after = advance(state, none, body, 400.0, 4, disturbance=force, drift=drift)
     ours = np.stack(after.p.columns(), 1)
     # The push moves it by 16 m: its quadrature, and its square over the radius.
     expected = truth[0] + carried(drift, 0.0 * p, 0.0 * v, 400.0)

@@ -8,7 +8,8 @@ is H = I w + sum J (w . a + s) a, and mechanics asks for
 
 which is solved as one linear system for w' and s'. Propellant leaves with the velocity that it had as a part of the
 craft, so that I' w and m' v appear on neither side; mass and inertia fall in proportion (docs/dynamics.md). The
-plane is the same motion in space, with forces that lie in it.
+plane is the same motion in space, with forces that lie in it. On an orbit w is the spin in axes that do not turn,
+and the attitude R in the Hill frame, which turns with n, obeys R' = R [w]x - [n]x R.
 """
 
 from __future__ import annotations
@@ -70,6 +71,9 @@ class Oracle:
         self.axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
         self.rotors = np.array([wheel.inertia for wheel in craft.wheels])
         self.tank = 0.0 if craft.propellant is None else craft.propellant.mass
+        drift = self.drift
+        n = drift.mean_motion if isinstance(drift, ClohessyWiltshire) else 0.0
+        self.turning = np.array([0.0, 0.0, n])
 
     def _one(self, field: Any) -> Any:
         return float(field[self.number]) if np.ndim(field) == 1 else field
@@ -264,6 +268,7 @@ class Oracle:
             motion = [x, y, 0.0, *turned, u, v, 0.0, 0.0, 0.0, w]
         else:
             motion, stores = columns[:13], columns[13:]
+        motion[10:13] = motion[10:13] + self.turning @ _matrix(*motion[3:7])
         left = stores.pop(0) if self.craft.propellant is not None else 0.0
         speeds = [
             h / wheel.inertia - np.dot(wheel.axis, motion[10:13])
@@ -274,10 +279,11 @@ class Oracle:
     def _columns(self, y: np.ndarray) -> list[float]:
         """The state as a flight lists it."""
         stores = [*([y[13]] if self.craft.propellant is not None else []), *self._momenta(y)]
+        spin = y[10:13] - self.turning @ _matrix(*y[3:7])
         if self.craft.dimension == 3:
-            return [*y[:13], *stores]
+            return [*y[:10], *spin, *stores]
         angle = 2 * math.atan2(y[6], y[3])
-        return [y[0], y[1], angle, y[7], y[8], y[12], *stores]
+        return [y[0], y[1], angle, y[7], y[8], spin[2], *stores]
 
     def _carried(
         self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
@@ -323,7 +329,7 @@ class Oracle:
         system[3:, 3:] = np.diag(self.rotors)
         constant = np.linalg.inv(system)
         drift = self.drift
-        n = drift.mean_motion if isinstance(drift, ClohessyWiltshire) else 0.0
+        n = self.turning[2]
         gravity = np.zeros(3)
         if isinstance(drift, UniformGravity):
             gravity[: len(drift.acceleration)] = drift.acceleration
@@ -332,13 +338,7 @@ class Oracle:
             share = time / duration
             px, _, pz, a, b, c, d, vx, vy, vz, p, q, r, left = y[:14].tolist()
             remaining = 1.0 - (self.tank - left) / self.mass if self.tank else 1.0
-            R = np.array(
-                [
-                    [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-                    [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
-                    [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
-                ]
-            )
+            R = _matrix(a, b, c, d)
             pushed = R @ (force + share * more_force) + pull_force
             pushed = pushed / (self.mass * remaining) + gravity
             pushed += (3 * n * n * px + 2 * n * vy, -2 * n * vx, -n * n * pz)
@@ -354,6 +354,7 @@ class Oracle:
                 faster = np.linalg.solve(matrix, known)
             else:
                 faster = constant @ known
+            p, q, r = (w - self.turning @ R).tolist()
             turned = (
                 -0.5 * (b * p + c * q + d * r),
                 0.5 * (a * p + c * r - d * q),
@@ -364,3 +365,14 @@ class Oracle:
             return np.array([vx, vy, vz, *turned, *pushed, *faster[:3], burn, *faster[3:]])
 
         return rate
+
+
+def _matrix(a: float, b: float, c: float, d: float) -> np.ndarray:
+    """Rotation matrix of a quaternion, its scalar first."""
+    return np.array(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
+        ]
+    )
