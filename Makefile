@@ -14,7 +14,6 @@ EVALUATE_OPTIONS := --episodes 128
 COMPARE_OPTIONS := --episodes 2 --certified 1
 else
 GOOD_OPTIONS := --total-timesteps 8e6
-COMPARE_OPTIONS := --episodes 16 --certified 1
 endif
 
 # Largest wheel of rans that `make release` accepts; most agents are in rans-agents.

@@ -149,8 +149,8 @@ def evaluate(
 def compare(
     *contestants: object,
     beside: str | Sequence[str] | None = None,
-    episodes: int = 128,
-    certified: int = 4,
+    episodes: int = 16,
+    certified: int = 1,
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
     conditions: ConditionsLike | None = None,

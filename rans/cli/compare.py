@@ -14,7 +14,7 @@ import tyro
 from rans.cli import check_count
 from rans.cli.options import Former, Trust
 from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
-from rans.errors import ConfigError, counted
+from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.registry import typed
@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 
 _SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
+STARTS = 16, 1
+"""Starts by default, and those of them with certified bounds: a minute on two processors with MPC and optima."""
+_ALL_STARTS = 128, 4
+"""The same for a full comparison, which takes minutes."""
 _FIRST = (
     "settled",
     "mission won",
@@ -74,18 +78,18 @@ class Compare:
     conditions: str | None = None
     """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
     (none), or your own TOML file; by default those that the first contestant was trained in."""
-    episodes: int = 128
-    """Number of starts."""
+    episodes: int | None = None
+    """Number of starts; by default 16, with --full 128, and no fewer than --certified."""
     engine: Literal["fast", "drake"] = "fast"
     """Engine of the motion: the equations of RANS, or Drake as an independent reference."""
     guard: bool = False
     """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
     as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
     default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
-    certified: int = 4
-    """Starts whose bounds are certified, if optimal joins: half a minute of processor time each in the plane,
-    minutes in space with its package (docs/certificate.md), else hull and tube bounds. They are kept for the next
-    run."""
+    certified: int | None = None
+    """Starts whose bounds are certified, if optimal joins; by default 1, with --full 4. Each takes half a minute of
+    processor time in the plane, minutes in space with its package (docs/certificate.md), else hull and tube bounds.
+    They are kept for the next run."""
     front: bool = False
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
     front. A number after it, as in `--front 900`, is the processor time for the bounds, s; by default 300. They are
@@ -104,7 +108,8 @@ class Compare:
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     full: bool = False
-    """Print all scores and the certified gaps, not only the most important scores. The page always has all."""
+    """Compare from more starts, in minutes, and print all scores and the certified gaps. The page always has all
+    scores."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
     guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
@@ -130,7 +135,7 @@ class Compare:
         # The first contestant sets task, craft, starts and conditions for all.
         contest = contest_of(
             named[0][0],
-            self.episodes,
+            self._episodes,
             self.seed,
             self.engine,
             conditions_if_named(self.conditions),
@@ -167,10 +172,10 @@ class Compare:
             shown = stages(bars)
             try:
                 quick, rest = self._quick(contest)
-                comparison.fly(flying, quick, self.certified, cache, stage)
+                comparison.fly(flying, quick, self._certified, cache, stage)
                 if rest:
                     _say_so_far(comparison, bars, rest)
-                    comparison.fly({}, rest, self.certified, cache, stage)
+                    comparison.fly({}, rest, self._certified, cache, stage)
                 if self.front:
                     comparison.trace(between, self.budget, cache, stage)
             except KeyboardInterrupt:
@@ -180,8 +185,22 @@ class Compare:
                 )
                 comparison.notes.insert(0, self._interrupted(comparison, begun))
                 raise
+        if line := _without_training(self.contestants, contest):
+            Terminal().say(line)
         self._suggest(contest.task)
         return 1 if comparison.failures else 0
+
+    @property
+    def _episodes(self) -> int:
+        """Number of starts that are asked for."""
+        usual = _ALL_STARTS if self.full else STARTS
+        return max(usual[0], self._certified) if self.episodes is None else self.episodes
+
+    @property
+    def _certified(self) -> int:
+        """Number of starts whose bounds are asked for."""
+        usual = _ALL_STARTS if self.full else STARTS
+        return usual[1] if self.certified is None else self.certified
 
     def _suggest(self, task: Task) -> None:
         """Print commands that a user may want to run next, with the options of this one."""
@@ -232,7 +251,7 @@ class Compare:
         bounded = len(comparison.certified_starts())
         if comparison.mission is not None:
             bounded = len(comparison.mission.lower)
-        asked = min(self.certified, comparison.contest.episodes)
+        asked = min(self._certified, comparison.contest.episodes)
         bounds = f"bounds were computed from {bounded} of {asked} starts"
         if not bounded:
             bounds = "no bound had been computed"
@@ -249,7 +268,7 @@ class Compare:
             raise ConfigError("name at least one contestant, for example a run folder.")
         for name in set(self.beside or ()) - {"optimal"}:
             CONTROLLERS[typed(name)]  # reject a wrong name before the flights
-        if self.certified < 0:
+        if self._certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if self.positions < 2:
             raise ConfigError(
@@ -257,7 +276,28 @@ class Compare:
             )
         if not self.budget >= 0:
             raise ConfigError(f"--front takes processor time >= 0 s, got {self.budget}.")
-        check_count("--episodes", self.episodes)
+        check_count("--episodes", self._episodes)
+
+
+def _without_training(contestants: Sequence[str], contest: Contest) -> str:
+    """How to have the agent for any craft beside the others; "" if it flies already, or cannot."""
+    from rans.evaluation.compare.entrants import enlisted
+    from rans.evaluation.fly.contestant_name import ContestantName
+    from rans.policy.any_craft import AGENTS
+
+    agent = AGENTS[contest.craft.dimension]
+    if any(agent in text for text in contestants):
+        return ""
+    name = ContestantName.parse(contestants[0])
+    craft = name.craft or name.setup.partition("@")[2] or contest.craft.name
+    if name.kind == "run folder":
+        craft = str(Path(name.name) / "spacecraft.toml")
+    try:
+        enlisted([f"{agent}@{craft}"], contest)
+    except RansError:  # another task or rate, or a craft that it cannot fly
+        return ""
+    command = shlex.join(["rans", "compare", contestants[0], f"{agent}@{craft}"])
+    return f"{agent} flies this craft without training: {command}"
 
 
 def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> None:
@@ -276,7 +316,7 @@ def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> 
     bars.console.print(table(f"{comparison.contest.title()}, so far", ("", *board), rows))
     more = " and ".join("certified bounds" if name == "optimal" else name.upper() for name in rest)
     bars.console.print(
-        f"Next, in minutes: {more}. Ctrl-C ends here and writes what there is.", soft_wrap=True
+        f"Now {more}, which take longer. Ctrl-C ends here and writes what there is.", soft_wrap=True
     )
 
 
@@ -285,7 +325,14 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     from rans.show.pages.comparison_page import TEXT, page
     from rans.show.pages.screen import Screen
     from rans.show.tables import front_tables
-    from rans.show.tables.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
+    from rans.show.tables.comparison_tables import (
+        gap_names,
+        gap_rows,
+        gaps,
+        scoreboard,
+        to_json,
+        verdict,
+    )
 
     console = Terminal()
     if not (comparison.entries or comparison.failures):
@@ -294,6 +341,8 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     # Tables: scores, multiples of bounds, the bound of a mission, and the front.
     board = scoreboard(comparison)
+    if sentence := verdict(comparison):
+        console.say(sentence)
     if board:
         _show_scores(console, comparison.contest.title(), board, full)
     if full and (ratios := gaps(comparison)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +10,13 @@ from typing import Any
 
 import pytest
 
+import rans
 from rans.cli import main
-from rans.cli.compare import Compare
+from rans.cli.compare import STARTS, Compare, _without_training
 from rans.evaluation.compare.bounds import Bound
+from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.compare.run import Comparison
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.tasks import GoToPose, GoToPosePriced
 from tests.support.training import CONFIG, tiny_trainer
@@ -295,6 +299,42 @@ def test_an_interrupt_of_the_page_leaves_the_data(
     assert "settled, %" in capsys.readouterr().out
     assert (tmp_path / "compare.json").is_file()
     assert not (tmp_path / "compare.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "starts"),
+    [
+        ({}, (16, 1)),
+        ({"full": True}, (128, 4)),
+        ({"certified": 0}, (16, 0)),
+        ({"certified": 256}, (256, 256)),
+        ({"full": True, "episodes": 8}, (8, 4)),
+        ({"episodes": 8, "certified": 2}, (8, 2)),
+    ],
+)
+def test_a_comparison_is_small_unless_it_is_asked_to_be_full(
+    options: dict[str, Any], starts: tuple[int, int]
+) -> None:
+    command = Compare(("runs/a",), **options)
+    assert (command._episodes, command._certified) == starts
+    # The function of Python has the same defaults.
+    parameters = inspect.signature(rans.compare).parameters
+    assert (parameters["episodes"].default, parameters["certified"].default) == STARTS
+
+
+def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path: Path) -> None:
+    def line(*contestants: str) -> str:
+        return _without_training(contestants, contest_of(contestants[0], 1))
+
+    own = tmp_path / "mine.toml"
+    diagonal = ((0.41, 0.0, 0.0), (0.0, 0.41, 0.0), (0.0, 0.0, 0.41))
+    heavy = replace(load_spacecraft("floating-platform"), mass=14.2, inertia=diagonal)
+    own.write_text(to_toml(heavy))
+    first = f"lqr:go-to-pose-2d@{own}"
+    assert line(first).endswith(f"rans compare {first} any-craft-2d@{own}")
+    assert line("go-to-pose-2d") == ""  # it flies at 5 Hz, the one for any craft at 10 Hz
+    assert line(first, f"any-craft-2d@{own}") == ""  # it flies
+    assert line("lqr:track-velocity-2d") == ""  # another task
 
 
 def test_next_commands_have_the_options_of_the_comparison(

@@ -229,7 +229,7 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     # A row of the page has room for six.
     after_time = 1 + max((k for k, key in enumerate(chosen) if key == time), default=-1)
     tiles[after_time:after_time] = bounds
-    return f"{hero}.", tiles[:_ROW]
+    return f"{tables.verdict(comparison)} {hero}.".lstrip(), tiles[:_ROW]
 
 
 _BASELINE = "LQR"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, astuple
 from typing import Any
 
@@ -26,6 +26,9 @@ from rans.tasks.quantities import QUANTITIES
 Scores = dict[str, Estimate]
 """By heading, unit included."""
 
+_IMPULSE = "impulse of the episode, N s"
+"""Heading of the impulse that every contestant has."""
+
 RETURN = "return, % of relaxed optimum"
 """Heading of the share of what is possible in the task's own reward."""
 
@@ -38,7 +41,7 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
     if ends(task):
         return {
             "time of success, s": lambda entry: entry.success,
-            "impulse of the episode, N s": lambda entry: entry.thrust,
+            _IMPULSE: lambda entry: entry.thrust,
             "return": lambda entry: entry.returns,
         }
     result: dict[str, Callable[[Entry], np.ndarray]] = {
@@ -51,7 +54,7 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
     else:
         result["first within tolerances, s"] = lambda entry: entry.arrival
         result["impulse until then, N s"] = lambda entry: entry.arrival_thrust
-    result["impulse of the episode, N s"] = lambda entry: entry.thrust
+    result[_IMPULSE] = lambda entry: entry.thrust
     result["return"] = lambda entry: entry.returns
     return result
 
@@ -95,7 +98,7 @@ def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds |
         result[f"{mission.spending} over the bound"] = _mean(ratios)
         worst = float(ratios.max(initial=-math.inf)) if len(ratios) else math.nan
         result[f"{mission.spending} over the bound, worst"] = Estimate(worst, worst, worst)
-    result["impulse of the episode, N s"] = bootstrap.mean(entry.thrust)
+    result[_IMPULSE] = bootstrap.mean(entry.thrust)
     result["duty cycle, %"] = bootstrap.mean(100.0 * entry.duty)
     return result
 
@@ -111,9 +114,9 @@ def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
     if asks_rest(entry.flight.task):
         result["at rest for good, %"] = share(entry.stays).scaled(100.0)
     for name, of in measures(entry.flight.task).items():
-        if name not in ("impulse of the episode, N s", "return"):
+        if name not in (_IMPULSE, "return"):
             result[name] = bootstrap.median(of(entry))
-    result["impulse of the episode, N s"] = bootstrap.mean(entry.thrust)
+    result[_IMPULSE] = bootstrap.mean(entry.thrust)
     result["failed, %"] = share(entry.flight.failed()).scaled(100.0)
     result["duty cycle, %"] = bootstrap.mean(100.0 * entry.duty)
     for name, error in entry.errors.items():
@@ -148,6 +151,55 @@ def differences(comparison: Comparison) -> dict[str, Scores]:
         entry.name: {name: bootstrap.difference(of(entry), of(first)) for name, of in measured}
         for entry in comparison.entries[1:]
     }
+
+
+def verdict(comparison: Comparison) -> str:
+    """Who is quicker and who is cheaper than the first contestant, in a sentence; "" if nobody flies beside it.
+
+    Somebody is so where the 95 % interval of the differences from the same starts leaves no doubt. Who does not
+    arrive from half of the starts is left out, because to stay where one is costs nothing.
+    """
+    if len(comparison.entries) < 2:
+        return ""
+    first, *others = comparison.entries
+    time = "time of success, s" if first.ends else "settling time, s"
+    apart = differences(comparison)
+    groups: dict[tuple[int, int], list[str]] = {}
+    for entry in others:
+        if np.isfinite(np.median(entry.success if entry.ends else entry.settling)):
+            signs = _sign(apart[entry.name][time]), _sign(apart[entry.name][_IMPULSE])
+            groups.setdefault(signs, []).append(entry.name)
+    # Who beats the first contestant comes first, then whom it beats; a trade-off is said of the other.
+    clauses = []
+    for signs, words in _BETTER.items():
+        if names := groups.get(signs):
+            clauses.append(
+                f"{_names(names)} {'is' if names[1:] == [] else 'are'} {words} {first.name}"
+            )
+    for (sooner, less), words in _BETTER.items():
+        if sooner + less and (names := groups.get((-sooner, -less))):
+            clauses.append(f"{first.name} is {words} {_names(names)}")
+    return f"{'; '.join(clauses)}." if clauses else ""
+
+
+_BETTER = {
+    (-1, -1): "quicker and cheaper than",
+    (-1, 0): "quicker than",
+    (0, -1): "cheaper than",
+    (-1, 1): "quicker, for more impulse, than",
+    (1, -1): "slower, for less impulse, than",
+}
+"""Words by the signs of the differences of time and impulse."""
+
+
+def _names(names: Sequence[str]) -> str:
+    *before, last = names
+    return f"{', '.join(before)} and {last}" if before else last
+
+
+def _sign(difference: Estimate) -> int:
+    """-1 or 1 if a difference is surely less or more than 0; else 0."""
+    return int(difference.low > 0.0) - int(difference.high < 0.0)
 
 
 def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
@@ -284,7 +336,7 @@ def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[
             "flown": len(times),
             "settled": int(np.isfinite(times).sum()),
             "median_settling_time": float(np.median(times)),
-            "mean_impulse": row["impulse of the episode, N s"].value,
+            "mean_impulse": row[_IMPULSE].value,
             "return_percent": row[RETURN].value if RETURN in row else None,
         }
 

@@ -9,12 +9,22 @@ import numpy as np
 import pytest
 
 from rans.evaluation.compare.bounds import Bound
-from rans.evaluation.compare.contest import Entry
+from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.relaxed import Relaxed
+from rans.evaluation.compare.run import Comparison
+from rans.model.fields import map_leaves
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumTime
 from rans.show.pages.comparison_page import page
-from rans.show.tables.comparison_tables import RETURN, gaps, relaxed_rows, scoreboard, to_json
-from tests.support.comparisons import comparison
+from rans.show.tables.comparison_tables import (
+    RETURN,
+    gaps,
+    relaxed_rows,
+    scoreboard,
+    to_json,
+    verdict,
+)
+from tests.support.comparisons import NOBODY, comparison
+from tests.support.evaluation_flights import flight_of
 
 
 def certified(best: float) -> list[Bound]:
@@ -44,6 +54,62 @@ def certified(best: float) -> list[Bound]:
 )
 def test_scores_by_hand(key: str, value: float) -> None:
     assert scoreboard(comparison())["agent"][key].value == pytest.approx(value)
+
+
+def beside(**others: tuple[float, float]) -> Comparison:
+    """Twelve flights to the goal: "ours" arrives after 5 s with 3 N s, the others as given, each less a little."""
+    found = comparison()
+    entries = []
+    for name, (time, impulse) in {"ours": (5.0, 3.0), **others}.items():
+        steps = np.arange(41)[:, None] * 0.5
+        late = time + np.where(np.arange(12) < 6, 0.0, 1.0)
+        distance = np.where(steps >= late, 0.01, 1.0)
+        commands = np.zeros((40, 12, 8))
+        commands[: round(impulse / 0.5), :, 0] = 1.0
+        flight = flight_of(distance, 0.0, commands)
+        flight = replace(flight, timing=replace(flight.timing, control_period=0.5))
+        entries.append(Entry(Contestant(name, NOBODY, "", ""), flight, np.zeros(1)))
+    contest = replace(found.contest, episodes=12, timing=entries[0].flight.timing)
+    return Comparison(contest, entries)
+
+
+@pytest.mark.parametrize(
+    ("others", "sentence"),
+    [
+        ({}, ""),
+        ({"x": (4.0, 2.0)}, "x is quicker and cheaper than ours."),
+        (
+            {"x": (4.0, 2.0), "y": (3.0, 1.0), "z": (4.0, 1.0)},
+            "x, y and z are quicker and cheaper than ours.",
+        ),
+        ({"x": (6.0, 4.0)}, "ours is quicker and cheaper than x."),
+        ({"x": (4.0, 4.0)}, "x is quicker, for more impulse, than ours."),
+        ({"x": (6.0, 2.0)}, "x is slower, for less impulse, than ours."),
+        ({"x": (5.0, 2.0), "y": (4.0, 3.0)}, "y is quicker than ours; x is cheaper than ours."),
+        ({"x": (5.0, 4.0)}, "ours is cheaper than x."),
+        ({"x": (5.0, 3.0)}, ""),
+        ({"idle": (1e3, 0.0)}, ""),  # it stays where it is, for nothing
+        (
+            {"x": (6.0, 4.0), "y": (4.0, 2.0)},
+            "y is quicker and cheaper than ours; ours is quicker and cheaper than x.",
+        ),
+    ],
+)  # fmt: skip
+def test_a_comparison_says_first_who_is_quicker_and_who_is_cheaper(
+    others: dict[str, tuple[float, float]], sentence: str
+) -> None:
+    found = beside(**others)
+    assert verdict(found) == sentence
+    assert page(found).hero.startswith(sentence)
+
+
+def test_an_advantage_from_a_few_starts_is_not_claimed() -> None:
+    """Sooner from half of the starts and later from the other half: neither is quicker."""
+    found = beside(x=(5.0, 3.0))
+    theirs = found.entries[1]
+    moved = map_leaves(lambda x: np.roll(x, 6, axis=1), theirs.flight.states)
+    found.entries[1] = replace(theirs, flight=replace(theirs.flight, states=moved))
+    assert verdict(found) == ""
 
 
 def test_the_mean_of_thrust_is_no_median() -> None:
