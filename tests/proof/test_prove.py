@@ -228,6 +228,12 @@ def test_flights_of_the_docking_agent_keep_the_limit() -> None:
     assert lowest_margins(problem, network, start).min() > 0.0
 
 
+@pytest.mark.parametrize("sizes", [(4, 3), (4, 1), (3, 2), (5, 2)])
+def test_a_network_of_another_size_is_refused(sizes: tuple[int, int]) -> None:
+    with pytest.raises(ConfigError, match="4 states and 2 commands"):
+        prove(problem_of(DOCKING), layers(sizes, 0))
+
+
 def test_cells_without_a_size_are_refused() -> None:
     with pytest.raises(ConfigError, match="--smallest above 0 and at most 1, got 4 and 0"):
         Prove(problem=Path("pose.toml"), onnx=Path("pose.onnx"), smallest=0.0).run()

@@ -128,15 +128,28 @@ class Checker:
         """Pieces of a control period."""
         table = self.file.problem_table(problem)
         motion = self.check._linear(table) or self.check._taylor(table)
+        # Generators that are a box at the end are radii of the centre's balls.
+        centre, spread = self._set(states)
+        count = len(states.centre)
+        box = states.generators[:, count:]
+        if box.any():
+            balls = [self._arb(c, r) for c, r in zip(states.centre, np.diag(box), strict=True)]
+            centre, spread = (
+                self.balls.column(balls),
+                self.balls.matrix(states.generators[:, :count]),
+            )
         pieces = motion(
-            *self._set(states),
+            *(centre, spread),
             self.balls.matrix(gain),
             self._column(offset),
             [self._arb(float(x)) for x in error],
         )
 
         def numbers(ends: Any) -> Set:
-            return Set(self._array(ends[0])[:, 0], self._array(ends[1]))
+            radii = np.diag([float(x.rad()) for x in ends[0].entries()])
+            return Set(
+                self._array(ends[0])[:, 0], np.concatenate((self._array(ends[1]), radii), axis=1)
+            )
 
         return [
             Piece(numbers(begin), numbers(end), self._numbers(sag)) for begin, end, sag in pieces
@@ -214,7 +227,10 @@ class Prover:
         """Pieces of a control period."""
         network = [Layer(gain, offset, "")]
         planes = self.relaxation.Planes(*map(self._tensor, (gain, offset, error)))
-        pieces = self._loop(problem, network)._plant.move(self._set(states), planes)
+        count = len(states.centre)
+        parts = states.centre, states.generators[:, :count], np.diag(states.generators[:, count:])
+        zonotope = self.relaxation.Zonotope(*map(self._tensor, parts))
+        pieces = self._loop(problem, network)._plant.move(zonotope, planes)
         return [
             Piece(self._numbers(piece.begin), self._numbers(piece.end), piece.sag[0].numpy())
             for piece in pieces
@@ -310,7 +326,7 @@ PLANTS = {
         0.5,
     ),
     "a square": ('["0.6 * x0 * x0 + 0.3 * u0", "x0 * x1"]', 1, 0.6),
-    "a cube": ('["x1", "0.5 * x0 * x0 * x0 - x1 + u0 * x0"]', 1, 0.7),
+    "a cube": ('["x1", "0.5 * x0 * x0 * x0 - x1 + u0 * x0"]', 1, 0.5),
     "an asymmetric body": (
         '["0.8 * x1 * x2 + u0", "-1.2 * x0 * x2", "0.7 * x0 * x1 + u1"]',
         2,
@@ -374,13 +390,16 @@ def motions(bounds: Bounds) -> None:
     for name, (rates, commands, period) in PLANTS.items():
         count = rates.count('"') // 2
         is_linear = name in ("a line", "a growing line", "a turn")
-        # Points, whose sets have the width of a Taylor step's rest alone; states that differ; and wrong commands.
-        for width, error in ((0.0, 0.0), (0.05, 0.0), (0.02, 0.1)):
-            centre = 0.6 + 0.6 * random.random(count)
-            generators = width * random.normal(size=(count, count))
+        # Points, whose sets have the width of a Taylor step's rest alone; states that differ; wrong commands; and
+        # states below zero in a box.
+        cases = ((0.0, 0.0, 1.0), (0.05, 0.0, 1.0), (0.02, 0.1, 1.0), (0.0, 0.0, -1.0))
+        for width, error, sign in cases:
+            centre = sign * (0.6 + 0.6 * random.random(count))
+            box = np.diag(0.05 * random.random(count)) * (sign < 0.0)
+            generators = np.concatenate((width * random.normal(size=(count, count)), box), axis=1)
             states = Set(centre, generators)
             gain = 0.4 * random.random((commands, count))
-            offset = 0.3 + random.random(commands)
+            offset = sign * (0.3 + random.random(commands))
             wrong = error * (1.0 + random.random(commands))
             text = problem_text(rates, commands, period, centre, centre, within(count))
             pieces = bounds.move(text, states, gain, offset, wrong)
@@ -411,18 +430,21 @@ def motions(bounds: Bounds) -> None:
                 fraction = np.linspace(0.0, 1.0, dense + 1)[:, None, None]
                 sag = np.abs(part - part[0] - fraction * (part[-1] - part[0])).max(axis=(0, 1))
                 assert (sag <= piece.sag + 1e-9).all(), (name, width, error)
-            # A sag's bound adds absolute values: it is near where all terms have one sign, and not of a turn.
+            # A sag's bound adds absolute values: it is near where all terms have one sign, unlike in turns.
             span = np.max(path[-1] @ directions.T, axis=0) + np.max(
                 path[-1] @ -directions.T, axis=0
             )
             travel = np.abs(path[-1] - path[0]).max()
-            assert excess.max() <= (1e-9 if is_linear else 0.1 * travel + 0.35 * span.max()), (
+            assert excess.max() <= (
+                1e-9 if is_linear and not box.any() else 0.1 * travel + 0.35 * span.max()
+            ), (
                 name,
                 width,
                 error,
                 excess,
             )
-            largest = {"a line": 2.5, "a growing line": 2.5, "a turn": 40.0}.get(name, 15.0)
+            near = {"a line": 2.5, "a growing line": 2.5, "a square": 5.0, "a cube": 10.0}
+            largest = near.get(name, 40.0) if sign > 0.0 else 40.0
             assert (pieces[-1].sag <= largest * np.maximum(sag, 0.1 * sag.max())).all(), name
 
 
@@ -430,7 +452,7 @@ def explosions(bounds: Bounds) -> None:
     """A motion that leaves every box has no bound from then on, and none is said."""
     # x = 30 / (1 - 30 t) is infinite after 0.033 s, in the first Taylor step of both programs.
     text = problem_text('["x0 * x0", "u0"]', 1, 1.0, [30.0, 0.0], [30.0, 0.0], within(2))
-    states = Set(np.array([30.0, 0.0]), np.zeros((2, 1)))
+    states = Set(np.array([30.0, 0.0]), np.zeros((2, 4)))
     try:
         pieces = bounds.move(text, states, np.zeros((1, 2)), np.zeros(1), np.zeros(1))
     except bounds.refusals:
@@ -686,6 +708,7 @@ def proofs(bounds: Prover) -> None:
         assert (proof.margins > 0.0).all()
         if not is_true:
             continue
+        assert abs(proof.volume - 1.0) < 1e-12
         assert 6 < len(proof.low) < 400
         start = random.uniform(low, high, (2000, 2))
         inside = (start[:, None] >= proof.low) & (start[:, None] <= proof.high)
