@@ -308,7 +308,7 @@ EXTRAS = {
     "matplotlib": "plots",
     "PIL": "plots",
     "tensorboard": "plots",
-    "llvmlite": "cpu",
+    "llvmlite": "fast",
     "onnx": "onnx",
     "onnxruntime": "onnx",
     "flint": "proof",

@@ -110,7 +110,7 @@ rans.PPO(engine, n_steps=4).learn(32).save("trained.safetensors")
     )
     code_of_exit, text = said(code, ",".join(EXTRAS), folder=tmp_path)
     assert code_of_exit == 0, text
-    assert "pip install 'rans[cpu]'" in text
+    assert "pip install 'rans[fast]'" in text
     assert (tmp_path / "page.html").stat().st_size > 10_000
     assert not (tmp_path / "run/tensorboard").exists()
 

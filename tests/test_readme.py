@@ -25,7 +25,7 @@ from torch.distributed.run import get_args_parser
 import rans
 from rans.cli import COMMANDS, _parse
 from rans.display import meanings
-from rans.errors import ConfigError
+from rans.errors import EXTRAS, ConfigError
 from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.algorithms import with_algorithm
 from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
@@ -438,3 +438,70 @@ def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:
     assert told.keys() == settings.keys()
     for term, value in settings.items():
         assert f"{value:g}" in told[term]
+
+
+@pytest.mark.parametrize(
+    ("target", "asked"),
+    [
+        ("test", ("ruff", "pyright", "pytest")),
+        ("demo", ("rans validate", "rans train", "rans evaluate", "rans compare", "rans report")),
+    ],
+)
+def test_two_commands_set_everything_up_and_try_it(
+    target: str, asked: tuple[str, ...], tmp_path: Path
+) -> None:
+    """In a checkout without .venv each first makes it and installs, and then does what README says."""
+    [row] = [row for row in rows(ROOT / "README.md", "command") if row[0] == f"`make {target}`"]
+    assert all(row), "what it does, what it prints last, and how long it takes"
+    declared = [file.relative_to(ROOT) for file in ROOT.glob("packages/*/pyproject.toml")]
+    for part in (
+        "Makefile",
+        "pyproject.toml",
+        "agents/pyproject.toml",
+        "constraints.txt",
+        *declared,
+    ):
+        (tmp_path / part).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / part).write_bytes((ROOT / part).read_bytes())
+    environment = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL")}
+    run = subprocess.run(
+        ["make", "--dry-run", target],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    steps = ["-m venv", "pip install", *asked]
+    places = [run.stdout.find(step) for step in steps]
+    assert -1 not in places, run.stdout
+    assert places[:2] == sorted(places[:2])
+    assert max(places[:2]) < min(places[2:])
+    if target == "demo":  # the sentence about the report is its last
+        assert run.stdout.strip().splitlines()[-1].startswith("rans report")
+    assert not (tmp_path / ".venv").exists()
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/install.md", "Dockerfile"])
+def test_torch_without_cuda_comes_before_what_needs_torch(page: str) -> None:
+    """A reader types commands in their order, and pip does not replace a build that is there."""
+    lines = [
+        line for line in (ROOT / page).read_text("utf-8").splitlines() if "pip install" in line
+    ]
+    assert "torch --index-url https://download.pytorch.org/whl/cpu" in lines[0]
+
+
+def test_extras_that_errors_and_pages_name_exist() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    texts = [page.read_text("utf-8") for page in PAGES]
+    texts.append((ROOT / "examples/notebook/first_agent.ipynb").read_text("utf-8"))
+    named = {
+        name.strip()
+        for text in texts
+        for many in re.findall(r"rans(?:-[\w.]+whl)?\[([a-z0-9, ]+)\]", text)
+        for name in many.split(",")
+    }
+    assert {"fast", "plots", "optimal"} <= named
+    assert (named | {*EXTRAS.values()}) - extras.keys() == set()

@@ -80,7 +80,7 @@ class Trainer:
         if first.device == "cpu" and not is_installed("llvmlite"):
             warnings.warn(
                 "training on a processor is several times slower without the package llvmlite: "
-                "pip install 'rans[cpu]'",
+                "pip install 'rans[fast]'",
                 RansWarning,
                 stacklevel=2,
             )
