@@ -324,7 +324,7 @@ class _Group:
             # moves what a window begins with.
             full = np.array([[wheel.max_torque for wheel in craft.wheels]])
             about = np.array([[wheel.inertia for wheel in craft.wheels]])
-            spun = thrusts.motors.spun(self.begin[None], full, about)
+            spun = thrusts.motors.from_rest(self.begin[None], full)
             starts[:, -craft.wheel_count :] = spun[0] / about
             for k, speeds in enumerate(parts[-1].T if log.wheel_speeds is not None else ()):
                 read = np.isfinite(speeds)

@@ -48,7 +48,7 @@ class Physics(NamedTuple):
 
 @dataclass(frozen=True)
 class Motors:
-    """Commands of the motors of reaction wheels, and where the wheels begin."""
+    """Commands of the motors of reaction wheels."""
 
     times: np.ndarray
     """(T,), s: instants of commands, which motors follow at once."""
@@ -58,50 +58,92 @@ class Motors:
     """Control period, s."""
     limits: np.ndarray
     """(W,), N m s: largest momenta, at which motors give no more torque."""
-    speeds: np.ndarray
-    """(W,), rad/s: first measured speed of each wheel; 0 where none was measured."""
+    measured: np.ndarray
+    """(W,), whether the log has speeds of a wheel: then the state at the start of a window says how far it is from
+    its largest momentum; otherwise it began the log at rest."""
 
     @classmethod
     def of(cls, craft: Spacecraft, log: FlightLog) -> Motors:
         """Commands of a log of a spacecraft."""
         count = craft.wheel_count
-        speeds = np.zeros(count)
+        measured = np.zeros(count, dtype=bool)
         if log.wheel_speeds is not None:
-            for k, column in enumerate(log.wheel_speeds.T):
-                measured = column[np.isfinite(column)]
-                speeds[k] = measured[0] if len(measured) else 0.0
+            measured = np.isfinite(log.wheel_speeds).any(axis=0)
         commands = log.commands[:, craft.thruster_count :][:, :count]
         limits = np.array([wheel.max_momentum for wheel in craft.wheels])
-        return cls(log.command_times, commands, log.period, limits, speeds)
+        return cls(log.command_times, commands, log.period, limits, measured)
 
-    def spun(self, t: np.ndarray, torques: np.ndarray, inertias: np.ndarray) -> np.ndarray:
-        """Momentum that motors gave wheels up to times (K, S): (K, S, W), N m s.
+    def momenta(self, t: np.ndarray, torques: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Momenta of wheels about their axes at times (K, S), from those at the first time: (K, S, W), N m s.
 
         Args:
-            t: s.
+            t: s, ascending.
             torques: (K, W), N m at full command.
-            inertias: (K, W), kg m^2, of the wheels about their axes.
+            first: (K, W), N m s.
         """
+        result = self._run(t[:, 0], first, torques, np.arange(len(t)), t)
+        if not self.measured.all():
+            from_rest = self.from_rest(t, torques)
+            gained = first[:, None] + from_rest - from_rest[:, :1]
+            result = np.where(self.measured, result, gained)
+        return result
+
+    def from_rest(self, t: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Momenta at times (K, S) of wheels that rest at the first command: (K, S, W), N m s."""
         # Few of the K are different: each parameter is changed in all windows at once.
-        count = len(self.limits)
-        rows, which = np.unique(np.hstack([torques, inertias]), axis=0, return_inverse=True)
-        full, about = rows[:, :count], rows[:, count:]
-        given = np.zeros((len(rows), *self.commands.shape))
-        gained = np.zeros_like(given)
-        momenta = about * self.speeds
-        begun = momenta
-        held = np.diff(self.times, append=self.times[-1] + self.period)
-        for k, command in enumerate(self.commands):
-            # A motor gives less where the momentum would leave its limit by the end of the period.
-            gained[:, k] = momenta - begun
-            largest = np.maximum((self.limits - momenta) / self.period, 0.0)
-            least = np.minimum((-self.limits - momenta) / self.period, 0.0)
-            given[:, k] = np.clip(command * full, least, largest)
-            momenta = momenta + given[:, k] * held[k]
-        index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
-        since = np.maximum(t - self.times[index], 0.0)[..., None]
-        row = which.reshape(-1, 1)
-        return gained[row, index] + given[row, index] * since
+        full, which = np.unique(torques, axis=0, return_inverse=True)
+        begin = np.full(len(full), self.times[0])
+        return self._run(begin, np.zeros_like(full), full, which.reshape(-1), t)
+
+    def _run(
+        self,
+        begin: np.ndarray,
+        first: np.ndarray,
+        torques: np.ndarray,
+        row: np.ndarray,
+        t: np.ndarray,
+    ) -> np.ndarray:
+        """Momenta (K, S, W) at times (K, S), each row of which is one (K,) of R runs.
+
+        A motor gives less where the momentum would leave its limit by the end of the control period, and takes back
+        what is beyond it, so that a start which the fit moves across the limit changes the motion smoothly.
+
+        Args:
+            begin: (R,), s, the beginnings of the runs.
+            first: (R, W), N m s, momenta then.
+            torques: (R, W), N m at full command.
+            row: (K,), number of the run.
+            t: (K, S), s.
+        """
+        before = np.clip(np.searchsorted(self.times, begin, side="right") - 1, 0, None)
+        periods = np.searchsorted(self.times, t, side="right") - 1 - before[row][:, None]
+        periods = np.clip(periods, 0, None)
+        # The commands that are held from the beginning on, from when, and how long.
+        index = np.minimum(before[:, None] + np.arange(periods.max() + 1), len(self.times) - 1)
+        since = self.times[index]
+        since[:, 0] = np.maximum(begin, since[:, 0])
+        ends = np.append(self.times[1:], self.times[-1] + self.period)[index]
+        left = self.period - np.mod(since - self.times[index], self.period)
+        left = np.maximum(np.minimum(left, ends - since), 1e-9)
+        given = np.empty((*index.shape, len(self.limits)))
+        momenta = np.empty_like(given)
+        momenta[:, 0] = first
+        for k in range(index.shape[1]):
+            least = (-self.limits - momenta[:, k]) / left[:, k, None]
+            largest = (self.limits - momenta[:, k]) / left[:, k, None]
+            given[:, k] = np.clip(self.commands[index[:, k]] * torques, least, largest)
+            if k + 1 < index.shape[1]:
+                gained = given[:, k] * (ends - since)[:, k, None]
+                momenta[:, k + 1] = self._within(momenta[:, k], gained)
+        at = row[:, None], periods
+        lasting = np.maximum(t - since[at], 0.0)[..., None]
+        return self._within(momenta[at], given[at] * lasting)
+
+    def _within(self, momenta: np.ndarray, gained: np.ndarray) -> np.ndarray:
+        """Sum of momenta and gains up to a limit that lies between, as a command may be held for many periods."""
+        low = np.minimum(momenta, -self.limits)
+        high = np.maximum(momenta, self.limits)
+        return np.clip(momenta + gained, low, high)
 
 
 @dataclass(frozen=True)
@@ -244,15 +286,17 @@ def predicted(
     fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
     wrenches = fractions @ craft.wrenches
 
-    turns = np.zeros((*step.shape, craft.wheel_count))
+    # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
+    momenta = np.zeros((*grid.shape, craft.wheel_count))
     if craft.wheels:
-        torques = _stacked(physics.wheel_torques)
-        inertias = _stacked(physics.wheel_inertias)
-        turns = np.diff(thrusts.motors.spun(grid, torques, inertias), axis=1) / step[..., None]
+        axes = np.array([wheel.axis for wheel in craft.wheels])
+        spin = start[:, 5:6] * axes[:, 2] if craft.dimension == 2 else start[:, 10:13] @ axes.T
+        first = _stacked(physics.wheel_inertias) * (start[:, -craft.wheel_count :] + spin)
+        momenta = thrusts.motors.momenta(grid, _stacked(physics.wheel_torques), first)
     if craft.dimension == 2:
-        path = _planar(craft, physics, start, wrenches, step, turns)
+        path = _planar(craft, physics, start, wrenches, step, momenta)
     else:
-        path = _spatial(craft, physics, start, wrenches, step, turns)
+        path = _spatial(craft, physics, start, wrenches, step, momenta)
 
     return path[:, np.cumsum(counts)]
 
@@ -263,7 +307,7 @@ def _planar(
     start: np.ndarray,
     wrench: np.ndarray,
     step: np.ndarray,
-    turns: np.ndarray,
+    momenta: np.ndarray,
 ) -> np.ndarray:
     """States (K, S + 1, 6 + W) in the plane, as cumulative sums with the heading at the middle of each step.
 
@@ -276,7 +320,7 @@ def _planar(
     torque = wrench[..., 2] - (x * force[..., 1] - y * force[..., 0])
     axes = [wheel.axis[2] for wheel in craft.wheels]
     for k, axis in enumerate(axes):
-        torque = torque - axis * turns[..., k]
+        torque = torque - axis * np.diff(momenta[..., k], axis=1) / step
     rate = (torque + np.asarray(push.torque)[:, None]) / np.asarray(physics.body.inertia[0])[
         :, None
     ]
@@ -297,12 +341,10 @@ def _planar(
         position = _summed(start[:, j], velocity[:, :-1] * h + 0.5 * acceleration * h**2)
         columns.append((position, velocity))
     (x, vx), (y, vy) = columns
-    # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
-    speeds = []
-    for k, axis in enumerate(axes):
-        about = np.asarray(physics.wheel_inertias[k])[:, None]
-        absolute = _summed(start[:, 6 + k] + axis * start[:, 5], turns[..., k] * h / about)
-        speeds.append(absolute - axis * spin)
+    speeds = [
+        momenta[..., k] / np.asarray(physics.wheel_inertias[k])[:, None] - axis * spin
+        for k, axis in enumerate(axes)
+    ]
     return np.stack([x, y, heading, vx, vy, spin, *speeds], axis=-1)
 
 
@@ -319,7 +361,7 @@ def _spatial(
     start: np.ndarray,
     wrench: np.ndarray,
     step: np.ndarray,
-    turns: np.ndarray,
+    momenta: np.ndarray,
 ) -> np.ndarray:
     """States (K, S + 1, 13 + W) in space, by the midpoint rule."""
     body = physics.body
@@ -332,16 +374,9 @@ def _spatial(
     push = _stacked(physics.disturbance.force.columns()) / craft.mass
     twist = _stacked(physics.disturbance.torque.columns())
 
-    # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
     axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
-    momenta = np.zeros((len(start), wrench.shape[1] + 1, len(axes)))
-    about = np.ones((len(start), len(axes)))
-    if craft.wheels:
-        about = _stacked(physics.wheel_inertias)
-        momenta[:, 0] = about * (start[:, 13:] + start[:, 10:13] @ axes.T)
-        momenta[:, 1:] = momenta[:, :1] + np.cumsum(turns * step[..., None], axis=1)
-        torque = torque - turns @ axes
     stored = momenta @ axes
+    torque = torque - np.diff(stored, axis=1) / step[..., None]
 
     constant = start[:, :13], inertia, np.linalg.inv(inertia), push, twist
     middle = 0.5 * (stored[:, :-1] + stored[:, 1:])
@@ -354,7 +389,7 @@ def _spatial(
     )
     if not craft.wheels:
         return path
-    speeds = momenta / about[:, None] - path[..., 10:] @ axes.T
+    speeds = momenta / _stacked(physics.wheel_inertias)[:, None] - path[..., 10:] @ axes.T
     return np.concatenate([path, speeds], axis=-1)
 
 

@@ -378,13 +378,12 @@ def test_a_motor_turns_wheel_and_craft_as_worked_by_hand() -> None:
     commands = np.zeros((20, 9))
     commands[:, 8] = 1.0
     motors = Thrust.of(craft, log_of(commands)).motors
-    about = np.array([[wheel.inertia for wheel in craft.wheels]])
     for full, momenta in (
         (0.1, [0.5, 0.7, 0.7]),
         (0.2, [0.7, 0.7, 0.7]),
         (0.05, [0.25, 0.35, 0.45]),
     ):
-        spun = motors.spun(np.array([[5.0, 7.0, 9.0]]), np.array([[full]]), about)
+        spun = motors.from_rest(np.array([[5.0, 7.0, 9.0]]), np.array([[full]]))
         assert spun[0, :, 0] == pytest.approx(momenta)
 
 
