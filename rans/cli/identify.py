@@ -61,10 +61,9 @@ class Identify:
         if not self.spacecraft:
             raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
         console = Terminal()
-        # Identify, and write the data sheet with its intervals.
+        # Identify; a result that explains nothing is shown, and not written.
         with doing("identifying: the flights are predicted for every candidate"):
             result = identify(self.logs, self.spacecraft, self.robot, self.window, self.namespace)
-        folder = result.write(self.output or Path("identified"))
 
         def cells(digits: int) -> list[tuple[str, ...]]:
             return [
@@ -96,6 +95,7 @@ class Identify:
         )
         for sentence in result.notes():
             console.say(sentence)
+        folder = result.write(self.output or Path("identified"))
         console.say(f"Written to {folder}. Train for it:")
         spacecraft = ["--spacecraft", str(folder / "spacecraft.toml")]
         conditions = ["--conditions", str(folder / "conditions.toml")]

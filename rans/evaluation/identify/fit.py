@@ -109,6 +109,9 @@ class Fit:
     logs: tuple[FlightLog, ...]
     window: float
     """Length of the windows, s."""
+    coasting: dict[str, float]
+    """Standard deviation that each channel would have if nothing acted on the craft: round a straight line of each
+    window for poses, and a constant for rates. Of channels whose windows have too few readings there is none."""
 
     @property
     def deviations(self) -> np.ndarray:
@@ -412,6 +415,7 @@ def _fitted(
         solver.nominal_residuals(len(logs)),
         tuple(logs),
         window,
+        solver.coasting(),
     )
 
 
@@ -665,6 +669,34 @@ class _Solver:
         """Covariance (P, P) of the parameters, the starts integrated out."""
         prior = np.array([parameter.prior for parameter in self.problem.parameters])
         return np.linalg.inv(self._normal().reduced()) * np.outer(prior, prior)
+
+    def coasting(self) -> dict[str, float]:
+        """See `Fit.coasting`."""
+        squares = dict.fromkeys(self.columns, 0.0)
+        free = dict.fromkeys(self.columns, 0)
+        total = dict.fromkeys(self.columns, 0)
+        for group in self.problem.groups:
+            for times, readings in zip(group.times, group.readings, strict=True):
+                # In space an attitude is its rotation from the window's first.
+                first = np.broadcast_to(readings[:1], readings.shape)
+                moved = self.problem.difference(readings, first)
+                for name, part in self.columns.items():
+                    degree = 1 if name in ("position", "attitude") else 0
+                    for column in moved[:, part].T:
+                        read = np.isfinite(column)
+                        total[name] += int(read.sum())
+                        if read.sum() <= degree + 1:
+                            continue
+                        values = np.unwrap(column[read]) if name == "attitude" else column[read]
+                        terms = np.vander(times[read] - times[0], degree + 1)
+                        line = np.linalg.lstsq(terms, values, rcond=None)[0]
+                        squares[name] += float(np.sum((values - terms @ line) ** 2))
+                        free[name] += int(read.sum()) - degree - 1
+        return {
+            name: float(np.sqrt(squares[name] / free[name]))
+            for name in self.noise
+            if free[name] > 0.3 * total[name]
+        }
 
     def residuals(self, logs: int) -> tuple[np.ndarray, ...]:
         """Residuals of each log in the order of its readings."""

@@ -68,7 +68,7 @@ class Motors:
         count = craft.wheel_count
         measured = np.zeros(count, dtype=bool)
         if log.wheel_speeds is not None:
-            measured = np.isfinite(log.wheel_speeds).any(axis=0)
+            measured = np.asarray(np.isfinite(log.wheel_speeds).any(axis=0))
         commands = log.commands[:, craft.thruster_count :][:, :count]
         limits = np.array([wheel.max_momentum for wheel in craft.wheels])
         return cls(log.command_times, commands, log.period, limits, measured)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.errors import ConfigError
 from rans.evaluation.identify.fit import CHANNELS, Fit, channel_columns
 from rans.files import ready_folder, write_json, write_text
 from rans.model.body import Body
@@ -23,6 +24,14 @@ from rans.randomization.conditions import (
 )
 from rans.randomization.conditions_file import conditions_text
 
+_EXPLAINED = 0.9
+"""Noise of a channel as a part of what a coast leaves, up to which the model explains something of it."""
+_PERFECT = 1e-5
+"""Noise (SI) below which nothing is left to explain: ten times the least that a fit assumes."""
+_LARGEST_ANGLE = 0.5
+"""rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
+_AT_LIMIT = 0.99
+"""Part of a wheel's largest speed from which it counts as at its limit."""
 SPREAD = 1.96
 """Standard deviations of a two-sided interval of 95 %."""
 UNITS = {
@@ -47,6 +56,8 @@ class Channel:
     """Correlation of successive residuals; 0 for white ones."""
     bound: float
     """Correlation that white residuals exceed in one of a thousand logs at most."""
+    is_explained: bool
+    """Whether the model predicts it better than a coast does, or leaves nothing but independent noise."""
 
     @property
     def is_white(self) -> bool:
@@ -118,7 +129,11 @@ class Identification:
         """Conditions whose ranges are the intervals of what was identified, for the identified spacecraft.
 
         Where the rise of the force could not be separated from the latency, the latency has half of it.
+
+        Raises:
+            ConfigError: a channel is not explained (`check`).
         """
+        self.check()
         rows = {row.name: row for row in self.rows()}
         craft = self.fit.craft
         count = craft.thruster_count
@@ -216,8 +231,31 @@ class Identification:
                 for parts in (self.fit.nominal_residuals, self.fit.residuals)
             )
             correlation, bound = self.fit.correlation(name)
-            result.append(Channel(name, _rms(before), _rms(after), correlation, bound))
+            noise = self.fit.noise[name]
+            beats = noise < max(_EXPLAINED * self.fit.coasting.get(name, np.inf), _PERFECT)
+            explained = (beats or correlation <= bound) and not (
+                name == "attitude" and noise > _LARGEST_ANGLE
+            )
+            result.append(Channel(name, _rms(before), _rms(after), correlation, bound, explained))
         return result
+
+    def check(self) -> None:
+        """Refuse a result whose residuals are no noise of a sensor.
+
+        Raises:
+            ConfigError: the model predicts a channel no better than a coast does, and leaves more than noise.
+        """
+        wrong = [channel for channel in self.channels() if not channel.is_explained]
+        if wrong:
+            names = ", ".join(
+                f"{channel.name} (error {channel.after:.3g} {UNITS[channel.name]})"
+                for channel in wrong
+            )
+            raise ConfigError(
+                f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
+                "written. The usual cause is a column in other units, such as a heading in degrees, or in another "
+                "frame or order, or another spacecraft."
+            )
 
     def notes(self) -> list[str]:
         """Sentences on what the logs do not determine, and whether the intervals can be believed."""
@@ -225,6 +263,15 @@ class Identification:
         result = [
             f"Motion determines forces and inertia only in proportion to the mass: the mass is {craft.mass:g} kg, "
             "as in the file. Weigh the spacecraft."
+        ]
+        result.append(
+            "The mean delay has in it what lies between the clocks of commands and readings, such as an offset, or "
+            "readings that are late."
+        )
+        result += [
+            f"Wheel {k} came to its largest momentum, so that its motor and inertia are in proportion to that of "
+            f"the file, {craft.wheels[k].max_momentum:g} N m s."
+            for k in self._wheels_at_limit()
         ]
         silent = [row.name for row in self.rows() if not row.is_identifiable]
         if "latency" in silent and self.delay_deviation < 0.05:
@@ -258,12 +305,23 @@ class Identification:
             )
         return [*result, *(note for log in self.fit.logs for note in log.notes)]
 
+    def _wheels_at_limit(self) -> list[int]:
+        """Numbers of the wheels whose measured speeds came to the largest."""
+        result = []
+        for k, wheel in enumerate(self.fit.craft.wheels):
+            largest = wheel.max_momentum / self.fit.value(f"rotor of wheel {k}")
+            speeds = [log.wheel_speeds for log in self.fit.logs if log.wheel_speeds is not None]
+            if any(np.any(np.abs(rows[:, k]) > _AT_LIMIT * largest) for rows in speeds):
+                result.append(k)
+        return result
+
     def write(self, folder: str | Path) -> Path:
         """Write spacecraft.toml, conditions.toml and identified.json, and return the folder.
 
         Raises:
-            ConfigError: the folder cannot be made or written.
+            ConfigError: a channel is not explained (`check`), or the folder cannot be made or written.
         """
+        self.check()
         folder = ready_folder(Path(folder))
         write_text(folder / "spacecraft.toml", to_toml(self.spacecraft))
         write_text(folder / "conditions.toml", conditions_text(self.conditions))

@@ -169,3 +169,40 @@ def test_other_craft_and_other_files_are_refused(flight: FlightLog, tmp_path: Pa
         rans.identify(flight, "mars-lander-steered")
     with pytest.raises(ConfigError, match="a bag"):
         rans.identify(tmp_path / "flight.txt", PLATFORM)
+
+
+@pytest.mark.parametrize("column", ["heading", "x and y"])
+def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_written(
+    column: str,
+    flight: FlightLog,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Poses alone, in which no rate contradicts them: a heading in degrees, and columns of the wrong order."""
+    wrong = replace(flight, attitude=np.degrees(flight.attitude))
+    if column == "x and y":
+        wrong = replace(flight, position=flight.position[:, ::-1])
+    file = written(wrong, tmp_path / "poses.csv", rates=False)
+    monkeypatch.chdir(tmp_path)
+    assert main(["identify", str(file), "--spacecraft", "floating-platform"]) == 2
+    said = capsys.readouterr()
+    assert ("attitude (error" if column == "heading" else "position (error") in said.err
+    assert not (tmp_path / "identified").exists()
+    found = rans.identify(file, PLATFORM)
+    with pytest.raises(ConfigError, match="do not explain"):
+        _ = found.conditions
+
+
+def test_what_flights_of_the_craft_leave_is_noise(flight: FlightLog) -> None:
+    found = rans.identify(flight, PLATFORM)
+    found.check()
+    # Nor is there anything to explain where nothing acts and no sensor errs.
+    times = 0.2 * np.arange(60)
+    still = np.zeros((60, 2))
+    drifting = np.column_stack([0.01 * np.arange(60), np.zeros(60)])
+    log = FlightLog(
+        "still", times, np.zeros((60, 8)), times, drifting, times * 0.0, still, times * 0.0
+    )
+    rans.identify(replace(log, velocity=np.tile([0.05, 0.0], (60, 1))), PLATFORM).check()
+    assert all(channel.is_explained for channel in found.channels())
