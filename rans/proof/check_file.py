@@ -93,8 +93,9 @@ def problem_table(text: str) -> dict[str, Any]:
     ):
         raise Refused(f"its derivative is no list of 1 to {_STATES} formulas.")
     count = len(rates)
-    if not (isinstance(table["name"], str) and len(table["name"]) <= 200):
-        raise Refused("its name is no text of at most 200 characters.")
+    name = table["name"]
+    if not (isinstance(name, str) and len(name) <= 200 and name.isprintable()):
+        raise Refused("its name is no line of at most 200 characters.")
     _whole(table["steps"], 1, _STEPS, "steps")
     _whole(table["commands"], 1, count, "commands")
     if not 0.0 < _number(table["period"], "period") <= _PERIOD:

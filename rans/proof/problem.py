@@ -236,8 +236,8 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
         raise ConfigError(f"{where}: derivative must be a list of 1 to {MOST_STATES} formulas.")
     count = len(derivative)
     name = table["name"]
-    if not (isinstance(name, str) and len(name) <= 200):
-        raise ConfigError(f"{where}: name must be a text of at most 200 characters.")
+    if not (isinstance(name, str) and len(name) <= 200 and name.isprintable()):
+        raise ConfigError(f"{where}: name must be a line of at most 200 characters.")
     steps = table["steps"]
     commands = table["commands"]
     for key, value, largest in (("steps", steps, MOST_STEPS), ("commands", commands, count)):

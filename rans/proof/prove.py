@@ -297,8 +297,6 @@ class ClosedLoop:
         functions = torch.zeros(
             (len(ahead), _DIRECTIONS, self.problem.states), dtype=torch.float64, device=self.device
         )
-        if len(velocity) != 2:
-            raise ConfigError("a speed limit is proved for velocities in the plane.")
         stretched = self._round / np.cos(np.pi / _DIRECTIONS) * (1.0 + 1e-14)
         functions[:, :, velocity] = stretched
         functions[:, :, position] -= keep.slope * ahead[:, None, :]

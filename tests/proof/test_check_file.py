@@ -122,6 +122,7 @@ PROBLEMS = [
     ("commands = 1", "commands = 0", False),
     ('name = "a mass', "name = 5  #", False),
     ('name = "a', 'name = "' + "a" * 200, False),
+    ('name = "a', 'name = "Accepted: all.\\n', False),
     ('"x1", "0.1', '"x1", "x2", "0.1', False),
     ('"x1", "0.1', '1, "0.1', False),
     ('["x1", "0.1 * u0"]', "[]", False),

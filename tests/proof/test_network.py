@@ -6,6 +6,7 @@ Each has two lines of defence, its reader and a comparison, and each line is tes
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.proof import network
-from tests.support.graphs import forged, graph, ordinary, step
+from tests.support.graphs import WEIGHT, forged, graph, ordinary, step
 from tests.support.planted import planted
 
 pytest.importorskip("onnx")
@@ -37,7 +38,9 @@ def of_runtime(content: bytes) -> np.ndarray:
 
 
 def of_prover(module: Any, content: bytes) -> np.ndarray:
-    return module.apply(module.network_of(content, "net.onnx"), STATES.astype(float))
+    layers = module.network_of(content, "net.onnx")
+    assert all(layer.activation for layer in layers[:-1])
+    return module.apply(layers, STATES.astype(float))
 
 
 def of_checker(module: Any, content: bytes) -> np.ndarray:
@@ -49,6 +52,9 @@ def of_checker(module: Any, content: bytes) -> np.ndarray:
     }
     x = STATES.astype(float).T
     layers = module.layers_of.__wrapped__(content, (-1.0, -1.0), (1.0, 1.0))
+    assert all(
+        kind for _, _, kind, _ in layers[:-1]
+    )  # enclosures end at a layer that does not bend
     for weight, bias, kind, _ in layers:
         table, shift = (np.array(m.tolist(), dtype=float) for m in (weight, bias))
         x = bends[kind](table @ x + shift)
@@ -76,9 +82,11 @@ def test_ordinary_graphs_are_read_as_they_run(
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("form", forged())
 def test_forged_graphs_are_refused_by_the_reader_alone(
-    form: str, reader: str, monkeypatch: pytest.MonkeyPatch
+    form: str, reader: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     module, answers, refusal = READERS[reader]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "weights.bin").write_bytes(WEIGHT.tobytes())  # of the graph that keeps them there
     monkeypatch.setattr(module, "_compare", lambda *_: None)
     with pytest.raises(refusal) as caught:
         answers(module, forged()[form])
@@ -140,6 +148,15 @@ def test_weights_too_large_for_single_precision_are_refused(reader: str) -> None
     )
     with pytest.raises(refusal):
         answers(module, content)
+
+
+def test_networks_of_other_sizes_than_the_starts_are_refused() -> None:
+    content = ordinary()["general product"]
+    ends = (-1.0,) * 3, (1.0,) * 3
+    with pytest.raises(ConfigError, match="3 states"):
+        network.network_of(content, "net.onnx", ends)
+    with pytest.raises(Refused, match="3 states"):
+        check_network.layers_of(content, *ends)
 
 
 @pytest.mark.parametrize("content", [b"", b"junk", b"\x08\x07" * 40, bytes(range(256))])

@@ -188,8 +188,33 @@ def _attribute(name: str, value: Any) -> Callable[[Any], None]:
     return change
 
 
-def _attention(model: Any) -> None:
-    """Two graphs' worth of versions of ONNX's operations."""
+def _another_precision(model: Any) -> None:
+    """The last weight in double precision."""
+    from onnx import numpy_helper
+
+    tensor = model.graph.initializer[-1]
+    table = numpy_helper.to_array(tensor).astype(np.float64)
+    tensor.CopyFrom(numpy_helper.from_array(table, tensor.name))
+
+
+def _whole_numbers(model: Any) -> None:
+    model.graph.input[0].type.tensor_type.elem_type = 7  # int64
+
+
+def _another_tanh(model: Any) -> None:
+    """A function in the place of ONNX's own operation."""
+    _functions("Tanh")(model)
+    model.functions[0].domain = ""
+    model.graph.node[-1].domain = ""
+
+
+def _two_inputs(model: Any) -> None:
+    """Another input, which changes nothing."""
+    model.graph.input.append(model.graph.input[0])
+    model.graph.input[1].name = "z"
+
+
+def _two_versions(model: Any) -> None:
     model.opset_import.append(model.opset_import[0])
     model.opset_import[1].version = 6
 
@@ -273,7 +298,57 @@ def forged() -> dict[str, bytes]:
         "an attribute of another type": graph([gemm], change=_attribute("alpha", 2)),
         "an operation before its time": graph([gemm], opset=6),
         "an operation of the future": graph([gemm], opset=99),
-        "two versions": graph([gemm], change=_attention),
+        "two versions": graph([gemm], change=_two_versions),
+        "two inputs": graph([gemm], change=_two_inputs),
+        "an axis that is not there": graph(
+            [step("Reshape", "x r", "f"), step("Flatten", "f", "g"), step("MatMul", "g W", "y")],
+            r=np.array([0, -1, 0]),
+        ),
+        "a bias of one for two": graph(
+            [step("Conv", "x k c", "d"), step("Flatten", "d", "y")], c=np.ones(1), **image
+        ),
+        "an operation in another's place": graph(
+            [step("MatMul", "x W", "m"), step("Tanh", "m", "y")], change=_another_tanh
+        ),
+        "a hundred and one nodes": graph(
+            [
+                step("MatMul", "x W", "m0"),
+                *(step("Add", f"m{k} b", f"m{k + 1}") for k in range(99)),
+                step("Add", "m99 b", "y"),
+            ]
+        ),
+        "whole numbers": graph([gemm], change=_whole_numbers),
+        "a batch of two": graph([gemm], shape=[2, 2]),
+        "any number of states": graph([gemm], shape=["N", "M"]),
+        "a column": graph([step("MatMul", "W x", "y")], shape=["N", 2, 1]),
+        "columns": graph(
+            [step("MatMul", "x v", "m"), step("Flatten", "m", "f"), step("MatMul", "f W", "y")],
+            shape=["N", 2, 1],
+            v=np.full((1, 1), 3.0),
+        ),
+        "an output of a weight": graph([gemm], outputs=["W"]),
+        "an output of nothing": graph([gemm], outputs=["q"]),
+        "an output in between": graph(
+            [step("MatMul", "x W", "m"), step("MatMul", "m W", "y")], outputs=["m"]
+        ),
+        "the input as the output": graph([gemm], outputs=["x"]),
+        "a name of two": graph(
+            [step("MatMul", "x W", "y"), step("Tanh", "y", "z"), step("MatMul", "z W", "y")]
+        ),
+        "a name of a weight": graph([step("MatMul", "x W", "b"), step("Add", "b b", "y")]),
+        "an operand left out": graph([step("Gemm", "x - b", "y")]),
+        "no weight": graph([step("Gemm", "x", "y")]),
+        "two weights": graph([step("MatMul", "x W W", "y")]),
+        "another precision": graph([gemm], change=_another_precision),
+        "an activation's attribute": graph(
+            [step("Tanh", "x", "t"), step("MatMul", "t W", "y")], change=_attribute("alpha", 2.0)
+        ),
+        "an activation of two": graph([step("MatMul", "x W", "m"), step("Relu", "m b", "y")]),
+        "too wide": graph(
+            [step("MatMul", "x w", "m"), step("Tanh", "m", "t"), step("MatMul", "t v", "y")],
+            w=np.ones((2, 1025)),
+            v=np.ones((1025, 2)),
+        ),
         "an unknown operation": graph([step("MatMul", "x W", "m"), step("Softmax", "m", "y")]),
         "no layer": graph([step("Flatten", "x", "y")]),
         "no node": graph([], outputs=["x"]),
