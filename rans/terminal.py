@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
-from functools import partial
 from textwrap import fill, wrap
 from typing import Any, NoReturn
 
@@ -20,6 +19,7 @@ from rich.progress import (
     BarColumn,
     Progress,
     SpinnerColumn,
+    Task,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -242,25 +242,57 @@ def table(
     return printed
 
 
+class _Bar(BarColumn):
+    """A bar, or the time so far where the number of units is not known: Rich's pulse colours every letter."""
+
+    def render(self, task: Task) -> Any:
+        """The bar of a stage."""
+        if task.total is None:
+            return Text(f"... {task.elapsed or 0.0:.0f} s")
+        return super().render(task)
+
+
 def progress() -> Progress:
     """Progress bars on a terminal, which disappear at the end."""
     terminal = Terminal(stderr=True)
     return Progress(
         TextColumn("{task.description}", markup=False),
-        BarColumn(),
+        _Bar(),
         TaskProgressColumn(),
         TimeRemainingColumn(),
         console=terminal,
         transient=True,
         disable=not terminal.is_terminal,
+        refresh_per_second=_REDRAWN,
     )
 
 
+_REDRAWN = 2.0
+"""Times a second that moving lines are drawn anew: each takes some hundred bytes, which logs keep."""
+
+
 def stages(bars: Progress) -> Stages:
-    """`Stages` callback that shows each stage as a progress bar, or in a log as lines if it takes long."""
+    """`Stages` callback that shows each stage as a progress bar, or in a log as lines if it takes long.
+
+    Bars of stages that have ended are gone, so that they are not drawn anew: those that are full, and those without
+    a number of units, which end when the next stage begins.
+    """
     if bars.disable:
         return _in_log
-    return lambda name, total, /: partial(bars.advance, bars.add_task(name, total=total))
+
+    def stage(name: str, total: int | None, /) -> Step:
+        for task in bars.tasks:
+            if task.total is None or task.finished:
+                bars.remove_task(task.id)
+        number = bars.add_task(name, total=total)
+
+        def advance(count: int, /) -> None:
+            if number in bars.task_ids:
+                bars.advance(number, count)
+
+        return advance
+
+    return stage
 
 
 _LINE_EVERY = 10.0
@@ -301,6 +333,7 @@ def doing(what: str, in_log: bool = True) -> Iterator[None]:
             TimeElapsedColumn(),
             console=terminal,
             transient=True,
+            refresh_per_second=_REDRAWN,
         ) as bars:
             bars.add_task(what, total=None)
             yield

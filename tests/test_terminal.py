@@ -174,3 +174,51 @@ def test_what_is_done_within_a_second_is_no_line(capsys: pytest.CaptureFixture[s
     with doing("writing"):
         pass
     assert capsys.readouterr().err == ""
+
+
+def drawn_bytes(capsys: pytest.CaptureFixture[str], count: int) -> list[int]:
+    """Bytes of a frame in the middle of each of so many stages, one after the other."""
+    sizes = []
+    with progress() as bars:
+        begin = stages(bars)
+        for number in range(count):
+            advance = begin(f"stage {number}", 100 if number % 2 else None)
+            advance(50)
+            capsys.readouterr()
+            bars.refresh()
+            sizes.append(len(capsys.readouterr().err.encode()))
+            advance(50)
+    return sizes
+
+
+def test_bars_of_ended_stages_are_not_drawn_again(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A frame of the fifteenth stage is no larger than one of the second: each has one line."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLUMNS", "100")
+    sizes = drawn_bytes(capsys, 15)
+    assert min(sizes) > 20
+    assert max(sizes[1:]) <= 1.3 * sizes[1]
+    # A comparison of ten minutes: this many bytes a frame, two frames a second.
+    assert 600 * 2 * max(sizes[1:]) < 300_000
+
+
+def test_a_stage_that_goes_on_beside_another_keeps_its_bar(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with progress() as bars:
+        begin = stages(bars)
+        slow = begin("slow", 10)
+        slow(1)
+        quick = begin("quick", 1)
+        quick(1)
+        begin("last", None)
+        slow(1)
+        quick(1)  # has gone: nothing happens
+        assert [(task.description, task.completed) for task in bars.tasks] == [
+            ("slow", 2),
+            ("last", 0),
+        ]

@@ -19,7 +19,7 @@ from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, stages, table, writing_at_end
+from rans.terminal import Terminal, doing, progress, stages, table, writing_at_end
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -322,7 +322,8 @@ def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> 
 
 def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     """Write a comparison into a folder, and print its scores; without ``full`` only the most important ones."""
-    from rans.show.pages.comparison_page import TEXT, page
+    from rans.show.figures.chart_figure import save_chart
+    from rans.show.pages.comparison_page import TEXT, page, time_and_impulse
     from rans.show.pages.screen import Screen
     from rans.show.tables import front_tables
     from rans.show.tables.comparison_tables import (
@@ -367,11 +368,15 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
             console.say(sentence)
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)
-    # The page, and what the page of a screen needs: last, because its figures take seconds.
-    result = page(comparison, command_line())
-    result.write(folder / "compare.html")
-    write_json(folder / "screen-compare.json", Screen.of(result).to_json())
-    console.say(f"Written to {folder / 'compare.html'} and compare.json.")
+    # The page, its chart for papers, and what the page of a screen needs: last, as figures take seconds.
+    written = ["compare.html", "compare.json"]
+    with doing("drawing the page", in_log=False):
+        result = page(comparison, command_line())
+        result.write(folder / "compare.html")
+        write_json(folder / "screen-compare.json", Screen.of(result).to_json())
+        if chart := time_and_impulse(comparison):
+            written += [file.name for file in save_chart(chart, folder / "compare")]
+    console.say(f"Written to {folder / written[0]}, {', '.join(written[1:])}.")
 
 
 def _show_scores(

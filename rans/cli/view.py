@@ -15,7 +15,7 @@ from rans.cli.options import Former, Trust
 from rans.cli.states import OwnState, OwnZones, written_endpoints
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, stages
+from rans.terminal import Terminal, doing, progress, stages
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
@@ -155,8 +155,8 @@ class View:
             raise ConfigError(
                 f"the page that --play --save writes is of one agent, got {len(runs)}."
             )
-        page = playground(runs[0], self.seed, self.episode)
-        page.write(file)
+        with doing("printing the step and the policy as JavaScript", in_log=False):
+            playground(runs[0], self.seed, self.episode).write(file)
         size = file.stat().st_size / 1e3
         Terminal().say(
             f"{file} ({size:.0f} kB) flies {runs[0].controller.name} in any browser, offline."

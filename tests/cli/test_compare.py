@@ -48,7 +48,11 @@ def test_writes_page_and_numbers(
     page = (tmp_path / "compare.html").read_text()
     assert "<h1>Comparison: 3 starts of seed 2023, floating-platform" in page
     assert "<dt>command</dt><dd>rans compare lqr:go-to-pose-2d " in page
-    assert "settling time, s" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "settling time, s" in printed
+    # The chart of time and impulse for a paper.
+    assert "compare.svg, compare.pdf" in printed
+    assert {"compare.svg", "compare.pdf"} <= {file.name for file in tmp_path.iterdir()}
 
 
 def test_who_is_not_there_is_told_before_anybody_flies(

@@ -269,9 +269,9 @@ def _tuning(name: ContestantName) -> str:
     else:
         return "training: not known"
     device = "a GPU" if training["device"].startswith("cuda") else "a CPU"
-    return (
-        f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
-    )
+    # Agents of any craft are trained by gradients through the flights, which nobody counts as steps.
+    steps = f"{training['steps'] / 1e6:,.1f} M steps, " if training["steps"] else ""
+    return f"training: {steps}{training['seconds']:.3g} s on {device}"
 
 
 def _budget(name: str, contest: Contest) -> str:

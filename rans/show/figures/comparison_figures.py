@@ -113,7 +113,8 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
             f"{quantity} error, mean of the last fifth, {unit}",
             "share of starts",
         )
-        axes.legend(loc="best")
+        # Below the axes: inside it would lie on the curves or on the tolerance.
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.18), ncols=2)
     return figure
 
 

@@ -34,17 +34,23 @@ def plane_chart(comparison: Comparison) -> Chart:
     shaded = []
     if comparison.certified_starts():
         least = float(np.median(comparison.bounds(Event())[0].values))
-        shaded.append((0.0, least, f"provably impossible: the median is at least {least:.2f} s"))
+        what = "the median" if len(starts) > 1 else "the time"
+        shaded.append((0.0, least, f"provably impossible: {what} is at least {least:.2f} s"))
         series = [*_certified(comparison), *series]
     return Chart(
         "time of first arrival, s",
         "impulse until then, N s",
         series,
-        f"First arrival in the goal set, medians over {counted(len(starts), 'start')} with 95 % intervals"
+        f"First arrival in the goal set{_over(len(starts))}"
         f"{'; the shaded times are provably impossible' if shaded else ''}.",
         shaded,
         logarithmic=True,
     )
+
+
+def _over(count: int) -> str:
+    """Of how many starts marks are; one start has neither a median nor an interval."""
+    return f", medians over {count:,} starts with 95 % intervals" if count > 1 else " from 1 start"
 
 
 def _certified(comparison: Comparison) -> Iterator[Series]:
@@ -115,7 +121,10 @@ def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: in
     count = int(np.isfinite(entry.arrival[starts]).sum())
     name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} arrive)")
     text = f"{entry.name}: {x.text()} s, {y.text()} N s"
-    mark = Mark(x.value, y.value, text, (x.low, x.high), (y.low, y.high))
+    if len(starts) == 1:
+        mark = Mark(x.value, y.value, f"{entry.name}: {x.value:.3g} s, {y.value:.3g} N s")
+    else:
+        mark = Mark(x.value, y.value, text, (x.low, x.high), (y.low, y.high))
     return Series(name, [mark], colour, marker)
 
 

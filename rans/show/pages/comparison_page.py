@@ -18,6 +18,7 @@ from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
 from rans.show.figures import landing_figures, mission_figures
 from rans.show.figures.panels import FOUND, series_style
+from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
@@ -108,8 +109,8 @@ def _craft(comparison: Comparison) -> Section:
 
 
 def _final_errors(comparison: Comparison) -> Iterator[Section]:
-    """Errors over the last fifth of flights that have no end before."""
-    if not comparison.entries[0].ends:
+    """Errors over the last fifth of flights that have no end before; of one start they are in the scores."""
+    if not comparison.entries[0].ends and comparison.contest.episodes > 1:
         curves = figures.final_error_curves(comparison.entries)
         errors = Picture.of(curves, "Distribution of final errors over all starts.")
         yield Section("Final errors", pictures=[errors])
@@ -252,7 +253,9 @@ _TILES = {
 def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None) -> Tile:
     unit = key.partition(", ")[2]
     value = own[key]
-    interval = f"{value.low:.3g} to {value.high:.3g} {unit}" if np.isfinite(value.high) else ""
+    # Of one start there is no interval.
+    known = np.isfinite(value.high) and value.low < value.high
+    interval = f"{value.low:.3g} to {value.high:.3g} {unit}" if known else ""
     comparison_text = f"{rival} {_amount(others[key], unit)}" if rival else ""
     return Tile(
         _TILES[key],
@@ -312,7 +315,8 @@ def _race(comparison: Comparison) -> Race | None:
     return race(
         contest.craft,
         [(label(k), [*tracks(k)]) for k in chosen],
-        f"The median start of {first.name}, then its slowest. Strips have a row a thruster, filled while it "
+        (f"The median start of {first.name}, then its slowest. " if len(chosen) > 1 else "")
+        + "Strips have a row a thruster, filled while it "
         "is open; the clock is common to all. Untick a name to hide it."
         + ("" if contest.craft.dimension == 2 else " Drag to turn the view."),
     )
@@ -352,9 +356,20 @@ def _front(comparison: Comparison, front: Front) -> Section:
     )
 
 
-def _plane(comparison: Comparison) -> Iterator[Section]:
-    """Time and impulse of the first arrival; missions that end have figures of their own."""
+def time_and_impulse(comparison: Comparison) -> Chart | None:
+    """The chart of time and impulse of the first arrival; None: missions that end have figures of their own."""
+    if not comparison.entries:
+        return None
     if comparison.entries[0].ends and not comparison.certified_starts():
+        return None
+    chart = plane_chart(comparison)
+    return None if chart.is_empty else chart
+
+
+def _plane(comparison: Comparison) -> Iterator[Section]:
+    """Time and impulse of the first arrival."""
+    chart = time_and_impulse(comparison)
+    if chart is None:
         return
     text = (
         (
@@ -363,10 +378,10 @@ def _plane(comparison: Comparison) -> Iterator[Section]:
             "median of many starts can still lie below a bar, if the contestant is early from some of them and "
             "late from others. The dotted line only guides the eye."
         )
-        if comparison.certified_starts()
+        if len(comparison.certified_starts()) > 1
         else ""
     )
-    yield Section("Time and impulse", text, charts=[plane_chart(comparison)], first=True)
+    yield Section("Time and impulse", text, charts=[chart], first=True)
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:
@@ -401,13 +416,18 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     first, *_, last = events = comparison.events()
     middle = [event for event in events if event.kind != "arrival"]
     headings = [event.text for event in (first, *middle, last)]
-    histograms = figures.gap_histograms(gaps, headings)
-    picture = Picture.of(histograms, "Flights from each start over the bound.")
+    several = len(starts) > 1
+    pictures = []
+    if several:
+        histograms = figures.gap_histograms(gaps, headings)
+        pictures.append(Picture.of(histograms, "Flights from each start over the bound."))
+    median = ", median" if several else ""
     columns = ("event", *tables.gap_names(gaps))
-    multiples = Table(columns, tables.gap_rows(gaps), "Median multiple of the bound")
-    columns = ("question", "certified bound, median", "best found, median", "proven optimal")
+    caption = "Median multiple of the bound" if several else "Multiple of the bound"
+    multiples = Table(columns, tables.gap_rows(gaps), caption)
+    columns = ("question", f"certified bound{median}", f"best found{median}", "proven optimal")
     table = Table(columns, bounds, "The bounds (s and N s)")
-    yield Section("Gaps to the certified bounds", text, [multiples, table], [picture])
+    yield Section("Gaps to the certified bounds", text, [multiples, table], pictures)
 
 
 def _starts(comparison: Comparison) -> Section:
@@ -421,7 +441,8 @@ def _starts(comparison: Comparison) -> Section:
         for k in chosen
     ]
     first = comparison.entries[0].name
-    text = f"The median and the slowest start of {first}, everybody side by side."
+    which = "The median and the slowest start" if len(chosen) > 1 else "The start"
+    text = f"{which} of {first}, everybody side by side."
     return Section("Paths", text, pictures=pictures)
 
 

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rans_assurance.figures
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from rans_assurance.figures.assure_figures import commands_figure, errors_figure
 
 import rans.show.figures
 from rans.drawing import draw_layout
@@ -24,7 +26,7 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.transcription import Trajectory
-from rans.show.figures import assure_figures, comparison_figures, figures
+from rans.show.figures import comparison_figures, figures
 from rans.show.figures.axes import widened, widened_logarithmic
 from rans.show.figures.flight_paths import paths_figure
 from rans.show.figures.optimal_figure import optimal_figure
@@ -39,8 +41,13 @@ SEEN = 1e-4
 
 
 def drawing_functions() -> Iterator[tuple[str, Any]]:
-    for module in pkgutil.iter_modules(rans.show.figures.__path__, "rans.show.figures."):
-        for name, function in inspect.getmembers(importlib.import_module(module.name)):
+    modules = [
+        module.name
+        for room in (rans.show.figures, rans_assurance.figures)
+        for module in pkgutil.iter_modules(room.__path__, f"{room.__name__}.")
+    ]
+    for module in modules:
+        for name, function in inspect.getmembers(importlib.import_module(module)):
             draws = inspect.isfunction(function) and not name.startswith("_")
             if draws and inspect.signature(function).return_annotation in ("Figure", Figure):
                 yield name, function
@@ -101,8 +108,8 @@ def test_figures_of_flights_that_stay_show_no_noise() -> None:
         figures.evaluation_figure(flight),
         figures.episode_figure(flight),
         paths_figure(flight),
-        assure_figures.errors_figure(flight, [0]),
-        assure_figures.paths_figure(flight, [0]),
+        errors_figure(flight, [0]),
+        commands_figure(flight, 0, "it"),
         comparison_figures.side_by_side([("a", flight, 0)], 1),
         comparison_figures.final_error_curves([replace(entry(), flight=flight)]),
         figures.learning_curve(

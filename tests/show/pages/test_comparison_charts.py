@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rans.evaluation.compare.bounds import Bound
@@ -12,10 +15,13 @@ from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime
+from rans.show.figures.chart_figure import chart_figure, save_chart
 from rans.show.figures.panels import BLUE, FOUND, ORANGE
 from rans.show.pages.chart import Chart, Series
 from rans.show.pages.comparison_charts import plane_chart
-from tests.support.comparisons import NOBODY, comparison, entry
+from rans.show.pages.comparison_page import page
+from tests.support.comparisons import NOBODY, comparison, entry, points
+from tests.support.evaluation_flights import flight_of
 
 HORIZONS = (1.5, 2.0, 3.0, 4.0, 5.0)
 """1.2, 1.6, 2, 3 and 4 times a least time of 1 s, and all of 5 s, in whole periods of 0.5 s."""
@@ -90,3 +96,45 @@ def test_who_comes_next_has_another_look() -> None:
         (ORANGE, "s"),
     ]
     assert looks["best on/off controls found, replayed"].colour == FOUND
+
+
+def test_the_figure_for_papers_has_the_marks_of_the_chart() -> None:
+    """Of bounds, controls found and contestants, in Matplotlib's axes: the same points and intervals."""
+    chart = plane_chart(bounded())
+    figure = chart_figure(chart)
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (chart.x_label, chart.y_label)
+    found = points(axes)
+    assert found.keys() == drawn(chart).keys()
+    for name, marks in drawn(chart).items():
+        assert found[name] == [pytest.approx(mark) for mark in marks]
+    (agent,) = (one for one in chart.series if one.name == "agent")
+    (bars,) = (one for one in axes.containers if one.get_label() == "agent")
+    ends = bars.lines[2][0].get_segments()[0][:, 0]  # type: ignore[attr-defined]
+    assert tuple(ends) == pytest.approx(agent.marks[0].x_interval)
+    (band,) = (one for one in axes.patches if one.get_label() == "provably impossible")
+    assert band.get_extents().x1 > 0  # type: ignore[attr-defined]
+    assert axes.get_xlim()[0] < chart.shaded[0][1]
+
+
+def test_a_chart_is_written_for_papers(tmp_path: Path) -> None:
+    files = save_chart(plane_chart(bounded()), tmp_path / "compare")
+    assert [file.name for file in files] == ["compare.svg", "compare.pdf"]
+    assert "<svg" in files[0].read_text("utf-8")
+    pdf = files[1].read_bytes()
+    assert pdf.startswith(b"%PDF")
+    assert b"/Type3" not in pdf  # fonts that publishers refuse
+
+
+def test_one_start_has_no_median_and_no_interval() -> None:
+    flown = entry()
+    alone = replace(flown, flight=flight_of(np.full((11, 1), 0.01), 0.0, np.zeros((10, 1, 8))))
+    contest = replace(comparison().contest, episodes=1)
+    one = Comparison(contest, [alone])
+    chart = plane_chart(one)
+    assert "median" not in chart.caption
+    assert "interval" not in chart.caption
+    html = page(one).html()
+    assert "medians over 1 start" not in html
+    assert not re.search(r"(\d[\d.]*) to \1 ", html)
+    assert "Final errors" not in html

@@ -14,7 +14,7 @@ from rans.cli.options import Former, Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import Terminal, progress, stages, writing_at_end
+from rans.terminal import Terminal, doing, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rans_assurance.assure.assurance import Assurance
@@ -192,7 +192,8 @@ def _show(assurance: Assurance, file: Path) -> None:
         worst = f"{file.stem}-worst-case.html"
         view.show([assurance.searched.breaking.flight])
         view.save(file.with_name(worst))
-    assurance_page(assurance, worst).write(file.with_suffix(".html"))
+    with doing("drawing the page", in_log=False):
+        assurance_page(assurance, worst).write(file.with_suffix(".html"))
     console = Terminal(room=100)
     campaign = assurance.campaign
     table = counts(result)

@@ -16,7 +16,7 @@ from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.registry import are_files_trusted
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, stages, writing_at_end
+from rans.terminal import Terminal, doing, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rans_assurance.pages.stress_page import StressReport
@@ -127,7 +127,8 @@ def _show(report: StressReport) -> None:
     console = Terminal()
     stress = report.stress
     if stress.outcomes:
-        report.write()
+        with doing("drawing the page", in_log=False):
+            report.write()
         console.show(
             report.title(),
             ("held, %", *stress.names),

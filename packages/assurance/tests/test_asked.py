@@ -6,11 +6,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from rans.evaluation.assure.assurance import Assurance
-from rans.evaluation.assure.bounds import plan
-from rans.evaluation.assure.campaign import Campaign
-from rans.show.pages.assure_page import assurance_page
-from rans.show.pages.stress_page import StressReport
+import pytest
+from rans_assurance.assure.assurance import Assurance
+from rans_assurance.assure.bounds import plan
+from rans_assurance.assure.campaign import Campaign
+from rans_assurance.pages.assure_page import assurance_page
+from rans_assurance.pages.stress_page import StressReport
 
 from rans.api.pages import flyers
 from rans.evaluation.stress.effects import Level
@@ -24,7 +25,8 @@ from tests.support.stress_runs import small
 OWN = Conditions(BodyConditions(mass=(0.83, 1.21)), ThrusterConditions(latency=(0.0, 0.047)))
 
 
-def test_an_assurance_says_what_was_asked(tmp_path: Path) -> None:
+def test_an_assurance_says_what_was_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # an agent for any craft is written into runs/
     (run,) = flyers(("any-craft-2d",), None, False)
     run = run._replace(timing=replace(run.timing, control_period=0.2, episode_steps=188))
     campaign = Campaign(plan(0.99, 2000, None), 1, flights=2000)
