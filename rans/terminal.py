@@ -263,11 +263,11 @@ def progress() -> Progress:
         console=terminal,
         transient=True,
         disable=not terminal.is_terminal,
-        refresh_per_second=_REDRAWN,
+        refresh_per_second=REDRAWN,
     )
 
 
-_REDRAWN = 2.0
+REDRAWN = 2.0
 """Times a second that moving lines are drawn anew: each takes some hundred bytes, which logs keep."""
 
 
@@ -333,7 +333,7 @@ def doing(what: str, in_log: bool = True) -> Iterator[None]:
             TimeElapsedColumn(),
             console=terminal,
             transient=True,
-            refresh_per_second=_REDRAWN,
+            refresh_per_second=REDRAWN,
         ) as bars:
             bars.add_task(what, total=None)
             yield

@@ -13,12 +13,10 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from rans.progress import Stages
 from rans.show import markup
-from rans.terminal import Terminal, progress, stages
+from rans.terminal import REDRAWN, Terminal, progress, stages
 
 _SECONDS = 5.0
 """Between plain lines."""
-_REDRAWN = 2.0
-"""Times a second that the line is drawn anew."""
 _BAR = 10
 """Characters of the bar: with the longest text beside it a line has 80."""
 
@@ -46,7 +44,7 @@ class TrainingProgress(Progress):
             TextColumn("{task.description}"),
             console=console,
             disable=not console.is_terminal,
-            refresh_per_second=_REDRAWN,
+            refresh_per_second=REDRAWN,
         )
         self._bar = self.add_task("compiling and warming up ...", total=total)
         self._total = total
