@@ -27,13 +27,13 @@ _STATES = 1000
 _PART = 1e-4
 """Largest difference, a part of the largest answer to the states around the starts, whatever commands' unit is."""
 _BENDS = ("Tanh", "Sigmoid", "Relu")
-_TRIVIAL: dict[str, dict[str, tuple[Any, ...]]] = {
+_VALUES: dict[str, dict[str, tuple[Any, ...]]] = {
     "Conv": {"auto_pad": (b"NOTSET", b"VALID"), "group": (1,)},
     "Flatten": {"axis": (1,)},
-    "Gemm": {"transA": (0,), "transB": (0, 1)},
+    "Gemm": {"transA": (0,)},
     "Reshape": {"allowzero": (0,)},
 }
-"""Attributes of which only these values are read."""
+"""Attributes of which only these values are read, and which then mean nothing further."""
 
 
 class _Graph(NamedTuple):
@@ -160,7 +160,7 @@ def _operations(graph: _Graph) -> list[tuple[Any, Any] | str]:
         operands = [name for name in node.input if name]
         if list(node.input)[: len(operands)] != operands:
             raise Refused(f"its network leaves out an operand of {kind!r}.")
-        place = operands.index(data)
+        position = operands.index(data)
         constants = [graph.constants[name] for name in operands if name != data]
         if kind != "Reshape" and any(c.dtype != graph.precision for c in constants):
             raise Refused(f"its network has a weight of {kind!r} in another precision.")
@@ -173,7 +173,7 @@ def _operations(graph: _Graph) -> list[tuple[Any, Any] | str]:
                 raise Refused(f"its network's {kind!r} has more than its argument.")
             operations.append(kind)
             continue
-        shape, step = rule(shape, place, constants, attributes)
+        shape, step = rule(shape, position, constants, attributes)
         if not 1 <= int(np.prod(shape)) <= _UNITS:
             raise Refused(f"its network has {int(np.prod(shape))} numbers after {kind!r}.")
         if step is not None:
@@ -182,23 +182,20 @@ def _operations(graph: _Graph) -> list[tuple[Any, Any] | str]:
 
 
 def _attributes(node: Any) -> dict[str, Any]:
-    """Attributes of a node by their names, of which some may have one value only."""
+    """Attributes of a node that a rule has to read, by their names."""
     attributes = {item.name: onnx.helper.get_attribute_value(item) for item in node.attribute}
     if len(attributes) != len(node.attribute) or any(item.ref_attr_name for item in node.attribute):
         raise Refused(f"its network's {node.op_type!r} has an attribute twice.")
-    for name, values in _TRIVIAL.get(node.op_type, {}).items():
+    for name, values in _VALUES.get(node.op_type, {}).items():
         if name in attributes and attributes.pop(name) not in values:
             raise Refused(f"its network's {node.op_type!r} has another {name} than {values}.")
-    if node.op_type == "Gemm":
-        attributes["is_transposed"] = any(
-            item.name == "transB" and item.i == 1 for item in node.attribute
-        )
     return attributes
 
 
 def _no_more(
     kind: str, constants: Sequence[Any], counts: tuple[int, ...], attributes: dict[str, Any]
 ) -> None:
+    """Refuse other numbers of weights, and attributes that a rule has not read."""
     if len(constants) not in counts or attributes:
         raise Refused(
             f"its network's {kind} has other operands or attributes: {sorted(attributes)}."
@@ -210,11 +207,11 @@ _Step = tuple[tuple[int, ...], tuple[Any, Any] | None]
 
 
 def _product(
-    shape: tuple[int, ...], place: int, constants: list[np.ndarray], attributes: dict[str, Any]
+    shape: tuple[int, ...], position: int, constants: list[np.ndarray], attributes: dict[str, Any]
 ) -> _Step:
     """Product x W."""
     _no_more("MatMul", constants, (1,), attributes)
-    if place != 0 or constants[0].ndim != 2 or any(n != 1 for n in shape[:-1]):
+    if position != 0 or constants[0].ndim != 2 or any(n != 1 for n in shape[:-1]):
         raise Refused("its network has a MatMul that is no row times a matrix.")
     after = (np.zeros(shape, np.float32) @ constants[0]).shape
     table = constants[0].astype(float)
@@ -222,17 +219,19 @@ def _product(
 
 
 def _general_product(
-    shape: tuple[int, ...], place: int, constants: list[np.ndarray], attributes: dict[str, Any]
+    shape: tuple[int, ...], position: int, constants: list[np.ndarray], attributes: dict[str, Any]
 ) -> _Step:
     """Sum alpha x B + beta C."""
-    is_transposed = attributes.pop("is_transposed")
+    is_transposed = attributes.pop("transB", 0)
     alpha, beta = (attributes.pop(name, 1.0) for name in ("alpha", "beta"))
     _no_more("Gemm", constants, (1, 2), attributes)
     if (
-        place != 0
+        position != 0
         or len(shape) != 2
         or constants[0].ndim != 2
         or not all(type(x) is float for x in (alpha, beta))
+        or type(is_transposed) is not int
+        or is_transposed not in (0, 1)
     ):
         raise Refused("its network has a Gemm that is no row times a matrix.")
     table = constants[0].astype(float)
@@ -249,10 +248,10 @@ def _general_product(
 
 
 def _convolution(
-    shape: tuple[int, ...], place: int, constants: list[np.ndarray], attributes: dict[str, Any]
+    shape: tuple[int, ...], position: int, constants: list[np.ndarray], attributes: dict[str, Any]
 ) -> _Step:
     """A convolution that covers all it takes at once: each output is a sum over the whole input."""
-    if place != 0 or not constants or constants[0].shape[1:] != shape[1:] or len(shape) < 3:
+    if position != 0 or not constants or constants[0].shape[1:] != shape[1:] or len(shape) < 3:
         raise Refused(
             "its network has a convolution whose kernel is not as large as what it takes."
         )
@@ -279,7 +278,10 @@ def _elementwise(kind: str) -> Callable[..., _Step]:
     """Rule of an operation on each number, with a weight that broadcasts to them."""
 
     def rule(
-        shape: tuple[int, ...], place: int, constants: list[np.ndarray], attributes: dict[str, Any]
+        shape: tuple[int, ...],
+        position: int,
+        constants: list[np.ndarray],
+        attributes: dict[str, Any],
     ) -> _Step:
         _no_more(kind, constants, (1,), attributes)
         values = [arb(float(x)) for x in np.broadcast_to(constants[0], shape).ravel()]
@@ -289,10 +291,10 @@ def _elementwise(kind: str) -> Callable[..., _Step]:
         if kind == "Add":
             return shape, (same, column)
         if kind == "Sub":  # x - c, or c - x
-            return shape, ((same, -column) if place == 0 else ([-x for x in same], column))
+            return shape, ((same, -column) if position == 0 else ([-x for x in same], column))
         if kind == "Mul":
             return shape, (values, zeros)
-        if place != 0:
+        if position != 0:
             raise Refused("its network divides by what depends on the state.")
         return shape, ([1 / x for x in values], zeros)
 
@@ -300,18 +302,18 @@ def _elementwise(kind: str) -> Callable[..., _Step]:
 
 
 def _flattened(
-    shape: tuple[int, ...], place: int, constants: list[np.ndarray], attributes: dict[str, Any]
+    shape: tuple[int, ...], position: int, constants: list[np.ndarray], attributes: dict[str, Any]
 ) -> _Step:
     _no_more("Flatten", constants, (0,), attributes)
     return (1, int(np.prod(shape))), None
 
 
 def _reshaped(
-    shape: tuple[int, ...], place: int, constants: list[np.ndarray], attributes: dict[str, Any]
+    shape: tuple[int, ...], position: int, constants: list[np.ndarray], attributes: dict[str, Any]
 ) -> _Step:
     _no_more("Reshape", constants, (1,), attributes)
     axes = constants[0]
-    if place != 0 or axes.dtype != np.int64 or axes.ndim != 1 or not 2 <= len(axes) <= 8:
+    if position != 0 or axes.dtype != np.int64 or axes.ndim != 1 or not 2 <= len(axes) <= 8:
         raise Refused("its network has a Reshape to a shape that is no list of whole numbers.")
     target = [shape[k] if axes[k] == 0 else int(axes[k]) for k in range(len(axes))]
     after = np.zeros(shape, np.int8).reshape(target).shape
@@ -328,7 +330,7 @@ _RULES: dict[str, Callable[..., _Step]] = {
     "Reshape": _reshaped,
     **{kind: _elementwise(kind) for kind in ("Add", "Sub", "Mul", "Div")},
 }
-"""Rule of each operation that is read: of a shape, the place of the data, the weights and attributes, the step."""
+"""Rule of each operation: of a shape, the position of the data, the weights and attributes it makes the step."""
 
 
 def _joined(operations: Sequence[tuple[Any, Any] | str]) -> list[tuple[Any, Any, str]]:

@@ -23,7 +23,7 @@ _SUBSTEPS = 10
 _UNIT = 2.0**-53
 _MOST_TERMS = 100_000
 """Terms of one polynomial at most."""
-_MOST_PRODUCTS = 100_000
+_LARGEST_PRODUCT = 100_000
 """Products of terms in a product of two polynomials at most, which take a second."""
 
 Monomial = tuple[int, ...]
@@ -58,7 +58,7 @@ class Polynomial:
     def __mul__(self, other: Any) -> Polynomial:
         if isinstance(other, int | float):
             return Polynomial({key: other * value for key, value in self.terms.items()})
-        if len(self.terms) * len(other.terms) > _MOST_PRODUCTS:
+        if len(self.terms) * len(other.terms) > _LARGEST_PRODUCT:
             raise ConfigError("the plant has polynomials of too many terms.")
         terms: dict[Monomial, float] = {}
         for key, value in self.terms.items():

@@ -392,8 +392,8 @@ def motions(bounds: Bounds) -> None:
         is_linear = name in ("a line", "a growing line", "a turn")
         # Points, whose sets have the width of a Taylor step's rest alone; states that differ; wrong commands; and
         # states below zero in a box.
-        cases = ((0.0, 0.0, 1.0), (0.05, 0.0, 1.0), (0.02, 0.1, 1.0), (0.0, 0.0, -1.0))
-        for width, error, sign in cases:
+        sets = ((0.0, 0.0, 1.0), (0.05, 0.0, 1.0), (0.02, 0.1, 1.0), (0.0, 0.0, -1.0))
+        for width, error, sign in sets:
             centre = sign * (0.6 + 0.6 * random.random(count))
             box = np.diag(0.05 * random.random(count)) * (sign < 0.0)
             generators = np.concatenate((width * random.normal(size=(count, count)), box), axis=1)
