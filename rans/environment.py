@@ -25,6 +25,7 @@ from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.registry import typed
 from rans.scenario import Scenario, draws, scenario
+from rans.settled import settled
 from rans.tasks import TASKS, Task
 from rans.tasks.derived import example
 from rans.tasks.observation_terms import Dimension
@@ -62,6 +63,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's)
 
+    @settled
     def __init__(
         self,
         task_name: str,
@@ -100,6 +102,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
     def spec(self, spec: EnvSpec | None) -> None:  # type: ignore[override]
         self._spec = None if spec is None else own_spec(spec, self.task, self.timing)
 
+    @settled
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -133,6 +136,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         self._show()
         return self._observe(), {"errors": self._errors()}
 
+    @settled
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Hold the commands for one control period.
 

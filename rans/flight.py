@@ -26,6 +26,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.scenario import Scenario
+from rans.settled import settled_alone
 from rans.tasks import Task
 from rans.tasks.base import reward_terms
 from rans.tasks.rewards import Transition
@@ -289,6 +290,7 @@ def table(
     return "\n".join([header, *(",".join(f"{x:.9g}" for x in row) for row in rows)]) + "\n"
 
 
+@settled_alone
 def fly(
     craft: Spacecraft,
     task: Task,

@@ -32,6 +32,7 @@ LAYERS: list[set[str]] = [
         "rans.errors",
         "rans.display",
         "rans.safe_path",
+        "rans.settled",
         "rans.progress",
         "rans.system",
     },

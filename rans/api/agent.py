@@ -17,6 +17,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL
 from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
+from rans.settled import settled, settled_alone
 from rans.tasks import Task
 from rans.tasks.derived import check_dimension
 
@@ -81,6 +82,7 @@ class Agent(AgentData):
         action, self._memory = self.predict(observation, self._memory)
         return action
 
+    @settled
     def predict(
         self,
         observation: Any,
@@ -256,6 +258,7 @@ class Agent(AgentData):
         return target
 
 
+@settled_alone
 def load_agent(
     agent: object,
     task: str | Task | None = None,

@@ -10,6 +10,7 @@ from rans.api.judging import SpacecraftLike
 from rans.api.names import load_spacecraft
 from rans.errors import ConfigError, brief, positive
 from rans.model.spacecraft import Spacecraft
+from rans.settled import settled_alone
 
 if TYPE_CHECKING:
     from rans.deploy.robot.interfaces import RobotName
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from rans.evaluation.identify.result import Identification
 
 
+@settled_alone
 def identify(
     logs: str | Path | FlightLog | Sequence[str | Path | FlightLog],
     spacecraft: SpacecraftLike,
@@ -70,6 +72,7 @@ def identify(
     )
 
 
+@settled_alone
 def excite(
     spacecraft: SpacecraftLike,
     folder: str | Path,

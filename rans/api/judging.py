@@ -19,6 +19,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED, Endpoints
+from rans.settled import settled_alone
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
@@ -39,6 +40,7 @@ CRAFT = "floating-platform"
 """Spacecraft where none is named."""
 
 
+@settled_alone
 def flown(
     run: LoadedRun,
     episodes: int,
@@ -86,6 +88,7 @@ def own_endpoints(
     return Endpoints(start, goal, zones)
 
 
+@settled_alone
 def evaluate(
     agent: object,
     *,
@@ -146,6 +149,7 @@ def evaluate(
     return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal, zones)))
 
 
+@settled_alone
 def compare(
     *contestants: object,
     beside: str | Sequence[str] | None = None,
@@ -230,6 +234,7 @@ def _conditions(first: object, conditions: ConditionsLike | None) -> ConditionsL
     return conditions
 
 
+@settled_alone
 def validate(
     spacecraft: SpacecraftLike = CRAFT,
     *,
@@ -287,6 +292,7 @@ class Speed:
         return {measurement.name: measurement for measurement in self.measurements}[name]
 
 
+@settled_alone
 def benchmark(
     spacecraft: SpacecraftLike | Sequence[SpacecraftLike] = ("floating-platform", "free-flyer"),
     task: str = "go-to-pose",

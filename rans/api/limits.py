@@ -18,6 +18,7 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.renamed import DEPRECATED
 from rans.scenario import EVALUATION_SEED, Endpoints, Scenario, scenarios
+from rans.settled import settled_alone
 from rans.tasks import Task
 
 if TYPE_CHECKING:
@@ -88,6 +89,7 @@ def _numbers(what: str, values: Any, count: int | None = None) -> list[float]:
     return results
 
 
+@settled_alone
 def optimal_trajectory(
     task: str | Task = "go-to-pose",
     spacecraft: SpacecraftLike = CRAFT,
@@ -180,6 +182,7 @@ def optimal_trajectory(
     )
 
 
+@settled_alone
 def certify(
     task: str | Task = "go-to-pose",
     spacecraft: SpacecraftLike = CRAFT,

@@ -13,6 +13,7 @@ from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
 from rans.errors import ConfigError, brief, one_of, text_of_name, whole
 from rans.scenario import EVALUATION_SEED
+from rans.settled import settled_alone
 
 if TYPE_CHECKING:
     from rans.deploy.export import Form
@@ -101,6 +102,7 @@ class Replay:
         return self._page
 
 
+@settled_alone
 def view(
     *contestants: object,
     conditions: ConditionsLike | None = None,
@@ -192,6 +194,7 @@ def title_of(flights: list[Flight], conditions: str | None) -> str:
     return f"{tasks}, {crafts}" + (f", conditions {conditions}" if conditions else "")
 
 
+@settled_alone
 def report(run: str | Path | AgentData) -> Path:
     """Gather the results in a run folder on one offline page, report.html, and return its path.
 
@@ -223,6 +226,7 @@ def report(run: str | Path | AgentData) -> Path:
     return file
 
 
+@settled_alone
 def export(
     agent: str | Path | AgentData,
     output: str | Path,

@@ -19,6 +19,7 @@ from rans.model.spacecraft_file import USUAL, to_toml
 from rans.model.spacecraft_file import load_spacecraft as stored_spacecraft
 from rans.randomization.conditions_file import conditions_label
 from rans.registry import typed
+from rans.settled import settled_alone
 from rans.tasks import Task, registered_name
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.sweep import Sweep
 
 
+@settled_alone
 def train(
     task: str | Task = "go-to-pose",
     spacecraft: SpacecraftLike | None = None,
@@ -167,6 +169,7 @@ def check_loggers(names: Sequence[str]) -> None:
         one_of("log", name, ("hparams", "wandb", "mlflow"))
 
 
+@settled_alone
 def sweep(
     task: str | Task = "go-to-pose",
     spacecraft: SpacecraftLike | None = None,
@@ -238,6 +241,7 @@ def sweep(
     return result
 
 
+@settled_alone
 def tune(
     controller: str,
     task: str | Task = "go-to-pose",

@@ -43,6 +43,7 @@ from rans.randomization.conditions_file import load_conditions
 from rans.randomization.parameters import base_body
 from rans.randomization.plausible import warn_of_implausible
 from rans.registry import typed
+from rans.settled import settled
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
 from rans.tasks.derived import layout
@@ -88,6 +89,7 @@ class Engine:
             of another number of spacecraft, or as light as its sloshing liquid.
     """
 
+    @settled
     def __init__(
         self,
         craft: str | Path | Spacecraft,
@@ -219,6 +221,7 @@ class Engine:
         violated = zero < 0.0 if self.task.constraints(self.state, self.goal) else None
         return tuple(reward_terms(self.task, transition, done, violated))
 
+    @settled
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Start a new episode in every environment; returns the observation (N, width).
 
@@ -292,6 +295,7 @@ class Engine:
         errors = self.task.errors(self.state, self.goal)
         return {name: torch.as_tensor(error) for name, error in errors.items()}
 
+    @settled
     def step(self, action: Tensor) -> Step:
         """Hold the commands for one control period.
 
@@ -310,6 +314,7 @@ class Engine:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)
 
+    @settled
     def stepped(self, episode: Episode, action: Tensor) -> tuple[Step, Episode]:
         """Differentiable step from episodes of this engine, whose own state does not change.
 

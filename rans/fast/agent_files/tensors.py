@@ -31,7 +31,14 @@ def pack_tensors(tree: Any) -> bytes:
     """
     tensors: dict[str, Tensor] = {}
     table = json.dumps(_split(tree, "", tensors))
-    return save(tensors, {_TABLE: table, _CHECKSUM: _checksum(table, tensors)})
+    content = save(tensors, {_TABLE: table, _CHECKSUM: _checksum(table, tensors)})
+    # safetensors writes the keys of its metadata in another order in every process: equal trainings give equal files.
+    length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + length])
+    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+    text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+    text += b" " * (-len(text) % 8)  # numbers begin at multiples of 8 bytes
+    return len(text).to_bytes(8, "little") + text + content[8 + length :]
 
 
 def unpack_tensors(content: bytes, where: object, device: str | torch.device = "cpu") -> Any:

@@ -17,6 +17,7 @@ from rans.environment import observation_space
 from rans.errors import checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
+from rans.settled import settled
 
 
 class SB3VecEnv(VecEnv):
@@ -32,6 +33,7 @@ class SB3VecEnv(VecEnv):
     accepts the same object and avoids both.
     """
 
+    @settled
     def __init__(self, engine: Engine) -> None:
         self.engine = engine = checked("engine", engine, Engine)
         self.render_mode = None
@@ -49,6 +51,7 @@ class SB3VecEnv(VecEnv):
     def __repr__(self) -> str:
         return f"<SB3VecEnv around {self.engine!r}>"
 
+    @settled
     def reset(self) -> VecEnvObs:
         """Start new episodes; returns the observation (N, width), float32."""
         seed = self._seeds[0]
@@ -67,6 +70,7 @@ class SB3VecEnv(VecEnv):
         """
         self._action = self._actions.checked(actions)
 
+    @settled
     def step_wait(self) -> VecEnvStepReturn:
         """Step one control period; episodes restart in the step that ends them, as SB3 expects."""
         step = self.engine.step(self._action)

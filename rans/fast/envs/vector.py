@@ -26,6 +26,7 @@ from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
+from rans.settled import settled
 from rans.tasks import Task
 from rans.tasks.observation_terms import Dimension
 
@@ -86,6 +87,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         "render_fps": 5,
     }
 
+    @settled
     def __init__(
         self,
         num_envs: int,
@@ -153,6 +155,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         engine = self.engine
         self._spec = None if spec is None else own_spec(spec, engine.task, engine.timing)
 
+    @settled
     def reset(
         self,
         *,
@@ -192,6 +195,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             self._film.restart()
         return observation, {}
 
+    @settled
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Hold the commands for one control period.
 
