@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
 from textwrap import fill, wrap
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
@@ -28,7 +28,8 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from rans.errors import legible
+from rans.abilities import EXTRA_OF
+from rans.errors import EXTRAS, is_installed, legible
 from rans.progress import Progress as Step
 from rans.progress import Stages
 
@@ -40,6 +41,35 @@ _FRAME = 3
 """Number of characters between two columns of a table."""
 _HEADING = 12
 """Width at which a heading is broken between words, if its column is not wider."""
+
+
+_NEEDS = {
+    "compare": "casadi",
+    "optimal": "casadi",
+    "report": "matplotlib",
+    "validate": "pydrake",
+    "prove": "onnx",
+}
+"""Modules without which commands do nothing; `rans.errors.EXTRAS` has the extra of each."""
+
+
+def lacking(text: str) -> str:
+    """Extra of RANS that a suggested command needs and that is not installed; "" if none is.
+
+    >>> rans.terminal.lacking("rans evaluate runs/first")
+    ''
+    """
+    words = text.split()
+    name = words[1] if words[:1] == ["rans"] and len(words) > 1 else ""
+    module = _NEEDS.get(name, "")
+    if name == "view" and "--play" not in words:  # in three dimensions
+        module = "pydrake"
+    if "--engine drake" in text:
+        module = "pydrake"
+    if module and not is_installed(module):
+        return EXTRAS[module]
+    extra = EXTRA_OF.get(name, "")  # a package of its own has the command
+    return extra if extra and not is_installed(f"rans_{extra}") else ""
 
 
 class Terminal(Console):
@@ -73,11 +103,16 @@ class Terminal(Console):
         """Print a command to copy on a line of its own, without line breaks."""
         self.print(f"  {text}", soft_wrap=True)
 
+    has_suggested: ClassVar[bool] = False
+    """Whether this process has printed commands to run next, since whoever asks set it to False."""
+
     def suggest(self, *commands: str) -> None:
-        """Print commands that a user may want to run next, one per line."""
+        """Print commands that a user may want to run next, one per line, with what each lacks here."""
+        Terminal.has_suggested = True
         self.print("Next:")
         for text in commands:
-            self.command(text)
+            lacks = lacking(text)
+            self.command(f"{text}   # first: pip install 'rans[{lacks}]'" if lacks else text)
 
     def show(
         self,

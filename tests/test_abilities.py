@@ -39,6 +39,9 @@ class Hover:
         print(f"hovered for {self.seconds} s")
         return 0
 
+    def following(self):
+        return ("rans list",)
+
 def hover() -> str:
     return "hovered"
 ''',
@@ -65,7 +68,10 @@ def printed(site: Path, *arguments: str) -> str:
 
 
 def test_a_package_adds_a_command_and_a_public_name(site: Path) -> None:
-    assert printed(site, "-m", "rans", "hover", "--seconds", "3") == "hovered for 3 s\n"
+    assert (
+        printed(site, "-m", "rans", "hover", "--seconds", "3")
+        == "hovered for 3 s\nNext:\n  rans list\n"
+    )
     text = printed(site, "-m", "rans", "hover", "--help")
     assert "rans hover --seconds 3" in text
     assert "docs/hover.md" in text

@@ -166,12 +166,24 @@ def _run(arguments: list[str]) -> int:
         raise ConfigError(f"--seed must be a whole number >= 0, got {seed}.")
     try:
         with nullcontext() if executor is None else run_on(executor):
-            return command.run()
+            return _followed(command)
     except SystemExit as error:  # of a plug-in or a policy; commands themselves return a code
         raise ConfigError(
             f"code that is not of RANS ended the command (sys.exit({error.code!r})){where_raised(error)}; "
             "a plug-in or a policy must not."
         ) from error
+
+
+def _followed(command: Any) -> int:
+    """Run a command; after success print what to run next, unless the command has done so itself."""
+    from rans.terminal import Terminal
+
+    Terminal.has_suggested = False
+    code = command.run()
+    following = command.following() if code == 0 and not Terminal.has_suggested else ()
+    if following:
+        Terminal().suggest(*following)
+    return code
 
 
 def _warn_of_repeated_options(arguments: list[str]) -> None:

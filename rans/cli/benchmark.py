@@ -70,6 +70,10 @@ class Benchmark:
     )
     """Task to step and to train."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans train go-to-pose",)
+
     def run(self) -> int:
         """Print ratios first, then the measurements; after an interrupt, those so far."""
         from rans.api.speed import chosen_device

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
 from rans.errors import ConfigError
@@ -25,6 +26,10 @@ class Command(Protocol):
         """Run the command, and return the exit code: 0 for success, 1 if a check or a run failed."""
         ...
 
+    def following(self) -> Sequence[str]:
+        """Commands to suggest after success where `run` has suggested none; none after output for programs."""
+        ...
+
 
 def divides_work(command: object) -> bool:
     """Whether a command divides its work among processes, so that ``--executor`` is for it."""
@@ -32,8 +37,12 @@ def divides_work(command: object) -> bool:
 
 
 def _checked(command: Any) -> type[Command]:
-    if not isinstance(command, type) or not hasattr(command, "run"):
-        raise ConfigError(f"a command must be a dataclass with a method run, got {command!r}.")
+    if not isinstance(command, type) or not (
+        hasattr(command, "run") and hasattr(command, "following")
+    ):
+        raise ConfigError(
+            f"a command must be a dataclass with methods run and following, got {command!r}."
+        )
     lacking = [name for name in ("group", "guide", "examples") if not hasattr(command, name)]
     if lacking:
         raise ConfigError(f"the class of a command must have {', '.join(lacking)}.")

@@ -120,6 +120,10 @@ class Compare:
     budget: Annotated[float, Former("write --front SECONDS")] = 300.0
     """Seconds of processor time for bounds of the front."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "view", *self.contestants]),)
+
     def run(self) -> int:
         """Print the table of scores."""
         from rans.api.names import conditions_if_named

@@ -109,6 +109,10 @@ class Evaluate:
     plain: Annotated[bool, Former("fly at most 65,536 episodes, which are never compiled")] = False
     """Do not compile the flights."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "compare", self.contestant]),)
+
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
         from rans.evaluation.fly.contestants import judged_separately, with_spacecraft

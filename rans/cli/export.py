@@ -61,6 +61,10 @@ class Export:
     guard: Annotated[bool, Former("leave it out: exported files have no safety filter")] = False
     """Not available: the contract names the filter, and `rans fly` on the folder applies it."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "view", self.run_folder]),)
+
     def run(self) -> int:
         """Write the export and print its files."""
         from rans.deploy.export import write_export

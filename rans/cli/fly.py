@@ -89,6 +89,10 @@ class Fly:
     ] = None
     """Seconds without a state after which the flight ends. None: 1, or two control periods if these are longer."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans identify FLIGHT.mcap --spacecraft SPACECRAFT",)
+
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault or if no state ever came."""
         from rans.deploy.foreign import export_foreign_for_flight

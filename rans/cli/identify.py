@@ -49,6 +49,10 @@ class Identify:
     ] = None
     """Length of the windows over which the log is predicted, s."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans train go-to-pose --spacecraft FOLDER/spacecraft.toml",)
+
     def run(self) -> int:
         """Print what was identified and what the logs do not determine."""
         from rans.api.identification import identify

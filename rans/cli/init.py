@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
@@ -77,6 +78,10 @@ class Init:
     """Ask nothing."""
     overwrite: Annotated[bool, Former("delete the file first")] = False
     """Overwrite existing files."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (f"rans list {shlex.quote(str(self.file))}",)
 
     def run(self) -> int:
         """Ask, check, write and draw; the exit code is 0."""

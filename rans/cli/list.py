@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.timing import Timing
+from rans.policy.any_craft import AGENTS
 from rans.pretrained import (
     PACKAGE,
     RECIPE_FOLDER,
@@ -62,6 +64,21 @@ class List:
     """Save a drawing of the spacecraft's thrusters to this file (.png, .svg or .pdf)."""
     json: bool = False
     """Print JSON for other programs."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`; what is for programs, or is a file of conditions, has none."""
+        kind = self._kind()
+        if self.json or kind == "conditions":
+            return ()
+        name = shlex.quote(self._named)
+        if kind == "spacecraft":
+            agent = AGENTS[load_spacecraft(self._named).dimension]
+            return (f"rans evaluate {agent}@{name}", f"rans train go-to-pose --spacecraft {name}")
+        if kind == "agent":
+            return (f"rans evaluate {name}",)
+        if kind == "task":
+            return (f"rans train {name}",)
+        return ("rans evaluate go-to-pose-2d", "rans train go-to-pose")
 
     def run(self) -> int:
         """Print the list or the details.

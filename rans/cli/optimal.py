@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -121,6 +122,10 @@ class Optimal:
     seed: Annotated[int, Former("leave it out, or name a --start and a --goal")] = EVALUATION_SEED
     """Seed of starts and goals."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans list CONTROLLERS",)
+
     def run(self) -> int:
         """Print a table of the starts."""
         from rans.evaluation.compare.bounds import no_certificate
@@ -213,6 +218,8 @@ class Optimal:
         if lost and self.objective != "time":
             longer = 2.0 * getattr(objective, "horizon", 0.0)
             Terminal().say(f"More time than {longer / 2.0:g} s may help: --horizon {longer:g}")
+        if not lost:
+            Terminal().suggest(shlex.join(["rans", "view", str(folder)]))
         return 1 if lost else 0
 
     def _bounds_alone(

@@ -84,6 +84,10 @@ class Prove:
     ] = "auto"
     """auto (a GPU if there is one), cpu or cuda."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans list AGENTS",)
+
     def run(self) -> int:
         """Prove or check, and print the result."""
         if self.onnx is None and self.agent is not None and self.agent.endswith(".onnx"):

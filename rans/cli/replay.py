@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -28,6 +29,10 @@ class Replay:
     """Folder of the exported agent; by default the one that flew."""
     agent: Annotated[Path | None, Former("name the folder after the bag")] = None
     """Folder of the exported agent."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "identify", str(self.bag), "--spacecraft", "SPACECRAFT"]),)
 
     def run(self) -> int:
         """Print the number of equal commands; the exit code is 0 if all are equal."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -21,6 +22,10 @@ class Report:
 
     run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """Run folder; parts that it does not have yet are left out."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "export", str(self.run_folder), "--format", "c"]),)
 
     def run(self) -> int:
         """Write report.html into the run folder and print a summary."""

@@ -44,6 +44,10 @@ class Reproduce:
     executor: ExecutorText = ""
     """Where the tables are flown; each is one job."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans validate floating-platform",)
+
     def run(self) -> int:
         """Run the campaign of the checkout."""
         if not (_CHECKOUT / "campaigns" / "reproduce.py").is_file():

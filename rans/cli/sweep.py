@@ -59,6 +59,10 @@ class Sweep:
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
     """Loggers that also get the metrics of the best agent, at the end."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans list AGENTS",)
+
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
         from rans.fast.learn.loggers import require_loggers

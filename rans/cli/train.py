@@ -234,6 +234,10 @@ class Train:
             _check_unchanged(config.spacecraft, file)
         return config
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans list AGENTS",)
+
     def run(self) -> int:
         """Train with progress; the exit code is 130 or 143 if it was stopped early."""
         self._check()

@@ -70,6 +70,10 @@ class Tune:
     ] = None
     """File of the result."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans list CONTROLLERS",)
+
     def run(self) -> int:
         """Print default and tuned settings with their costs."""
         from rans.api.names import load_conditions, load_spacecraft

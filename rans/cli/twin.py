@@ -61,6 +61,10 @@ class Twin:
     ros: Annotated[Ros | None, Former("set ROS_DISTRO")] = None
     """ROS 2 distribution that the other end runs."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans fly AGENT --goal 1 0 90deg",)
+
     def run(self) -> int:
         """Simulate until the time is up or an interrupt."""
         from rans.api.names import load_conditions, load_spacecraft

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -46,6 +47,14 @@ class Validate:
     """Name of a spacecraft, or a TOML file."""
     seed: Annotated[int, Former("leave it out, or call rans.validate(..., seed=...) in Python")] = 0
     """Seed of the random states and commands."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (
+            shlex.join(
+                ["rans", "train", "go-to-pose", "--spacecraft", self.spacecraft or self.craft]
+            ),
+        )
 
     def run(self) -> int:
         """Print a table of layers or checks."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,6 +78,10 @@ class View:
     """Whether code that files name may run, by --trust."""
     guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
     """Least margin that the safety filter keeps."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "compare", *self.contestants]),)
 
     def run(self) -> int:
         """Serve the page, or write the requested files."""

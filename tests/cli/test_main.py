@@ -402,6 +402,9 @@ def test_a_warning_is_one_sentence(
             warnings.warn("its thrusters\n  cannot turn \x1b[31mit.", stacklevel=2)
             return 0
 
+        def following(self) -> tuple[str, ...]:
+            return ()
+
     monkeypatch.setattr(cli, "_parse", lambda _: Warns())
     before = warnings.showwarning
     assert main(["list"]) == 0

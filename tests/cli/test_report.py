@@ -26,7 +26,7 @@ def test_writes_the_page_and_ends_with_where_it_is(
     assert main(["report", str(run)]) == 0
     printed = capsys.readouterr().out
     assert "1 of 2" in printed
-    assert printed.splitlines()[-1] == f"The report is {run}/report.html."
+    assert printed.splitlines()[-3:-1] == [f"The report is {run}/report.html.", "Next:"]
     assert "Something has failed." in (run / "report.html").read_text("utf-8")
 
 

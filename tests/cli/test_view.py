@@ -244,4 +244,4 @@ def test_every_option_reaches_the_flights(
     assert asked == [("LQR", 8, 3, "drake", 4, 1.0), ("MPC", 8, 3, "drake", 4, 1.0)]
     [(flight, number, file)] = framed
     assert (flight.controller, number, file) == ("LQR", 0, Path("ten.png"))
-    assert capsys.readouterr().out == "Ten frames of LQR are in ten.png.\n"
+    assert capsys.readouterr().out.startswith("Ten frames of LQR are in ten.png.\nNext:\n")

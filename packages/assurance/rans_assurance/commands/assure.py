@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,6 +81,10 @@ class Assure:
         float, Former("leave it out, or call rans.assure(..., confidence=...) in Python")
     ] = 0.99
     """Confidence of every bound."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "stress", self.agent]),)
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""

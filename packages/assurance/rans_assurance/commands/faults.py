@@ -27,6 +27,22 @@ class Faults:
     picture: Annotated[Path | None, arg(metavar="FILE")] = None
     """Save a figure to this file (.png, .svg or .pdf)."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (
+            shlex.join(
+                [
+                    "rans",
+                    "train",
+                    "go-to-pose",
+                    "--spacecraft",
+                    self.craft,
+                    "--conditions",
+                    "faults",
+                ]
+            ),
+        )
+
     def run(self) -> int:
         """Print the table; the exit code is 0."""
         from rans.api.names import load_spacecraft

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -55,6 +56,10 @@ class Follow:
         Former("leave it out, or call rans.follow(..., engine=...) in Python"),
     ] = "fast"
     """What computes the motion."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "view", self.contestant]),)
 
     def run(self) -> int:
         """Print a table of the path errors."""

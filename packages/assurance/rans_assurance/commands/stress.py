@@ -78,6 +78,10 @@ class Stress:
     )
     """Seed of starts, goals and disturbances."""
 
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return (shlex.join(["rans", "assure", next(iter(self.contestants))]),)
+
     def run(self) -> int:
         """Print the largest tolerated size of each disturbance."""
         from rans.api.names import conditions_by_name
