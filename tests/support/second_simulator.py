@@ -31,7 +31,7 @@ class Noise:
 def flown_log(
     craft: Spacecraft,
     commands: np.ndarray,
-    period: float,
+    period: float | np.ndarray,
     times: np.ndarray,
     random: np.random.Generator,
     noise: Noise,
@@ -45,8 +45,8 @@ def flown_log(
 
     Args:
         craft: the true one; its centre of mass is that of its file.
-        commands: (T, C), one a period, the first at 0 s.
-        period: s.
+        commands: (T, C), the first at 0 s.
+        period: s, or when each command was given, (T,), s; wheels need an even one.
         times: (M,), s, when readings are taken.
         random: of their noise.
         noise: of the readings.
@@ -64,13 +64,15 @@ def flown_log(
     about = np.array([wheel.inertia for wheel in craft.wheels])
     full = np.array([wheel.max_torque for wheel in craft.wheels])
     limits = np.array([wheel.max_momentum for wheel in craft.wheels])
-    given = np.arange(len(commands)) * period
+    given = np.asarray(period)
+    if given.ndim == 0:
+        given = np.arange(len(commands)) * given
     # Shares of full thrust at the ends of their ramps, between which they are linear; a step has a ramp of 1 ns.
     ramp = max(rise, 1e-9)
     knots = np.ravel(np.column_stack([given + latency, given + latency + ramp]))
     before = np.vstack([np.zeros(count), commands[:-1, :count]])
     levels = np.stack([before, commands[:, :count]], axis=1).reshape(-1, count)
-    if ramp > period:
+    if ramp > np.diff(given).min():
         raise ValueError("ramps longer than a period would overlap")
 
     def rate(

@@ -11,7 +11,7 @@ the optimum (Ljung, System Identification, 2nd edition, 7.2 and 9.3).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -376,23 +376,43 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
                 f"the log {log.source} has a reading every {period:g} s, longer than a window, {first:g} s; "
                 "are its times in seconds? window= sets longer ones."
             )
-    short = _Problem(craft, logs, min(first, _SHORT))
-    nominal = np.array([parameter.nominal for parameter in short.parameters])
-    latency = [parameter.name for parameter in short.parameters].index("latency")
+    nominal = np.array([parameter.nominal for parameter in parameters_of(craft)])
+    latency = [parameter.name for parameter in parameters_of(craft)].index("latency")
+    steady = [
+        log
+        if log.steady_times is None
+        else replace(log, command_times=log.steady_times, notes=(*log.notes, _steady_note(log)))
+        for log in logs
+    ]
+    # Commands whose departure is not known may have left at a steady rate.
+    datings = [logs] if all(log.steady_times is None for log in logs) else [logs, steady]
 
     # Fits over short windows from several latencies; the best continues, at last over the windows asked for. Over
     # long ones the data sheet's heading may be wrong by whole turns, where the cost has other minima.
     solvers = []
-    for beginning in _FIRST_LATENCIES:
-        values = nominal.copy()
-        values[latency] = beginning
-        solver = _Solver(short, values)
-        solver.solve(_FEW)
-        solvers.append(solver)
-    near = min(solvers, key=lambda solver: solver.evidence())
+    for dated in datings:
+        short = _Problem(craft, dated, min(first, _SHORT))
+        for beginning in _FIRST_LATENCIES:
+            values = nominal.copy()
+            values[latency] = beginning
+            solver = _Solver(short, values)
+            solver.solve(_FEW)
+            solvers.append((solver.evidence(), len(solvers), solver, dated))
+    _, _, near, logs = min(solvers)
     near.solve()
     fitted = _fitted(craft, logs, first, near.values, near.noise)
     return fitted if window is not None else _longest(fitted)
+
+
+def _steady_note(log: FlightLog) -> str:
+    """That a log's commands are dated by a steady rate, and by how much they were recorded later."""
+    assert log.steady_times is not None
+    late = 1e3 * (log.command_times - log.steady_times)
+    period = np.median(np.diff(log.steady_times))
+    return (
+        f"{log.source}: the readings are explained better if commands left every {period:.4g} s and were recorded "
+        f"up to {late.max():.3g} ms later, so they are dated so."
+    )
 
 
 def _fitted(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +73,9 @@ class FlightLog:
     """(M, W), rad/s: speed of each reaction wheel about its axis, relative to the body; None: not measured."""
     notes: tuple[str, ...] = ()
     """Sentences of its reader: units, frames and clocks as it took them, and what it left out."""
+    steady_times: np.ndarray | None = None
+    """(T,), s: when commands were given if they left at a steady rate, where the log has only when they came; None:
+    `command_times` are right. The fit takes what explains the readings better."""
 
     @property
     def duration(self) -> float:
@@ -160,7 +163,7 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     parts["wheel_speeds"] = speeds[inside]
     _check_readings(what, parts)
     _check_rates(what, parts)
-    return FlightLog(log.source, log.command_times, log.commands, **parts, notes=log.notes)
+    return replace(log, **parts)
 
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:
