@@ -17,7 +17,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
@@ -98,6 +98,17 @@ def check_trap(
             if reason:
                 raise Refused(f"cell {number} {table.cells[number]} {reason}.")
     return table
+
+
+class _Image(NamedTuple):
+    """Cells that contain the image of a cell: first and last edge along each coordinate."""
+
+    rings: tuple[int, int]
+    sectors: tuple[int, int]
+    """Numbers go on where the directions go round."""
+    layers: tuple[int, int]
+    fastest: Any
+    """Upper bound of the speed on the way, m/s; None: it is constant."""
 
 
 class _Loop:
@@ -224,17 +235,18 @@ class _Loop:
         ]
         return list(itertools.product(*choices))
 
-    def leaves(self, cell: Any, commands: Sequence[int], inside: Any) -> str:
-        """Why the image of a cell under a command is not inside, or ""."""
+    def image(self, cell: Any, commands: Sequence[int]) -> _Image:
+        """Cells that a cell is moved into by a command, and how fast states are on the way."""
         r0, r1, middle, half = self.sector(cell)
         spin = self.spins(cell)
         jump = self._jump(commands)
         turn = self.period * self.step * self.spins(cell, arb(jump) / 2) / arb.pi()
         force = self._pull(commands)
         size = _length(force)
+        fastest = None
         if _opposed(self.directions, commands):
             # A craft that coasts, whatever it spins: speed and direction in W stay.
-            rings = cell[:2]
+            rings = cell[0], cell[1]
             begin, end = middle - half - turn, middle + half - turn
         else:
             *push, off = self._impulse(force, spin, jump)
@@ -245,19 +257,26 @@ class _Loop:
             y = (r1 * half.sin_pi()) * arb(0, 1) + across
             least = arb(_least(x) ** 2 + _least(y) ** 2).sqrt()
             most = _length((x, y))
-            fastest = self.step * (spin.abs_upper() + self.high * abs(jump))
-            sag = self.high * size * fastest * self.period**2 / 8
-            if not (_largest(most, r1) + sag <= self.speed):
-                return "may pass the limit of the speed"
+            swiftest = self.step * (spin.abs_upper() + self.high * abs(jump))
+            sag = self.high * size * swiftest * self.period**2 / 8
+            fastest = _largest(most, r1) + sag
             rings = (_floor(least / self.speed * self.rings), _ceil(most / self.speed * self.rings))
             begin, end = self._directions(x, y, middle, turn)
         first = _floor(begin * self.sectors / 2)
         last = min(_ceil(end * self.sectors / 2), first + self.sectors)
-        layers = [k + jump * self.fine + self.side for k in cell[4:]]
-        if rings[0] < 0 or rings[1] > self.rings or layers[0] < 0 or layers[1] > 2 * self.side:
+        layers = cell[4] + jump * self.fine, cell[5] + jump * self.fine
+        return _Image(rings, (first, last), layers, fastest)
+
+    def leaves(self, cell: Any, commands: Sequence[int], inside: Any) -> str:
+        """Why the image of a cell under a command is not inside, or ""."""
+        rings, sectors, layers, fastest = self.image(cell, commands)
+        if fastest is not None and not (fastest <= self.speed):
+            return "may pass the limit of the speed"
+        low, high = (k + self.side for k in layers)
+        if rings[0] < 0 or rings[1] > self.rings or low < 0 or high > 2 * self.side:
             return "may leave the grid"
-        columns = [k % self.sectors for k in range(first, last)]
-        if not inside[rings[0] : rings[1], columns, layers[0] : layers[1]].all():
+        columns = [k % self.sectors for k in range(*sectors)]
+        if not inside[rings[0] : rings[1], columns, low:high].all():
             return "may leave the cells"
         return ""
 
