@@ -95,11 +95,9 @@ def main(arguments: list[str] | None = None) -> int:
     ) as error:  # torch raises its own class on a GPU, and a RuntimeError on a CPU
         name = type(error).__name__
         line = first_line(error)
-        if (
-            isinstance(error, MemoryError)
-            or name == "OutOfMemoryError"
-            or "DefaultCPUAllocator: can't allocate memory" in str(error)
-        ):
+        if isinstance(error, MemoryError):  # of Python or NumPy, where nothing need be a batch
+            return _end(f"rans: out of memory: {line}.", 2)
+        if name == "OutOfMemoryError" or "DefaultCPUAllocator: can't allocate memory" in str(error):
             return _end(f"rans: out of memory, a smaller batch may fit: {line}.", 2)
         if name == "InductorError" and line.startswith("ImportError: "):
             return _end(

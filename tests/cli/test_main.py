@@ -344,7 +344,7 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
         (
             MemoryError("no 373 GiB"),
             2,
-            "rans: out of memory, a smaller batch may fit: no 373 GiB.\n",
+            "rans: out of memory: no 373 GiB.\n",
         ),
         (
             InductorError(ImportError("kept/c.main.so: file too short"), None),

@@ -62,8 +62,8 @@ def read_bag(
 
     Readings have the times at which they were measured, by their time stamps: the message that came soonest gives
     the difference of the sender's clock from the bag's, as in flight (`rans.deploy.robot.validator`). Commands have
-    no time stamp: theirs are the times at which they were recorded, and `FlightLog.steady_times`. Speeds of reaction
-    wheels are those of ``joint_states``, a sensor_msgs/JointState with one velocity a wheel.
+    no time stamp: theirs are the times at which they were recorded (and `FlightLog.steady_times`). Speeds of
+    reaction wheels are those of ``joint_states``, a sensor_msgs/JointState with one velocity a wheel.
 
     Args:
         source: the bag, which may end anywhere, or the folder of ``ros2 bag record`` with its parts.

@@ -303,7 +303,7 @@ def _guess(factor: float, pose: str) -> str:
             (np.degrees(1.0), "is the heading in degrees"),
             (np.radians(1.0), "is the spin in degrees/s"),
         ]
-    near = [text for value, text in usual if 0.9 < factor / value < 1.1]
+    near = [text for value, text in usual if 0.75 < factor / value < 1.33]
     return (near[0] if near else "is one of them in other units, or the time") + "?"
 
 

@@ -254,7 +254,7 @@ class Identification:
             raise ConfigError(
                 f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
                 "written. The usual cause is a column in other units, such as a heading in degrees, or in another "
-                "frame or order, or another spacecraft."
+                "frame or order, a filter that lags, or another spacecraft."
             )
 
     def notes(self) -> list[str]:
