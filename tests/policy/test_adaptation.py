@@ -242,3 +242,26 @@ def test_files_whose_wheels_fill_up_otherwise_are_refused(
     file.write_bytes(actor_bytes(damaged, plain.member(0), 0))
     with pytest.raises(ConfigError, match="filling"):
         read_policy(file)
+
+
+def test_a_lost_thruster_takes_nothing_of_the_supply() -> None:
+    """Of two open thrusters each gives half; if one is lost, it gives a fifth, and the other one all."""
+    effects = ((1.0, 0.0, 0.5), (0.0, 2.0, -0.5), (-1.0, 0.0, 0.0))
+    own = Adaptation(PERIOD, effects, 3, True, spare=(1,))
+    command = torch.tensor([[1.0, 1.0, 0.0]])
+    changes = torch.stack(own._effects(TorchRows(command), command), dim=-1)[0]
+    torch.testing.assert_close(changes[0], torch.tensor([0.5, 1.0, 0.0]))
+    torch.testing.assert_close(changes[1], torch.tensor([1.0, 0.4, 0.4]))
+
+
+@pytest.mark.parametrize(("weak", "shut"), [(4.0, 1.0), (5.6, 0.0)])
+def test_after_checks_little_evidence_keeps_a_lost_thruster_shut(weak: float, shut: float) -> None:
+    """Odds of 6 for lost: a weak one that stays in use is preferred by at most 1, and by 4 without checks."""
+    effects = ((1.0, 0.0, 0.5), (0.0, 2.0, -0.5), (-1.0, 0.0, 0.0))
+    for has_checks in (True, False):
+        own = Adaptation(PERIOD, effects, 3, False, spare=(0,), weak=(0,), has_checks=has_checks)
+        at_rest = [0.0] * (2 * own.twist + 2 * len(effects))
+        beliefs = [*[1.0] * 6, *[0.1] * 6]
+        memory = torch.tensor([[*at_rest, *beliefs, 0.0, 6.0, weak]])
+        estimate = own.estimated(TorchRows(memory), torch.zeros(1, own.twist), memory)
+        assert estimate.shut[0].tolist() == [shut if has_checks else 0.0, 0.0, 0.0]

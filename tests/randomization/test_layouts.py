@@ -112,3 +112,11 @@ def test_a_layout_in_space_is_equal_up_to_order_turn_mirror_and_units() -> None:
     other = columns.copy()
     other[0, 3:] *= 1.1
     assert not canonical(columns) & canonical(other)
+
+
+def test_thrusters_without_a_torque_do_not_count_in_its_unit() -> None:
+    """The mean square of the torques 1 and 1/4 is 17/32; the weaker way is 1/4 over its root."""
+    through_the_centre = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
+    turning = [[0.0, 0.0, 1.0], [0.0, 0.0, -0.25]]
+    margin = authority_margin(np.array(through_the_centre + turning))
+    assert margin == pytest.approx(0.25 / np.sqrt(17.0 / 32.0), rel=1e-9)
