@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -260,24 +259,27 @@ class OrbitForces(LeafSystem):
         attitude = self._attitudes(state[self._turns])
         inertia = np.array(self.inertias.Eval(context)).reshape(-1, 3, 3)
         inertia = attitude @ inertia @ attitude.transpose(0, 2, 1)
-        across = np.cross(spin, rate)
-        carried = np.einsum("nij,nj->ni", inertia, rate)
-        torque = np.trace(inertia, axis1=1, axis2=2)[:, None] * across
-        torque -= np.einsum("nij,nj->ni", inertia, change)
-        torque -= np.cross(rate + 2.0 * spin, carried)
-        axes = attitude @ self._axes
-        momenta = axes @ (self._rotors * state[self._positions + self._spins])[:, :, None]
-        torque += np.cross(momenta[:, :, 0], rate)
-        total[self._turning] += torque[:, -self._turning.shape[1] :]
-        total[self._spins] += self._rotors * np.einsum("niw,ni->nw", axes, across - change)
+        across = -turn @ spin[:, :, None]
+        torque = np.einsum("nii->n", inertia)[:, None, None] * across
+        torque -= inertia @ change[:, :, None]
+        torque -= (turn + 2.0 * _crossing(spin)) @ inertia @ rate[:, :, None]
+        if len(self._rotors):
+            axes = attitude @ self._axes
+            speeds = state[self._positions + self._spins]
+            torque -= turn @ axes @ (self._rotors * speeds)[:, :, None]
+            along = axes.transpose(0, 2, 1) @ (across - change[:, :, None])
+            total[self._spins] += self._rotors * along[:, :, 0]
+        total[self._turning] += torque[:, -self._turning.shape[1] :, 0]
         output.SetFromVector(total)
 
     def _attitudes(self, coordinates: np.ndarray) -> np.ndarray:
-        """R_WB (N, 3, 3) of headings (N, 1), rad, or of quaternions (N, 4)."""
+        """R_WB (N, 3, 3) of headings (N, 1), rad, or of quaternions (N, 4): 1 + 2 s [v]x + 2 [v]x [v]x."""
         if self._planar:
-            return np.array([RotationMatrix.MakeZRotation(x).matrix() for (x,) in coordinates])
-        unit = coordinates / np.linalg.norm(coordinates, axis=1, keepdims=True)
-        return np.array([RotationMatrix(Quaternion(q)).matrix() for q in unit])
+            half = 0.5 * coordinates
+            coordinates = np.hstack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
+        unit = coordinates / np.sqrt(np.sum(coordinates**2, axis=1, keepdims=True))
+        vector = _crossing(unit[:, 1:])
+        return np.eye(3) + 2.0 * (unit[:, :1, None] * vector + vector @ vector)
 
     def rates(self, angles: np.ndarray, time: float) -> np.ndarray:
         """Angular velocities of the frame (N, 3), rad/s, at a time, s, of angles at time 0."""

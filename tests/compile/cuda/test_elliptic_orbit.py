@@ -11,9 +11,10 @@ import torch
 
 from rans.fast.engine import Engine
 from rans.model.drift import EllipticOrbit, PerturbedOrbit
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition
-from tests.support.engines import PLATFORM
+from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import SEED, compare, needs_compiler
 
 pytestmark = needs_compiler
@@ -51,9 +52,19 @@ class AroundAnOblatePlanet(OnAnEllipse):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", [OnAnEllipse(), AroundAnOblatePlanet()], ids=["ellipse", "oblate"])
-def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, task: Any) -> None:
-    made: Any = (PLATFORM, task, 8, Timing(episode_steps=4))
+@pytest.mark.parametrize(
+    ("craft", "task"),
+    [
+        (PLATFORM, OnAnEllipse()),
+        (PLATFORM, AroundAnOblatePlanet()),
+        # W turns the attitude of one that has thrusters for it, and not of a point.
+        (FLYER, AroundAnOblatePlanet()),
+        (load_spacecraft("afrl-deputy"), OnAnEllipse()),
+    ],
+    ids=["ellipse", "oblate", "oblate in space", "point"],
+)
+def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task: Any) -> None:
+    made: Any = (craft, task, 8, Timing(episode_steps=4))
     how: Any = {"seed": SEED, "dtype": torch.float64}
     ours = Engine(*made, **how)
     # Anomalies are those of eight places, and move on.
