@@ -34,6 +34,13 @@ _PERIOD = 0.5
 """Time between two questions to submitit whether jobs have ended, s; SLURM itself is asked more seldom."""
 
 _chosen: ContextVar[Executor | None] = ContextVar("executor", default=None)
+_sent: list[int] = []
+"""Numbers of jobs that executors have been asked for in this process."""
+
+
+def jobs_sent() -> int:
+    """Number of jobs that executors have been asked for in this process."""
+    return sum(_sent)
 
 
 def without_option(arguments: Sequence[str], name: str, forms: str) -> tuple[list[str], str | None]:
@@ -132,6 +139,7 @@ def answers(
     Raises:
         RansError: a job was lost too often, or the executor takes no more jobs.
     """
+    _sent.append(len(jobs))
     state = cloudpickle.dumps((make, arguments))
     version = package_version("rans")
     ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
@@ -161,7 +169,13 @@ def answers(
             number = numbers.pop(future)
             error = _failure(future)
             if error is None:
-                answer, raised = future.result()
+                result = future.result()
+                if not isinstance(result, tuple) or len(result) != 2:
+                    raise RansError(
+                        f"the executor answers {brief(result)} in place of what the job returned: its futures must "
+                        "hold the result of the function that is submitted."
+                    )
+                answer, raised = result
                 if raised is not None:
                     raise raised
                 yield number, answer

@@ -1,8 +1,8 @@
 """What RANS computes does not depend on process-wide settings of torch, NumPy and Python that a user has changed.
 
 People of control set torch to double precision, let NumPy raise, or choose a default device for code of their own
-in the same process. The functions that users call compute with the settings of a new process, and leave those of the
-user as they were.
+in the same process. The functions that users call compute with the settings of a new process, and leave those of
+the user as they were.
 """
 
 from __future__ import annotations

@@ -29,6 +29,21 @@ from tests.support.draws import PLATFORM
 from tests.support.processes import wait_until
 
 
+class Silent(Executor):
+    """Says of every call that it is done, and never makes it."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        """Answer None."""
+        future = Future[Any]()
+        future.set_result(None)
+        return future
+
+
+def test_an_executor_that_answers_something_else_is_named() -> None:
+    with Silent() as pool, run_on(pool), pytest.raises(RansError, match=r"answers None in place"):
+        rans.evaluate("lqr:go-to-pose-2d", episodes=65, engine="drake")
+
+
 class Serial(Executor):
     """Runs a call at once, in this process; loses some calls as a worker does that is killed.
 
@@ -222,3 +237,43 @@ def test_a_killed_worker_of_dask_costs_no_job(
     assert {k: square for k, (square, _) in found.items()} == {k: k**2 for k in range(8)}
     assert (tmp_path / "killed").exists()
     assert os.getpid() not in {process for _, process in found.values()}
+
+
+class Counting(ThreadPoolExecutor):
+    """An executor that counts."""
+
+    count = 0
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
+        """See the base."""
+        type(self).count += 1
+        return super().submit(function, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("who", "part", "jobs", "said"),
+    [
+        ("go-to-pose-2d", 8, 2, "rans: 2 jobs ran on tests.test_executors:Counting"),
+        ("go-to-pose-2d", 4096, 0, "rans: nothing ran on tests.test_executors:Counting"),
+    ],
+)
+def test_a_command_says_what_ran_on_its_executor(
+    who: str,
+    part: int,
+    jobs: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """Flights of an agent are cut into jobs, too; what the executor does not get is said."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(episodes, "_FAST_SHARE", part)
+    monkeypatch.setattr(Counting, "count", 0)
+    words = ["evaluate", who, "--episodes", "16"]
+    assert main([*words, "--executor", "tests.test_executors:Counting"]) == 0
+    printed = capsys.readouterr()
+    assert Counting.count == jobs
+    assert said in " ".join(printed.err.split())
+    assert main(words) == 0
+    assert capsys.readouterr().out == printed.out  # the same flights

@@ -9,7 +9,7 @@ import time
 import unicodedata
 import warnings
 from collections.abc import Callable
-from contextlib import nullcontext, redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -23,12 +23,13 @@ from rans.errors import (
     MissingPackage,
     RansError,
     brief,
+    counted,
     legible,
     meant,
     of_user_code,
     where_raised,
 )
-from rans.executors import run_on, without_executor
+from rans.executors import jobs_sent, run_on, without_executor
 from rans.files import first_line, has_written
 from rans.registry import trust_files
 from rans.renamed import DEPRECATED
@@ -163,8 +164,18 @@ def _run(arguments: list[str]) -> int:
     if isinstance(seed, int) and seed < 0:
         raise ConfigError(f"--seed must be a whole number >= 0, got {seed}.")
     try:
-        with nullcontext() if executor is None else run_on(executor):
+        if executor is None:
             return _followed(command)
+        before = jobs_sent()
+        with run_on(executor):
+            code = _followed(command)
+        count = jobs_sent() - before
+        _tell(
+            f"rans: {counted(count, 'job')} ran on {executor}."
+            if count
+            else f"rans: nothing ran on {executor}: all work was one job, which this process did."
+        )
+        return code
     except SystemExit as error:  # of a plug-in or a policy; commands themselves return a code
         raise ConfigError(
             f"code that is not of RANS ended the command (sys.exit({error.code!r})){where_raised(error)}; "

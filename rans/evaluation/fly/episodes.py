@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rans.episode import Setup
+from rans.executors import chosen_executor
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
@@ -19,6 +20,8 @@ EngineName = Literal["fast", "drake"]
 
 _SHARE = 64
 """Number of episodes that a process flies at once in Drake: with more an episode takes no less time."""
+_FAST_SHARE = 16384
+"""Number of episodes of a fast controller in a job of an executor: an agent flies them in some seconds."""
 _SLOW_SHARE = 8
 """Number of episodes that a process flies at once of a controller whose attribute ``slow`` is true."""
 
@@ -61,7 +64,8 @@ def fly_episodes(
     """
     # Parts of the episodes; flights are the same however they are divided.
     slow = getattr(controller, "slow", False)
-    episodes_in_part = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
+    at_once = episodes if chosen_executor() is None else min(episodes, _FAST_SHARE)
+    episodes_in_part = _SLOW_SHARE if slow else _SHARE if engine == "drake" else at_once
     if getattr(controller, "together", False):
         episodes_in_part = episodes
     end = first + episodes

@@ -32,7 +32,7 @@ def pack_tensors(tree: Any) -> bytes:
     tensors: dict[str, Tensor] = {}
     table = json.dumps(_split(tree, "", tensors))
     content = save(tensors, {_TABLE: table, _CHECKSUM: _checksum(table, tensors)})
-    # safetensors writes the keys of its metadata in another order in every process: equal trainings give equal files.
+    # The library writes the keys of metadata in another order in every call: equal agents shall be equal files.
     length = int.from_bytes(content[:8], "little")
     header = json.loads(content[8 : 8 + length])
     header["__metadata__"] = dict(sorted(header["__metadata__"].items()))

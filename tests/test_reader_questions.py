@@ -1,0 +1,486 @@
+"""One list of questions to every reader of files: a planted file for each, whole, that means something else.
+
+Damage is tested elsewhere (`tests/test_damaged_files.py`). Here a file is what its format allows, and the question
+is whether what it says is read, or refused: a new reader without answers fails the first test.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import shutil
+import warnings
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import rans
+from rans.ccsds import read_opm
+from rans.errors import RansError
+from rans.evaluation.compare.optima import flights
+from rans.evaluation.fly.controllers import user_policy
+from rans.evaluation.fly.exported import read_contract
+from rans.evaluation.fly.tuned import Tuned
+from rans.fast.agent_files.agent import read_policy
+from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
+from rans.fast.learn.run_folder import read_config
+from rans.fast.learn.sweep import read_configs
+from rans.files import write_json
+from rans.model.fields import leaves
+from rans.model.foreign import read_foreign
+from rans.model.spacecraft_file import load_spacecraft, read_spacecraft
+from rans.pretrained import pretrained_folder
+from rans.randomization.conditions_file import load_conditions
+from rans.scenario import scenario
+from rans.tasks import GoToPose
+from tests.support.processes import ROOT
+
+QUESTIONS = {
+    "units": "Is the unit of each number stated or implied, and one that is stated compared?",
+    "frames": "Are frames and labels that decide what numbers mean read, or refused?",
+    "times": "Are instants, periods and gaps plausible before anything is allocated?",
+    "order": "Are conventions of order, sign and scale held to?",
+    "dropped": "Is what is not kept named?",
+    "sizes": "Is everything bounded that the file decides the size of?",
+    "evidence": "Can the result be, and does it fit what it is for?",
+}
+
+
+class Answer(NamedTuple):
+    """What a reader makes of a planted file: a refusal or a warning whose sentence has this text."""
+
+    plant: Callable[[Path], Callable[[], object]]
+    """Writes the file into a folder, and returns the reading of it."""
+    sentence: str
+    is_warning: bool = False
+
+
+def written(name: str, text: str, read: Callable[[Path], object]) -> Any:
+    def plant(folder: Path) -> Callable[[], object]:
+        (folder / name).write_text(text)
+        return lambda: read(folder / name)
+
+    return plant
+
+
+# planted files
+
+OPM = """CCSDS_OPM_VERS = 3.0
+OBJECT_NAME = A
+CENTER_NAME = EARTH
+REF_FRAME = EME2000
+TIME_SYSTEM = UTC
+EPOCH = 2026-01-01T00:00:00
+X = 7000.0 [km]
+Y = 0 [km]
+Z = 0 [km]
+X_DOT = 0 [km/s]
+Y_DOT = 7.5 [km/s]
+Z_DOT = 0 [km/s]
+"""
+
+
+def opm(old: str, new: str) -> Any:
+    assert old in OPM
+    return written("a.opm", OPM.replace(old, new), read_opm)
+
+
+def link(name: str, mass: str = "17", pose: str = "", i: str = "0.3") -> str:
+    tensor = f"<ixx>{i}</ixx><iyy>{i}</iyy><izz>{i}</izz>"
+    inertial = f"<inertial><mass>{mass}</mass><inertia>{tensor}</inertia></inertial>"
+    return f"<link name='{name}'>{pose}{inertial}</link>"
+
+
+def jet(name: str, number: int) -> str:
+    return (
+        f"<plugin name='gz::sim::systems::SpacecraftThrusterModel'><link_name>{name}</link_name>"
+        f"<actuator_number>{number}</actuator_number><max_thrust>1</max_thrust></plugin>"
+    )
+
+
+def sdf(*parts: str, read: Callable[[Path], object] = read_foreign) -> Any:
+    return written("m.sdf", f"<sdf><model name='m'>{''.join(parts)}</model></sdf>", read)
+
+
+def drafted(file: Path) -> object:
+    return rans.init_spacecraft("mine", base=file, dimension=3)
+
+
+FAR = "<pose>120 0 0 0 0 0</pose>"
+PLATFORM = (ROOT / "rans/data/spacecraft/floating-platform.toml").read_text()
+LAB = (ROOT / "rans/data/conditions/lab.toml").read_text()
+CRAFT = load_spacecraft("floating-platform")
+
+
+def toml(old: str, new: str) -> Any:
+    text = re.sub(old, new, PLATFORM, count=1, flags=re.MULTILINE)
+    assert text != PLATFORM
+    return written("craft.toml", text, read_spacecraft)
+
+
+def table(name: str, read: Callable[[Path], object], change: Callable[[Any], object]) -> Any:
+    """A JSON file of a shipped agent's run folder with a change."""
+
+    def plant(folder: Path) -> Callable[[], object]:
+        shutil.copytree(pretrained_folder("go-to-pose-2d"), folder, dirs_exist_ok=True)
+        content = json.loads((folder / name).read_text())
+        change(content)
+        write_json(folder / name, content)
+        return lambda: read(folder / name)
+
+    return plant
+
+
+def policy(change: Callable[[dict[str, Any]], object]) -> Any:
+    def plant(folder: Path) -> Callable[[], object]:
+        source = pretrained_folder("go-to-pose-2d") / "agent.safetensors"
+        tree = unpack_tensors(source.read_bytes(), source)
+        change(tree)
+        (folder / "agent.safetensors").write_bytes(pack_tensors(tree))
+        return lambda: read_policy(folder / "agent.safetensors")
+
+    return plant
+
+
+def contract(**changed: object) -> Any:
+    about = {"task": "go-to-pose", "settings": {}, "control_period": 0.2} | changed
+    return written("contract.json", json.dumps(about), lambda file: read_contract(file.parent))
+
+
+GOAL = len(leaves(scenario(GoToPose(), 2, seed=0, episode=0).goal))
+
+
+def optimum(**changed: Any) -> Any:
+    """A folder of `rans optimal` whose arrays say something else."""
+
+    def plant(folder: Path) -> Callable[[], object]:
+        write_json(folder / "optimal.json", {"task": "go-to-pose", "objective": "energy"})
+        (folder / "spacecraft.toml").write_text(PLATFORM)
+        like = scenario(GoToPose(), 2, seed=0, episode=0)
+        arrays: dict[str, Any] = {
+            "commands": np.full((1, 2, 8), 0.5),
+            "control_period": np.full(1, 0.2),
+            "starts": np.array([leaves(like.start)]),
+            "goals": np.array([leaves(like.goal)]),
+        }
+        np.savez(folder / "optimal.npz", **(arrays | changed))
+        return lambda: flights(folder)
+
+    return plant
+
+
+def network(width: int = 10, memory: bool = False) -> Any:
+    """An ONNX network that observes so many numbers, with an LSTM that hides its state or without."""
+
+    def plant(folder: Path) -> Callable[[], object]:
+        from onnx import TensorProto, helper, numpy_helper
+
+        random = np.random.default_rng(0)
+
+        def constant(name: str, *shape: int) -> Any:
+            return numpy_helper.from_array(random.normal(size=shape).astype(np.float32), name)
+
+        axes = numpy_helper.from_array(np.array([0]), "axes")
+        if memory:
+            nodes = [
+                helper.make_node("Unsqueeze", ["o", "axes"], ["s"]),
+                helper.make_node("LSTM", ["s", "w", "r"], ["", "h"], hidden_size=8),
+                helper.make_node("Squeeze", ["h", "axes"], ["c"]),
+            ]
+            tables = [constant("w", 1, 32, width), constant("r", 1, 32, 8), axes]
+        else:
+            nodes = [helper.make_node("MatMul", ["o", "w"], ["c"])]
+            tables = [constant("w", width, 8)]
+        graph = helper.make_graph(
+            nodes,
+            "net",
+            [helper.make_tensor_value_info("o", TensorProto.FLOAT, ["N", width])],
+            [helper.make_tensor_value_info("c", TensorProto.FLOAT, ["N", 8])],
+            tables,
+        )
+        opset = [helper.make_opsetid("", 17)]
+        model = helper.make_model(graph, opset_imports=opset, ir_version=8)
+        (folder / "net.onnx").write_bytes(model.SerializeToString())
+        flown = GoToPose()
+        seen = np.ones((2, 10), np.float32)
+        return lambda: user_policy(f"onnx:{folder / 'net.onnx'}", CRAFT, flown).act(0, 0, seen)
+
+    return plant
+
+
+def sb3(name: str) -> Any:
+    """A policy that RANS wrote, beside which a file lies, flown without trust."""
+
+    def plant(folder: Path) -> Callable[[], object]:
+        environment = rans.SB3VecEnv(rans.Engine(CRAFT, GoToPose(), num_envs=2))
+        rans.PPO(environment, n_steps=2, batch_size=2).save(folder / "policy.zip")
+        (folder / name).write_bytes(b"of another library")
+        return lambda: user_policy(f"sb3:{folder / 'policy.zip'}", CRAFT, GoToPose())
+
+    return plant
+
+
+def tuned(**changed: object) -> Any:
+    def plant(folder: Path) -> Callable[[], object]:
+        source = min((ROOT / "rans/data/controllers").glob("lqr*.json"))
+        write_json(folder / "lqr.json", json.loads(source.read_text()) | changed)
+        return lambda: Tuned.read(folder / "lqr.json")
+
+    return plant
+
+
+ANSWERS: dict[str, dict[str, Answer | str]] = {
+    "read_opm": {
+        "units": Answer(opm("7000.0 [km]", "23e6 [ft]"), r"X of .* is in '\[ft\]'"),
+        "frames": Answer(opm("EME2000", "ITRF2000"), "it turns with the Earth"),
+        "times": Answer(opm("2026-01-01T", "2026-366T"), "must be an instant"),
+        "order": Answer(opm("Z_DOT = 0", "X = 6900"), "X stands twice"),
+        "dropped": Answer(
+            opm("OBJECT_NAME", "MAN_EPOCH_IGNITION = 2026-01-02T00:00:00\nOBJECT_NAME"),
+            "has 1 manoeuvre, which RANS does not read",
+            is_warning=True,
+        ),
+        "sizes": Answer(
+            opm("OBJECT_NAME", "COMMENT x\n" * 200_000 + "OBJECT_NAME"), "are read; it is probably"
+        ),
+        "evidence": Answer(opm("7000.0 [km]", "7000000.0"), "usual cause are other units"),
+    },
+    "read_foreign": {
+        "units": Answer(
+            sdf(link("b"), link("jet", "0.1", FAR), jet("jet", 0), read=drafted),
+            "positions in mm or cm",
+            is_warning=True,
+        ),
+        "frames": Answer(sdf(link("b", pose="<pose relative_to='x'/>")), "relative to 'x'"),
+        "times": "a body has none",
+        "order": Answer(
+            sdf(link("b"), link("c"), link("d"), jet("c", 1), jet("d", 1)), "one actuator_number, 1"
+        ),
+        "dropped": Answer(
+            sdf(link("b"), link("jet"), jet("jet", 0), "<plugin name='Camera'/>", read=drafted),
+            r"\['Camera'\] are not read",
+            is_warning=True,
+        ),
+        "sizes": Answer(sdf(link("b"), "<!--" + "x" * 2**24 + "-->"), "are read; it is probably"),
+        "evidence": Answer(sdf(link("b"), link("leg", "-1")), "mass of the link 'leg'"),
+    },
+    "read_spacecraft": {
+        "units": Answer(toml(r"^radius = .*", "radius = 310.0"), "in mm or cm", is_warning=True),
+        "frames": "there is one frame G, which each file chooses",
+        "times": "a body has none",
+        "order": Answer(toml(r"^dimension = 2", "dimension = 4"), "dimension"),
+        "dropped": Answer(toml(r"^radius = ", "drag = 2.2\nradius = "), "drag"),
+        "sizes": Answer(
+            toml(r"^radius = ", "#" + "x" * 2**24 + "\nradius = "), "are read; it is probably"
+        ),
+        "evidence": Answer(toml(r"^mass = .*", "mass = -5.0"), "mass"),
+    },
+    "load_conditions": {
+        "units": "each key has its unit, and none is written in the file",
+        "frames": "each key has its frame, and none is written in the file",
+        "times": Answer(
+            written("w.toml", "[thrusters]\nlatency = [0.2, 0.1]\n", load_conditions), "latency"
+        ),
+        "order": Answer(written("w.toml", "[body]\nmass = [1.2, 0.8]\n", load_conditions), "mass"),
+        "dropped": Answer(
+            written("w.toml", "[thrusters]\nlag = 0.1\n", load_conditions), "unknown key .lag."
+        ),
+        "sizes": Answer(
+            written("w.toml", "#" + "x" * 2**24, load_conditions), "are read; it is probably"
+        ),
+        "evidence": Answer(
+            written("w.toml", "[body]\nmass = [-1.0, 1.0]\n", load_conditions), "mass"
+        ),
+    },
+    "read_config": {
+        "units": "each key has its unit, and none is written in the file",
+        "frames": "a training has none",
+        "times": Answer(
+            table("config.json", read_config, lambda x: x["timing"].update(control_period=-0.2)),
+            "control_period",
+        ),
+        "order": "each key has one meaning",
+        "dropped": Answer(
+            table("config.json", read_config, lambda x: x.update(wings=2)), "unknown key .wings."
+        ),
+        "sizes": Answer(
+            table("config.json", read_config, lambda x: x["ppo"].update(n_envs=2**40)), "n_envs"
+        ),
+        "evidence": Answer(
+            table("config.json", read_config, lambda x: x.update(task="go-to-mars")), "go-to-mars"
+        ),
+    },
+    "read_configs": {
+        "units": "those of read_config, which reads each entry",
+        "frames": "a training has none",
+        "times": "those of read_config",
+        "order": "each key has one meaning",
+        "dropped": Answer(
+            written(
+                "configs.json",
+                json.dumps({"command": "c", "parts": 1, "configs": [{"wings": 2}]}),
+                lambda file: read_configs(file.parent),
+            ),
+            r"configs\.json",
+        ),
+        "sizes": "one entry for each training that it lists",
+        "evidence": Answer(
+            written(
+                "configs.json",
+                json.dumps({"command": "c", "parts": -3, "configs": []}),
+                lambda file: read_configs(file.parent),
+            ),
+            r"configs\.json",
+        ),
+    },
+    "read_policy": {
+        "units": "columns of observations have those of their tasks",
+        "frames": Answer(policy(lambda x: x["architecture"].update(layout={})), "damaged"),
+        "times": "a network has none",
+        "order": "columns are named by the layout, which is compared with the task's",
+        "dropped": Answer(policy(lambda x: x["architecture"].update(wings=2)), "damaged.*wings"),
+        "sizes": Answer(
+            policy(lambda x: x["architecture"].update(layers=[2**40, 2**40])), "damaged"
+        ),
+        "evidence": Answer(policy(lambda x: x["weights"].popitem()), "damaged"),
+    },
+    "read_contract": {
+        "units": "each key has its unit, and none is written in the file",
+        "frames": Answer(contract(task=3), "task must be a name"),
+        "times": Answer(contract(control_period=0.0), "control_period"),
+        "order": "columns are named, and the agent reads them in their order",
+        "dropped": "a contract is for people and machines; what flights need is read",
+        "sizes": "it is a table of texts, bounded as all JSON files are",
+        "evidence": Answer(contract(settings=[1]), "settings must be a table"),
+    },
+    "flights": {
+        "units": "arrays have names, and each name its unit",
+        "frames": Answer(optimum(starts=np.zeros((1, 13))), "starts has the shape"),
+        "times": Answer(
+            optimum(control_period=np.full(1, -0.2)), "control_period must be a finite"
+        ),
+        "order": Answer(optimum(commands=np.full((1, 2, 8), 1.5)), "a command is not from 0 to 1"),
+        "dropped": "arrays of other names are another command's",
+        "sizes": Answer(optimum(commands=np.full((1, 2, 3), 0.5)), "commands has the shape"),
+        "evidence": Answer(optimum(starts=np.full((1, GOAL), np.nan)), r"optimal\.npz is damaged"),
+    },
+    "onnx": {
+        "units": "a network's numbers have none",
+        "frames": "a network names none; docs/comparison.md says what it must observe",
+        "times": "a network has none",
+        "order": Answer(network(), "does not take"),
+        "dropped": Answer(network(memory=True), r"has a memory \(LSTM\)"),
+        "sizes": Answer(network(width=22), "observes 22 numbers"),
+        "evidence": "of the first batch it is asked twice and alone (tests/evaluation/fly)",
+    },
+    "sb3": {
+        "units": "a network's numbers have none",
+        "frames": "a network names none; docs/comparison.md says what it must observe",
+        "times": "a network has none",
+        "order": "spaces are compared (tests/evaluation/fly/test_controllers.py)",
+        "dropped": Answer(sb3("vecnormalize.pkl"), "has the scales of its observations"),
+        "sizes": "archives are bounded (tests/test_archives.py)",
+        "evidence": "memories are kept (tests/evaluation/fly/test_foreign_policy.py)",
+    },
+    "Tuned.read": {
+        "units": "settings of a controller have those of its fields",
+        "frames": "settings have none",
+        "times": "`Tuned.fits` compares the timing",
+        "order": "each key has one meaning",
+        "dropped": Answer(tuned(wings=2), r"lqr\.json"),
+        "sizes": "it is a table of numbers, bounded as all JSON files are",
+        "evidence": Answer(tuned(settings=[1]), r"lqr\.json"),
+    },
+}
+
+ELSEWHERE = {
+    "read_csv": "tests/evaluation/identify",
+    "read_ulog": "tests/deploy/robot",
+    "read_bag": "tests/deploy/robot",
+    "read_certificate": "tests/proof",
+    "read_problem": "tests/proof",
+    "read_network": "tests/proof",
+    "read_run": "tests/proof",
+}
+"""Readers whose questions are asked by tests of their own room."""
+
+PARTS = {
+    "read_bytes": "bytes, bounded; others give them a meaning",
+    "read_text": "the same",
+    "read_json": "the same",
+    "read_json_lines": "the same",
+    "read_arrays": "the same",
+    "load_spacecraft": "read_spacecraft reads the file",
+    "load_exported": "read_contract, read_spacecraft and the network",
+    "load_policy": "read_policy",
+    "load_agent": "all of these by their names",
+    "load_task": "a name in the registry",
+    "load_from_zip_file": "of another library",
+}
+"""Functions that read files by others of the list, or without a meaning of their own."""
+
+
+def readers() -> set[str]:
+    """Functions of the package that are called read or load, and take a path or a file's content."""
+    found = set()
+    for file in sorted((ROOT / "rans").rglob("*.py")):
+        text = file.read_text("utf-8")
+        if "def read_" not in text and "def load_" not in text:
+            continue
+        for node in ast.parse(text).body:
+            if not isinstance(node, ast.FunctionDef) or not re.match("(read|load)_", node.name):
+                continue
+            kinds = [ast.unparse(one.annotation) for one in node.args.args if one.annotation]
+            if any("Path" in kind for kind in kinds) or node.name in ELSEWHERE:
+                found.add(node.name)
+    return found
+
+
+def test_every_reader_answers() -> None:
+    found = readers()
+    assert {"read_opm", "read_foreign", "read_policy", "read_config"} <= found  # the scan works
+    silent = sorted(found - ANSWERS.keys() - ELSEWHERE.keys() - PARTS.keys())
+    assert not silent, f"answer the questions for {silent}"
+    for reader, answers in ANSWERS.items():
+        assert answers.keys() == QUESTIONS.keys(), reader
+        assert any(isinstance(answer, Answer) for answer in answers.values()), reader
+
+
+@pytest.mark.parametrize("reader", ELSEWHERE)
+def test_questions_that_are_asked_elsewhere_are(reader: str) -> None:
+    texts = [file.read_text("utf-8") for file in (ROOT / ELSEWHERE[reader]).rglob("test_*.py")]
+    assert any(reader in text or reader.removeprefix("read_") in text for text in texts)
+
+
+@contextmanager
+def said(answer: Answer) -> Any:
+    if answer.is_warning:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "spacecraft .* cannot push and turn it")
+            with pytest.warns(rans.RansWarning, match=answer.sentence):
+                yield
+    else:
+        with pytest.raises(RansError, match=answer.sentence):
+            yield
+
+
+@pytest.mark.parametrize(
+    ("reader", "question"),
+    [
+        (reader, question)
+        for reader, answers in ANSWERS.items()
+        for question, answer in answers.items()
+        if isinstance(answer, Answer)
+    ],
+)
+def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
+    answer = ANSWERS[reader][question]
+    assert isinstance(answer, Answer)
+    ask = answer.plant(tmp_path)
+    with said(answer):
+        ask()
