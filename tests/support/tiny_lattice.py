@@ -56,6 +56,20 @@ def doubled() -> Spacecraft:
     )
 
 
+def centred() -> Spacecraft:
+    """Three thrusters that push through the centre of mass: nothing turns the craft."""
+    centre = (0.13, 0.07, 0.0)
+    nozzles = []
+    for degrees in (17.0, 143.0, 261.0):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        place = (centre[0] - 0.3 * c, centre[1] - 0.3 * s, 0.0)
+        nozzles.append(Thruster(place, (c, s, 0.0), 1.0))
+    sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it cannot be turned is the point
+        return Spacecraft("centred", 2, 4.0, sphere, tuple(nozzles), centre_of_mass=centre)
+
+
 def _equal(
     name: str, layout: tuple[tuple[float, float, float], ...], arms: tuple[float, ...]
 ) -> Spacecraft:
@@ -132,5 +146,6 @@ CRAFTS = {
     "lopsided": (lopsided(), 3),
     "through": (through(), 3),
     "doubled": (doubled(), 3),
+    "centred": (centred(), 3),
 }
 SNUG = GoalSet(0.01, 0.01, 0.03)

@@ -34,8 +34,8 @@ from rans.optimal.certificate.goal_set import (
 _LARGEST_MULTIPLE = 64
 """Torque of a thruster in quanta, at most: finer lattices have too many points to enumerate."""
 _ROUNDING = 1e-12
-"""Difference of torques from whole multiples that is allowed, relative to the largest: directions and
-positions have finitely many digits. It costs heading, see `Lattice.drift`."""
+"""Difference of torques from whole multiples that is allowed, relative to the largest force times its distance from
+the centre of mass: directions and positions have finitely many digits. It costs heading, see `Lattice.drift`."""
 _MOST_PATTERNS = 10_000
 """Sets of open thrusters at most: 8 thrusters have 256, of which 81 differ."""
 _NODES = 24
@@ -82,7 +82,11 @@ class Lattice:
         self.grain = float(self.forces.min()) * period
         """Fuel by which amounts of it are told apart: one pulse, or the weakest thruster's, N s."""
         torques = np.array([column[2] for column in craft.wrench_map])
-        self.torque, self.multiples = _quantum(craft, torques)
+        # The spin of a craft that nothing turns has one level; 1 rad/s is as good a quantum as any other.
+        self.torque, self.multiples = _quantum(craft, torques) or (
+            craft.inertia[2][2] / period,
+            np.zeros(len(torques), dtype=np.int64),
+        )
         self.spin = self.torque * period / craft.inertia[2][2]
         """q: change of spin by one quantum of torque held for one period, rad/s."""
         self.patterns = _patterns(craft, self.multiples, dead, stuck)
@@ -177,18 +181,22 @@ def _check(craft: Spacecraft) -> None:
         )
 
 
-def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]:
-    """The largest torque of which all thrusters' are whole multiples, N m, and the multiples."""
-    largest = np.abs(torques).max()
-    # Thrusters through the centre of mass leave torques of rounding only, which are no quanta.
+def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray] | None:
+    """The largest torque of which all thrusters' are whole multiples, N m, and the multiples; None: none turns it.
+
+    Thrusters through the centre of mass leave torques of rounding only, which are no quanta.
+    """
     levers = (t.force * math.dist(t.position, craft.centre_of_mass) for t in craft.thrusters)
-    turning = np.abs(torques[np.abs(torques) > _ROUNDING * max(largest, *levers)])
-    for parts in range(1, _LARGEST_MULTIPLE + 1) if len(turning) else ():
+    rounding = _ROUNDING * max(*levers, float(np.abs(torques).max()))
+    turning = np.abs(torques[np.abs(torques) > rounding])
+    if not len(turning):
+        return None
+    for parts in range(1, _LARGEST_MULTIPLE + 1):
         quantum = float(turning.min()) / parts
-        multiples = np.round(torques / quantum).astype(np.int64)
-        exact = np.abs(torques - multiples * quantum).max() <= _ROUNDING * largest
+        multiples = np.round(torques / quantum)
+        exact = np.abs(torques - multiples * quantum).max() <= rounding
         if exact and np.abs(multiples).max() <= _LARGEST_MULTIPLE:
-            return quantum, multiples
+            return quantum, multiples.astype(np.int64)
     raise ConfigError(
         f"spacecraft {craft.name!r}: the on/off certificate needs thrusters whose torques are "
         f"whole multiples, at most {_LARGEST_MULTIPLE}, of one quantum, got "

@@ -42,6 +42,7 @@ from tests.support.tiny_lattice import (
     PLATFORM,
     SNUG,
     Flown,
+    centred,
     doubled,
     fly_everything,
     instance,
@@ -69,7 +70,9 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("build", [through, doubled, lopsided], ids=lambda build: build.__name__)
+@pytest.mark.parametrize(
+    "build", [through, doubled, lopsided, centred], ids=lambda build: build.__name__
+)
 def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spacecraft]) -> None:
     """Every other goal is one that an odd number of pulses reaches; nothing is gained by parity alone."""
     craft = build()
@@ -85,7 +88,7 @@ def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spa
         assert answer.upper == pytest.approx(flown.fuel[reached].min())
 
 
-@pytest.mark.parametrize("name", ["through", "doubled"])
+@pytest.mark.parametrize("name", ["through", "doubled", "centred"])
 @pytest.mark.parametrize("seed", range(4))
 def test_least_time_of_crafts_without_parity(name: str, seed: int) -> None:
     craft, most = CRAFTS[name]

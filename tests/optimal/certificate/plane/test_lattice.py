@@ -164,7 +164,26 @@ def test_a_period_holds_a_command(period: float) -> None:
         Lattice(PLATFORM, period)
 
 
-def test_thrusters_that_turn_nothing() -> None:
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_nozzles_along_lines_through_the_centre_have_one_spin(turn: float, scale: float) -> None:
+    """Their torques of rounding, 1e-17 N m for 1 N, would be quanta of which others are 1e16 multiples."""
+    centre = (0.1, 0.2, 0.0)
+    slanted = [
+        Thruster((0.1 + 0.3 * x, 0.2 + 0.3 * y, 0.0), (x, y, 0.0), scale)
+        for x, y in ((math.cos(k + turn), math.sin(k + turn)) for k in range(5))
+    ]
+    craft = dataclasses.replace(PLATFORM, thrusters=tuple(slanted), centre_of_mass=centre)
+    lattice = Lattice(craft, PERIOD)
+    assert (lattice.multiples == 0).all()
+    assert (lattice.patterns.torque == 0).all()
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    assert lattice.net_spins(GoalSet(), rest, rest) == {0}
+    with pytest.raises(ConfigError, match="misses by"):
+        lattice.net_spins(GoalSet(spin=0.1), dataclasses.replace(rest, w=0.11), rest)
+
+
+def test_thrusters_in_the_centre_have_one_spin() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it cannot be controlled is the point
         straight = dataclasses.replace(
@@ -174,21 +193,7 @@ def test_thrusters_that_turn_nothing() -> None:
                 dataclasses.replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters
             ),
         )
-    with pytest.raises(ConfigError, match="'straight'"):
-        Lattice(straight, PERIOD)
-
-
-def test_nozzles_along_lines_through_the_centre_have_no_quantum() -> None:
-    """Their torques of rounding, 1e-17 N m, would have 1e16 multiples in a tolerance; the craft has none."""
-    slanted = [
-        Thruster((0.1 * x, 0.1 * y, 0.0), (x, y, 0.0), 1.0)
-        for x, y in ((0.6, 0.8), (-0.28, 0.96), (math.cos(1), math.sin(1)))
-    ]
-    with pytest.warns(UserWarning, match="cannot"):
-        craft = dataclasses.replace(PLATFORM, thrusters=tuple(slanted))
-    assert not np.any(np.array(craft.wrench_map)[:, 2])
-    with pytest.raises(ConfigError, match="whole multiples"):
-        Lattice(craft, PERIOD)
+    assert (Lattice(straight, PERIOD).multiples == 0).all()
 
 
 def test_spin_off_the_lattice() -> None:
