@@ -11,13 +11,13 @@ import math
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from typing import Any, NamedTuple, Protocol
 
 from rans.effectors.motion import states_at_checks
 from rans.effectors.slosh import check_slosh
 from rans.errors import ConfigError
-from rans.model.accuracy import chosen
+from rans.model.accuracy import chosen, is_off_its_path
 from rans.model.body import Body
 from rans.model.dynamics import NODES, advance, thruster_effects
 from rans.model.fields import Field, finite, leaves, map_leaves, where
@@ -87,7 +87,9 @@ class Outcome:
     terms: dict[str, Field]
     """Reward terms by name."""
     failed: Field
-    """Whether the task failed, a violated constraint ends the episode, or the state is no longer finite."""
+    """Whether the task failed, a violated constraint ends the episode, or the state was lost."""
+    lost: Field
+    """Whether the state left every path that a craft can take, or is not finite; the episode ended before that."""
     done: Field | None
     """Whether the mission succeeded before any failure; None: the task lasts until it is truncated."""
     truncated: Field
@@ -459,7 +461,16 @@ def step(
     state = states[-1]
     checked = _check_period(task, episode, states, period / world.timing.checks)
     goal = checked.goal
-    lost = ~finite(*leaves(state))
+
+    # A state that no craft reaches ends the episode where it was a period earlier.
+    lost = ~finite(*leaves(state)) | is_off_its_path(episode.state, state, period)
+    state = map_leaves(partial(where, lost), episode.state, state)
+    if goal is not episode.goal:
+        goal = map_leaves(
+            lambda old, new: new if new is old or isinstance(new, float) else where(lost, old, new),
+            episode.goal,
+            goal,
+        )
     done = None if checked.done is None else checked.done & ~lost
     failed = task.failed(state, goal)
     if checked.done is not None:
@@ -503,6 +514,7 @@ def step(
         command=command,
         terms=reward_terms(task, transition, done, checked.violated) if rewarded else {},
         failed=failed,
+        lost=lost,
         done=done,
         truncated=time_is_up & ~(failed if done is None else failed | done),
         reached=reached & ~failed,

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.display import NotebookRepr, figure_of
+from rans.effectors.slosh import FAST, fastest_rod, rod_rate
 from rans.effectors.wheels import wheel_speeds
 from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, RansWarning, brief, checked, counted
@@ -31,6 +32,15 @@ from rans.tasks import Task
 from rans.tasks.base import reward_terms
 from rans.tasks.rewards import Transition
 from rans.verdict import FlightAccumulator
+
+_STEPS = (slice(None, -1), slice(1, None))
+"""Instants at which control periods begin and end."""
+_IMPOSSIBLE = 100.0
+"""Departure from free motion in a control period that no craft has, as a multiple of what all designed thrusters
+and `_PUSHED` do to the empty craft. Conditions warn beyond 10 times the thrust."""
+_PUSHED = 0.1
+"""Change of velocity in a control period by disturbances and sloshing liquid, m/s. Times the factor it is beyond
+kicks of 5 m/s, above which conditions warn."""
 
 
 class Controller(Protocol):
@@ -222,7 +232,7 @@ class Flight(NotebookRepr):
         """Whether each episode failed, (N,).
 
         An episode fails if the task declares a failure after a step, a constraint is violated that ends episodes,
-        or a number of the state is not finite, in each case before a success.
+        or the state is lost (`rans.episode.Outcome.lost`), in each case before a success.
         """
         return np.asarray(self.verdict.failed)
 
@@ -256,6 +266,7 @@ class Flight(NotebookRepr):
                 command=tuple(commands.T),
                 terms={},
                 failed=failed,
+                lost=lost,
                 done=done,
                 truncated=np.full(len(failed), k + 1 == len(self.commands)) & ~failed,
                 reached=reached & ~failed,
@@ -376,7 +387,7 @@ def fly(
             now = outcome.episode
         # A state that is not finite stays none in the history, and flies on from the start in vain.
         margins.append({name: np.broadcast_to(x, count) for name, x in period_margins.items()})
-        alive = alive & finite(*leaves(now.state))
+        alive = alive & ~(outcome.lost if won is None else outcome.lost & ~won)
         where_alive = partial(np.where, alive)
         states.append(map_leaves(where_alive, now.state, nowhere))
         now = replace(now, state=map_leaves(where_alive, now.state, begun))
@@ -397,36 +408,86 @@ def fly(
         lengths,
         np.stack(guarded) if guarded else None,
     )
-    if move is None and (refusal := outran(flight, world.timing)):
-        warnings.warn(refusal, RansWarning, stacklevel=2)
+    if move is None:
+        for refusal in outran(flight, world.timing):
+            warnings.warn(refusal, RansWarning, stacklevel=2)
     return flight
 
 
-def outran(flight: Flight, timing: Timing) -> str:
-    """Sentence that flights reached a spin at which their motion is inaccurate before they failed; else "".
+def outran(flight: Flight, timing: Timing) -> list[str]:
+    """Sentences about flights that reached motion which is inaccurate, or impossible, before they failed.
 
-    The number of substeps follows from what thrusters and wheels can do. Faults, disturbances and a poor controller
-    may spin a craft up further. The bound is that of `rans.model.accuracy.fastest`.
+    Numbers of steps follow from what thrusters and wheels can do. Faults, disturbances and a poor controller may
+    spin a craft up further, or the rod of its sloshing liquid. Bounds are `rans.model.accuracy.fastest` and
+    `rans.effectors.slosh.fastest_rod`. A path is impossible if it departs from free motion in a control period by
+    100 times as much as all thrusters can move the empty craft.
 
     Args:
         flight: flights.
         timing: timing of the flights with its number of substeps.
     """
-    spin = np.linalg.norm(np.array(flight.states.spin()), axis=0)
+    craft = flight.craft
+    states = flight.states
     with np.errstate(invalid="ignore"):
-        failed = np.broadcast_to(flight.task.failed(flight.states, flight.goals), spin.shape)
-    going = ~np.logical_or.accumulate(failed, axis=0) & np.isfinite(spin)
-    reached = float(np.max(spin, where=going, initial=0.0))
-    bound = fastest(flight.craft, timing)
-    if reached <= bound:
-        return ""
+        failed = np.broadcast_to(flight.task.failed(states, flight.goals), np.shape(states.p.x))
+    going = ~np.logical_or.accumulate(failed, axis=0)
+    spin = np.linalg.norm(np.array(states.spin()), axis=0)
+    result = []
+    reached = float(np.max(spin, where=going & np.isfinite(spin), initial=0.0))
+    bound = fastest(craft, timing)
     steps = timing.substeps or 1
-    return (
-        f"{flight.controller} spins {flight.craft.name} at up to {reached:.3g} rad/s, but its motion is accurate "
-        f"up to {bound:.3g} rad/s with {counted(steps, 'substep')} of a control period of "
-        f"{timing.control_period:g} s; set timing.substeps to {math.ceil(steps * reached / bound)} or more. The "
-        "usual cause is a fault or a disturbance torque that the controller does not balance, or an agent that has "
-        "not learnt to stop its spin."
+    if reached > bound:
+        result.append(
+            f"{flight.controller} spins {craft.name} at up to {reached:.3g} rad/s, but its motion is accurate up "
+            f"to {bound:.3g} rad/s with {counted(steps, 'substep')} of a control period of "
+            f"{timing.control_period:g} s; set timing.substeps to {math.ceil(steps * reached / bound)} or more. "
+            "The usual cause is a fault or a disturbance torque that the controller does not balance, or an agent "
+            "that has not learnt to stop its spin."
+        )
+    if craft.slosh is not None:
+        reached = float(np.nanmax(rod_rate(craft, states), where=going, initial=0.0))
+        bound = fastest_rod(craft, timing)
+        if reached > bound:
+            needed = math.ceil(reached * timing.control_period / FAST)
+            result.append(
+                f"{flight.controller} swings the liquid of {craft.name} at up to {reached:.3g} rad/s, but its "
+                f"motion is accurate up to {bound:.3g} rad/s; set timing.substeps to {needed} or more. The usual "
+                "cause is a liquid with little friction, which thrust in step with it makes ever faster."
+            )
+    result.extend(_lost(flight, timing, going))
+    return result
+
+
+def _lost(flight: Flight, timing: Timing, going: np.ndarray) -> Iterator[str]:
+    """Sentence that flights left every path that a craft can take; none if all are on one."""
+    craft = flight.craft
+    period = timing.control_period
+    before, after = (map_leaves(lambda x, part=part: x[part], flight.states) for part in _STEPS)
+    goals = map_leaves(lambda x: x[:-1] if np.ndim(x) == 2 else x, flight.goals)
+    # Positions and velocities apart from those of free motion.
+    with np.errstate(all="ignore"):
+        p, v = flight.task.drift_at(goals).carry(before.p, before.v, period)
+        moved = np.array((after.p - p).columns()) / period
+        faster = np.array((after.v - v).columns())
+        apart = np.linalg.norm([*moved, *faster], axis=0)
+    strength = sum(thruster.force for thruster in craft.thrusters)
+    most = _IMPOSSIBLE * (strength / (craft.mass * craft.lightest) * period + _PUSHED)
+    if flight.lengths is not None:  # a state is constant after a success
+        going = going & (np.arange(len(going))[:, None] < flight.lengths)
+    wild = going[:-1] & ~(apart <= most)  # also where a number is NaN
+    if not wild.any():
+        return
+    number = int(wild.any(axis=0).sum())
+    largest = float(np.nanmax(apart, where=wild & np.isfinite(apart), initial=0.0))
+    change = "the state was no number"
+    if largest > 0.0:
+        change = f"the motion departed from free motion by {largest:.3g} m/s"
+    most = strength / (craft.mass * craft.lightest) * period
+    yield (
+        f"{number} of {counted(wild.shape[1], 'flight')} of {craft.name} left every path that a craft can take: "
+        f"within a control period of {period:g} s {change}, and all thrusters together give {most:.3g} m/s. The "
+        "usual cause is a huge number in conditions, in the spacecraft's file or in a command; otherwise it is an "
+        "error of RANS."
     )
 
 

@@ -12,8 +12,8 @@ inside
 violated
     A margin of the task's constraints was negative at a check before the flight was over.
 failed
-    The flight is over and not won: at the end of a step the task declared a failure, a number of the state was NaN
-    or infinite, or a constraint was violated that ends episodes.
+    The flight is over and not won: at the end of a step the task declared a failure, the state was lost (NaN,
+    infinite, or one that no craft reaches), or a constraint was violated that ends episodes.
 won
     `rans.tasks.base.Task.done` was true at a check before any failure. Only missions can be won; a mission settles
     at the end of the step in which it is won.
@@ -40,7 +40,7 @@ from typing import Protocol
 
 from rans.episode import Episode, Outcome
 from rans.model.dynamics import thrust
-from rans.model.fields import Field, finite, leaves, where
+from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks.base import Task
@@ -50,7 +50,7 @@ class Failure(IntEnum):
     """Kind of failure of a flight that did not solve its task: the first of these that applies."""
 
     NOT_FINITE = 1
-    """A number of the state became NaN or infinite; the flight ends there."""
+    """The state became NaN or infinite, or one that no craft reaches; the flight ends there."""
     TERMINATED = 2
     """The task declared a failure; the flight ends there."""
     LEFT = 3
@@ -71,7 +71,7 @@ class Failure(IntEnum):
 
 
 _MEANINGS = {
-    Failure.NOT_FINITE: "its state became NaN or infinite",
+    Failure.NOT_FINITE: "its state became NaN, infinite, or one that no craft reaches",
     Failure.TERMINATED: "the task declared it failed",
     Failure.LEFT: "left the tolerances in the last fifth",
     Failure.UNSETTLED: "outside the tolerances all of the last fifth",
@@ -136,7 +136,7 @@ class Effort:
             setting: craft, task and timing.
             outcome: outcome of the step.
             running: whether each flight was not over before the step.
-            lost: whether the state is no longer finite; its reward is left out.
+            lost: whether the state was lost; its reward is left out.
             late: whether the step belongs to the last fifth.
         """
         craft = setting.craft
@@ -164,7 +164,7 @@ class FlightAccumulator:
     running: Field
     """Whether the flight is not over."""
     lost: Field
-    """Whether a number of the state was no longer finite before the flight was over."""
+    """Whether the state was lost before the flight was over (`rans.episode.Outcome.lost`)."""
     inside: Field
     """Whether the flight is inside now."""
     missed: Field
@@ -218,7 +218,7 @@ class FlightAccumulator:
         steps = setting.timing.episode_steps
         instant = setting.timing.step(outcome.episode.clock)
         late = instant > steps - last_fifth(steps)
-        lost = running & ~finite(*leaves(outcome.episode.state))
+        lost = running & outcome.lost
         new = self.at(instant, late, outcome.reached, outcome.terminated, lost, outcome.done)
         violated = self.violated
         for margin in outcome.margins.values():
@@ -251,7 +251,7 @@ class FlightAccumulator:
             late: whether the instant belongs to the last fifth.
             reached: see `rans.episode.Outcome`.
             terminated: see `rans.episode.Outcome`.
-            lost: whether a number of the state is no longer finite.
+            lost: whether the state was lost.
             done: whether the mission is won; ignored for tasks that cannot be won.
         """
         inside = reached & self.running & ~terminated

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -212,12 +213,36 @@ def test_a_state_that_is_no_number_has_failed(number: float) -> None:
     assert not outcome.truncated
     starts = scenarios(GoToPose(), PLATFORM, seed=2, count=3)
     body = replace(Body.of(PLATFORM), mass=np.array([1.0, number, 1.0]))
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"), warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         flight = fly(PLATFORM, GoToPose(), Random(8), starts, Timing(episode_steps=10), body=body)
+    assert len(said) == math.isnan(number)  # an infinite mass is none that thrust moves
     if math.isnan(number):
         assert flight.failed().tolist() == [False, True, False]
         assert np.isnan(flight.states.p.x[1:, 1]).all()
         assert np.isfinite(flight.states.p.x[:, [0, 2]]).all()
+
+
+@pytest.mark.parametrize("way", [(1e8, 0.0), (0.0, 1e8), (-1e25, 0.0), (math.nan, 0.0)])
+def test_an_episode_ends_before_a_state_that_no_craft_reaches(way: tuple[float, float]) -> None:
+    """A jump of 1e8 m, or to 1e8 m/s, within 0.2 s; the observation is of the state before."""
+    place, speed = way
+
+    def move(state: Any, inputs: Any) -> Any:
+        return (replace(state, p=state.p + Vec2(place, 0.0), v=state.v + Vec2(0.0, speed)),)
+
+    start = PlanarState(Vec2(1.0, 2.0), Heading(0.5), Vec2(0.1, 0.2), 0.3)
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    world = World(Setup(PLATFORM, GoToPose(fail_distance=1e30)))
+    outcome = step(world, Episode(start, goal), (0.0,) * 8, move=move)
+    assert outcome.lost
+    assert outcome.failed
+    assert not outcome.truncated
+    assert leaves(outcome.episode.state) == leaves(start)
+    assert math.isfinite(outcome.reward)
+    # Numbers as large are no fault: they are those of a craft that moved so before.
+    far = replace(start, p=Vec2(1e12, 0.0), v=Vec2(1e9, 0.0))
+    assert not step(world, Episode(far, goal), (0.0,) * 8).lost
 
 
 def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draws, Episode]:

@@ -181,6 +181,7 @@ def test_an_episode_does_not_depend_on_its_neighbours(shipped: Spacecraft, index
         )  # last digits of sin, cos
 
 
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
 def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
     """The second of three spacecraft is commanded with infinity in the third period."""
 
@@ -194,7 +195,7 @@ def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
     task = GoToPose()
     pilot = Overflowing(8)
     starts = scenarios(task, craft, 1, 3)
-    with np.errstate(invalid="ignore"):
+    with pytest.warns(UserWarning, match="1 of 3 flights of floating-platform left every path"):
         flight = fly(craft, task, pilot, starts, Timing(episode_steps=5))
     assert flight.failed().tolist() == [False, True, False]
     gone = [[False, late, False] for late in (False, False, False, True, True, True)]
@@ -283,13 +284,28 @@ def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps() -> None:
     """Within a period of 0.5 s 0.1 rad are turned, or 50."""
     flight = flight_of([[1.0], [1.0]], 0.0, spin=-0.2)
     timing = Timing(0.5, substeps=1)
-    assert outran(flight, timing) == ""
-    said = outran(flight_of([[1.0], [1.0]], 0.0, spin=-100.0), timing)
+    assert outran(flight, timing) == []
+    (said,) = outran(flight_of([[1.0], [1.0]], 0.0, spin=-100.0), timing)
     assert "by hand spins floating-platform at up to 100 rad/s" in said
     bound = fastest(flight.craft, timing)
     for times, advised in ((1.2, 2), (2.0, 2), (2.1, 3)):
-        said = outran(flight_of([[1.0], [1.0]], 0.0, spin=-(times - 1e-9) * bound), timing)
+        (said,) = outran(flight_of([[1.0], [1.0]], 0.0, spin=-(times - 1e-9) * bound), timing)
         assert f"timing.substeps to {advised} or more" in said
+
+
+def test_flights_off_every_path_are_counted() -> None:
+    """Within 0.2 s the platform gains 0.3 m/s at most: 1 m away from its path is possible, 100 m are not."""
+    timing = Timing(0.2)
+    rest = [[1.0, 2.0], [1.0, 2.0], [1.0, 2.0]]
+    assert outran(flight_of(rest, 0.0), timing) == []
+    assert outran(flight_of([*rest[:2], [1.0, 3.0]], 0.0), timing) == []
+    for gone in (100.0, 1e25, -100.0):
+        flight = flight_of([*rest[:2], [1.0, gone]], 0.0, task=GoToPose(fail_distance=1e30))
+        (said,) = outran(flight, timing)
+        assert said.startswith("1 of 2 flights of floating-platform left every path")
+    # What happens after a failure is not judged.
+    failed = [[1.0, 50.0], [1.0, 50.0], [1.0, 1e9]]
+    assert outran(flight_of(failed, 0.0), timing) == []
 
 
 def test_a_stuck_thruster_that_outruns_the_substeps_is_reported() -> None:

@@ -56,6 +56,7 @@ class History:
             outcome: Any = SimpleNamespace(
                 episode=SimpleNamespace(state=state, clock=clock + k),
                 terminated=self.lost[k] | self.failed[k],
+                lost=self.lost[k],
                 done=None,
                 margins={},
                 reached=self.inside[k],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from datetime import date
 from typing import Literal
 
 import pytest
@@ -25,10 +26,11 @@ def agrees(
     within(compare(effects, dimension, period, seed, seconds))
 
 
-def within(apart: Apart) -> None:
+def within(apart: Apart, force: float = 0.5) -> None:
+    """As the bounds say; masses and momenta are in proportion to the force of a nozzle, N."""
     assert apart.position < BOUND, apart
     assert apart.attitude < BOUND, apart
-    assert apart.stores < ROUNDING, apart
+    assert apart.stores < ROUNDING * max(1.0, force), apart
 
 
 @pytest.mark.parametrize(
@@ -44,6 +46,31 @@ def test_a_pair_of_effects_agrees_with_scipy(
     pair: tuple[str, str], dimension: Literal[2, 3], period: float
 ) -> None:
     agrees(pair, dimension, period, seed=1)
+
+
+FORCES = (0.05, 1.0, 7.3, 5000.0)
+"""N. Sums of 1 and 5,000 N are exact in binary numbers; those of the others leave thrust of rounding in shut
+valves."""
+EVERY = [*itertools.product(range(len(PAIRS)), (2, 3), FORCES)]
+TODAY = date.today().toordinal()
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_another_pair_every_day_agrees_with_scipy(turn: int) -> None:
+    """In a year every pair is flown in the plane and in space with every force."""
+    # 389 and the number of flights have no common divisor: all come by.
+    pair, dimension, force = EVERY[(3 * TODAY + turn) * 389 % len(EVERY)]
+    effects = PAIRS[pair]
+    within(compare(effects, dimension, 0.2, 2, 2.0 if "pulsed" in effects else 3.0, force), force)
+
+
+def test_every_pair_has_its_day() -> None:
+    assert {k * 389 % len(EVERY) for k in range(len(EVERY))} == set(range(len(EVERY)))
+
+
+def test_a_tank_with_slow_valves_agrees_with_scipy() -> None:
+    """They once lost a state in 1 of 3 flights, with nozzles of 7.3 N; this one among them."""
+    within(compare(("tank", "latency", "ramps"), 2, 0.1, 0, 2.0, 7.3), 7.3)
 
 
 GROUPS = groups(5)
@@ -65,11 +92,15 @@ def duration(number: int) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("number", range(len(GROUPS)), ids=lambda k: "-".join(GROUPS[k]))
-def test_every_pair_of_effects_agrees_with_scipy(number: int) -> None:
-    """A group of effects is in the plane or in space, at one of two periods; Drake has it in the other."""
-    dimension: Literal[2, 3] = 3 if number % 2 else 2
-    agrees(GROUPS[number], dimension, (0.5, 0.2)[number // 2 % 2], seed=2, seconds=duration(number))
+def test_every_pair_of_effects_agrees_with_scipy(
+    number: int, dimension: Literal[2, 3], force: float
+) -> None:
+    """Every pair is in a group of effects, which fly in the plane and in space with every force."""
+    period = 0.5 if number // 2 % 2 and "slosh" not in GROUPS[number] else 0.2
+    within(compare(GROUPS[number], dimension, period, 2, duration(number), force), force)
 
 
 @pytest.mark.slow
@@ -77,7 +108,7 @@ def test_every_pair_of_effects_agrees_with_scipy(number: int) -> None:
 def test_all_effects_together_agree_with_scipy(
     seed: int, dimension: Literal[2, 3], period: float
 ) -> None:
-    alone = ("pulsed", "throttle", "gravity")
+    alone = ("pulsed", "throttle", "gravity", "slosh")
     agrees(tuple(one for one in EFFECTS if one not in alone), dimension, period, seed, seconds=10.0)
 
 

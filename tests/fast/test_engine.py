@@ -12,6 +12,7 @@ import torch
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
+from rans.model.body import Body
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -92,6 +93,26 @@ def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -
     assert lost.terms[:, 1].eq(0.0).all()
     assert torch.equal(lost.reward[[0, 2, 3]], fine.reward[[0, 2, 3]])
     assert torch.equal(lost.terms[:, [0, 2, 3]], fine.terms[:, [0, 2, 3]])
+
+
+@by_turns
+@pytest.mark.parametrize("mass", [math.nan, 1e-9])
+def test_the_last_observation_of_a_lost_state_is_finite(
+    backend: Any, craft: Spacecraft, mass: float
+) -> None:
+    """A mass that is no number, or that flies away at 1e8 m/s within a period, in every program."""
+    body = replace(Body.of(craft), mass=np.full(4, craft.mass))
+    far = replace(NEAR, fail_distance=1e20)
+    engine = backend(craft, far, 4, SHORT, seed=3, body=body)
+    before = engine.observe().clone()
+    engine.body.mass[1] = mass
+    all_open = torch.zeros_like(actions(craft, 4, 1)[0])
+    all_open[:, 0] = 1
+    step = engine.step(all_open)
+    assert step.terminated.tolist() == [False, True, False, False]
+    assert step.final_observation[1].isfinite().all()
+    torch.testing.assert_close(step.final_observation[1], before[1], rtol=0, atol=1e-6)
+    assert step.reward.isfinite().all()
 
 
 @by_turns

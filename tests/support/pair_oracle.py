@@ -18,10 +18,11 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from rans.flight import Flight
 from rans.model.actuators import Pulsed, Throttle
@@ -66,6 +67,10 @@ class Oracle:
         self.sound = self.failed = Health(np.ones(count), np.zeros(count))
         self.fails = math.inf
         self.droop = 1.0 if craft.thrust_sharing == "split" else 0.0
+        self.directions = np.array([t.direction for t in craft.thrusters])
+        self.places = np.array([t.position for t in craft.thrusters])
+        self.swings = 1.0
+        self.sticks = 1.0
         if self.drawn is not None:
             self._randomize(self.drawn)
         self.axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
@@ -93,6 +98,14 @@ class Oracle:
             self.fails = drawn.fault.begins
         if body.droop is not None:
             self.droop = body.droop
+        for number, mounting in enumerate(body.mountings):
+            size = self.craft.dimension
+            self.directions[number, :size] = mounting.direction
+            self.places[number, :size] += mounting.offset
+        if body.slosh_mass is not None:
+            self.swings = body.slosh_mass
+        if body.slosh_damping is not None:
+            self.sticks = body.slosh_damping
 
     # Thrust.
 
@@ -223,9 +236,8 @@ class Oracle:
         craft = self.craft
         thrusters = len(craft.thrusters)
         commands = self.flight.commands[:, self.number]
-        directions = np.array([t.direction for t in craft.thrusters])
-        forces = directions * np.array([[t.force] for t in craft.thrusters])
-        torques = np.cross(np.array([t.position for t in craft.thrusters]) - self.centre, forces)
+        forces = self.directions * np.array([[t.force] for t in craft.thrusters])
+        torques = np.cross(self.places - self.centre, forces)
         if craft.dimension == 2:
             torques[:, :2] = 0.0
         sizes = np.array([t.force for t in craft.thrusters])
@@ -257,7 +269,7 @@ class Oracle:
         return (after - momenta) / self.period
 
     def _momenta(self, y: np.ndarray) -> np.ndarray:
-        return self.rotors * (self.axes @ y[10:13] + y[14:])
+        return self.rotors * (self.axes @ y[10:13] + y[14 : 14 + len(self.rotors)])
 
     def _begun(self) -> np.ndarray:
         """Position, attitude (w, x, y, z), velocity, spin, propellant and the speeds of rotors at the start."""
@@ -272,7 +284,7 @@ class Oracle:
         left = stores.pop(0) if self.craft.propellant is not None else 0.0
         speeds = [
             h / wheel.inertia - np.dot(wheel.axis, motion[10:13])
-            for h, wheel in zip(stores, self.craft.wheels, strict=True)
+            for h, wheel in zip(stores, self.craft.wheels, strict=False)
         ]
         return np.array([*motion, left, *speeds])
 
@@ -376,3 +388,175 @@ def _matrix(a: float, b: float, c: float, d: float) -> np.ndarray:
             [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
         ]
     )
+
+
+class Pendulum(NamedTuple):
+    """The rigid part of a craft with a sloshing liquid, and the mass that swings; vectors in B."""
+
+    rigid: float
+    """Mass of the rigid part, kg."""
+    mass: float
+    """Mass that swings, kg."""
+    inertia: np.ndarray
+    """Of the rigid part about its own centre, kg m^2."""
+    origin: np.ndarray
+    """From the rigid part's centre to B's origin, m."""
+    hinge: np.ndarray
+    """From the rigid part's centre to the hinge, m."""
+    length: float
+    """Length of the rod, m."""
+    damping: float
+    """Friction of the hinge, N m s."""
+
+
+class SwingingOracle(Oracle):
+    """One flight of a craft in which a mass swings on a massless rod.
+
+    Newton's equations of the rigid part and of the mass, Euler's of the rigid part and of each rotor, and a rod
+    of constant length are solved as one linear system for the accelerations of both, w', the rotors' s', and the
+    tension. The state has the rigid part's centre in place of B's origin, and after the rotors the rod's unit
+    vector in B and its derivative as seen from B.
+    """
+
+    def __init__(self, flight: Flight, drawn: EpisodeParameters | None, number: int) -> None:
+        super().__init__(flight, drawn, number)
+        slosh = self.craft.slosh
+        assert slosh is not None
+        mass = self.mass * self.swings * slosh.mass / self.craft.mass
+        rigid = self.mass - mass
+        hinge = np.array(slosh.hinge) - self.centre
+        resting = hinge + slosh.length * np.array(slosh.direction)
+        # At rest both have their common centre in B's origin, and together the inertia of the craft.
+        origin = resting * (mass / rigid)
+        inertia = self.inertia.copy()
+        for part, arm in ((mass, resting), (rigid, origin)):
+            inertia -= part * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        if self.craft.dimension == 2:
+            inertia = np.diag([1.0, 1.0, inertia[2, 2]])
+        damping = self.sticks * slosh.damping
+        self.pendulum = Pendulum(
+            rigid, mass, inertia, origin, hinge + origin, slosh.length, damping
+        )
+
+    def _begun(self) -> np.ndarray:
+        y = super()._begun()
+        rotors = len(self.rotors)
+        stores = [float(x[0, self.number]) for x in self.flight.states.stores[rotors:]]
+        if self.craft.dimension == 3:
+            rod = stores
+        else:
+            assert self.craft.slosh is not None
+            x, z, _ = self.craft.slosh.direction
+            angle, rate = stores
+            c, s = math.cos(angle), math.sin(angle)
+            along = np.array([c * x - s * z, s * x + c * z, 0.0])
+            rod = [*along, *(rate * np.array([-along[1], along[0], 0.0]))]
+        turn = Rotation.from_quat(y[[4, 5, 6, 3]])
+        y[:3] -= turn.apply(self.pendulum.origin)
+        y[7:10] -= turn.apply(np.cross(y[10:13], self.pendulum.origin))
+        return np.array([*y[: 14 + rotors], *rod])
+
+    def _columns(self, y: np.ndarray) -> list[float]:
+        y = y.copy()
+        turn = Rotation.from_quat(y[[4, 5, 6, 3]])
+        y[:3] += turn.apply(self.pendulum.origin)
+        y[7:10] += turn.apply(np.cross(y[10:13], self.pendulum.origin))
+        rod = y[14 + len(self.rotors) :]
+        if self.craft.dimension == 3:
+            return [*super()._columns(y), *rod]
+        assert self.craft.slosh is not None
+        x, z, _ = self.craft.slosh.direction
+        angle = math.atan2(x * rod[1] - z * rod[0], x * rod[0] + z * rod[1])
+        return [*super()._columns(y), angle, rod[0] * rod[4] - rod[1] * rod[3]]
+
+    def _carried(
+        self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
+    ) -> np.ndarray:
+        rate = self._swinging(load, motors, pull, duration)
+        y = solve_ivp(rate, (0.0, duration), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+        y[3:7] /= math.hypot(*y[3:7])
+        return y
+
+    def _swinging(self, load: Any, motors: np.ndarray, pull: Any, duration: float) -> Any:
+        (force, torque), (more_force, more_torque) = load
+        pull_force, pull_torque = pull
+        one = self.pendulum
+        count = len(self.rotors)
+        gravity = np.zeros(3)
+        if isinstance(self.drift, UniformGravity):
+            gravity[: len(self.drift.acceleration)] = self.drift.acceleration
+        flat = self.craft.dimension == 2
+        cross = np.cross
+        # Columns: acceleration of the rigid part, w', the rod's second derivative seen from B, tension, s'.
+        matrix = np.zeros((10 + count, 10 + count))
+        matrix[:3, :3] = one.rigid * np.eye(3)
+        matrix[3:6, :3] = one.mass * np.eye(3)
+        matrix[3:6, 6:9] = one.mass * one.length * np.eye(3)
+        matrix[6:9, 3:6] = one.inertia + (self.axes.T * self.rotors) @ self.axes
+        matrix[6:9, 10:] = self.axes.T * self.rotors
+        matrix[10:, 3:6] = (self.axes.T * self.rotors).T
+        matrix[10:, 10:] = np.diag(self.rotors)
+
+        def skew(v: np.ndarray) -> np.ndarray:
+            return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+        def rate(time: float, y: np.ndarray) -> np.ndarray:
+            share = time / duration
+            a, b, c, d = y[3:7]
+            w = y[10:13]
+            rod = y[14 + count : 17 + count]
+            slip = y[17 + count : 20 + count]
+            turn = Rotation.from_quat([b, c, d, a]).as_matrix()
+            pushed = force + share * more_force + turn.T @ pull_force
+            twisted = torque + share * more_torque + turn.T @ pull_torque
+            falls = turn.T @ gravity
+            reach = one.hinge + one.length * rod
+            drag = -one.damping / one.length * slip
+            momentum = one.inertia @ w + self.axes.T @ self._momenta(y)
+            left = matrix.copy()
+            left[:3, 9] = rod
+            left[3:6, 3:6] = -one.mass * skew(reach)
+            left[3:6, 9] = -rod
+            left[6:9, 9] = cross(one.hinge, rod)
+            left[9, 6:9] = rod
+            right = np.concatenate(
+                [
+                    pushed - drag + one.rigid * falls,
+                    drag
+                    + one.mass
+                    * (falls - cross(w, cross(w, reach)) - 2.0 * one.length * cross(w, slip)),
+                    twisted
+                    + cross(one.origin, pushed)
+                    - cross(one.hinge, drag)
+                    + one.damping * cross(rod, slip)
+                    - cross(w, momentum),
+                    [-slip @ slip],
+                    motors,
+                ]
+            )
+            if flat:  # what would leave the plane is held
+                right[[2, 5, 6, 7]] = 0.0
+                left[6:8] = 0.0
+                left[6, 3] = left[7, 4] = 1.0
+            solved = np.linalg.solve(left, right)
+            p, q, r = w
+            turned = (
+                -0.5 * (b * p + c * q + d * r),
+                0.5 * (a * p + c * r - d * q),
+                0.5 * (a * q + d * p - b * r),
+                0.5 * (a * r + b * q - c * p),
+            )
+            return np.array(
+                [
+                    *y[7:10],
+                    *turned,
+                    *(turn @ solved[:3]),
+                    *solved[3:6],
+                    0.0,
+                    *solved[10:],
+                    *slip,
+                    *solved[6:9],
+                ]
+            )
+
+        return rate

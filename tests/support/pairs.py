@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import warnings
 from collections.abc import Collection
 from dataclasses import replace
@@ -16,6 +17,7 @@ from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
 from rans.model.fields import unflatten
 from rans.model.random import Draws
+from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.model.timing import Timing
 from rans.randomization.conditions import (
@@ -29,7 +31,7 @@ from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import GoToPose
-from tests.support.pair_oracle import Oracle
+from tests.support.pair_oracle import Oracle, SwingingOracle
 from validation.study.sampling import Restless, gaps
 
 _SECTIONS: dict[str, Any] = {
@@ -43,6 +45,7 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "thrust": ("thrusters", {"thrust": (0.7, 1.3), "pressure": (0.8, 1.0), "droop": (0.0, 0.3)}),
     "latency": ("thrusters", {"latency": (0.0, 0.1), "command_delay": (0.0, 0.2)}),
     "ramps": ("thrusters", {"rise": (0.0, 0.1), "fall": (0.0, 0.1)}),
+    "mountings": ("thrusters", {"misalignment": (0.0, 0.1), "position": (0.0, 0.01)}),
     "dwell": ("thrusters", {"least_on": (0.0, 0.6), "least_off": (0.0, 0.6)}),
     "faults": (
         "faults",
@@ -61,10 +64,13 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "kicks": ("disturbances", {"kicks": 3, "kick": (0.1, 1.0), "kick_spin": (0.01, 0.05)}),
 }
 """Ranges that a thruster of the craft below can balance, by effect."""
-EFFECTS = ("pulsed", "throttle", "wheels", "tank", "orbit", "gravity", *_CONDITIONS)
+_SCALED = ("force", "torque", "slow_force", "slow_torque", "kick", "kick_spin")
+EFFECTS = ("pulsed", "throttle", "wheels", "tank", "slosh", "orbit", "gravity", *_CONDITIONS)
 _APART = (
     {"pulsed", "throttle"},
     {"orbit", "gravity"},
+    {"slosh", "tank"},
+    {"slosh", "orbit"},
     {"dwell", "pulsed"},
     {"dwell", "throttle"},
 )
@@ -124,8 +130,18 @@ class FallingInSpace(GoToPose):
         return UniformGravity((0.01, -0.02, 0.03))
 
 
-def craft_with(effects: Collection[str], dimension: Literal[2, 3], seed: int) -> Spacecraft:
-    """A random craft that its thrusters can control, with the effectors that are among the effects."""
+def craft_with(
+    effects: Collection[str], dimension: Literal[2, 3], seed: int, force: float | None = None
+) -> Spacecraft:
+    """A random craft that its thrusters can control, with the effectors that are among the effects.
+
+    Args:
+        effects: names of effects.
+        dimension: 2 or 3.
+        seed: of the craft.
+        force: of every nozzle, N, with mass, inertia, wheels and liquid in proportion; None: 0.2 to 0.8 N each.
+    """
+    size = 1.0 if force is None else 2.0 * force
     random = np.random.default_rng([seed, dimension, 7])
     flat = np.array([1.0, 1.0, dimension - 2.0])
     kinds = {"pulsed": Pulsed(10, 1), "throttle": Throttle(0.1)}
@@ -135,12 +151,12 @@ def craft_with(effects: Collection[str], dimension: Literal[2, 3], seed: int) ->
         axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
         if dimension == 2:
             axes = np.eye(3)
-        tensor = axes @ np.diag([b + c, a + c, a + b]) @ axes.T
+        tensor = axes @ np.diag([b + c, a + c, a + b]) @ axes.T * size
         nozzles = tuple(
             Thruster(
                 _triple(random.uniform(-0.3, 0.3, 3) * flat),
                 _unit(random.normal(size=3) * flat),
-                random.uniform(0.2, 0.8),
+                random.uniform(0.2, 0.8) if force is None else force,
             )
             for _ in range(8 if dimension == 2 else 14)
         )
@@ -152,19 +168,31 @@ def craft_with(effects: Collection[str], dimension: Literal[2, 3], seed: int) ->
             wheels = tuple(
                 Wheel(
                     _unit(way),
-                    random.uniform(0.01, 0.05),
-                    random.uniform(0.05, 0.2),
-                    random.uniform(1e-4, 1e-3),
+                    random.uniform(0.01, 0.05) * size,
+                    random.uniform(0.05, 0.2) * size,
+                    random.uniform(1e-4, 1e-3) * size,
                 )
                 for way in ways
             )
-        mass = random.uniform(4.0, 12.0)
+        mass = random.uniform(4.0, 12.0) * size
         tank = None
         if "tank" in effects:
             # All thrusters together burn a full tank within 8 s, which is far more than any real craft does.
             burned = random.uniform(0.2, 0.5) * mass
-            force = sum(one.force for one in nozzles)
-            tank = Propellant(burned, force * 8.0 / (burned * 9.80665))
+            thrust = sum(one.force for one in nozzles)
+            tank = Propellant(burned, thrust * 8.0 / (burned * 9.80665))
+        slosh = None
+        if "slosh" in effects:
+            # Up to a tenth of the mass, with a hundredth of critical friction at 0.3 m/s^2.
+            swings = random.uniform(0.03, 0.1) * mass
+            length = random.uniform(0.04, 0.08)
+            slosh = Slosh(
+                swings,
+                length,
+                _triple(random.uniform(-0.05, 0.05, 3) * flat),
+                _unit(random.normal(size=3) * flat),
+                0.02 * swings * length**2 * math.sqrt(0.3 / length),
+            )
         with warnings.catch_warnings():  # drawn again where it cannot be controlled
             warnings.simplefilter("ignore", UserWarning)
             craft = Spacecraft(
@@ -175,6 +203,7 @@ def craft_with(effects: Collection[str], dimension: Literal[2, 3], seed: int) ->
                 nozzles,
                 wheels=wheels,
                 propellant=tank,
+                slosh=slosh,
                 actuators=actuators,
             )
         if controls_every_direction(craft):
@@ -190,11 +219,20 @@ def _triple(vector: Any) -> tuple[float, float, float]:
     return (x, y, z)
 
 
-def conditions_of(effects: Collection[str]) -> Conditions | None:
-    """Conditions with those of the effects that are conditions; None: there are none."""
+def conditions_of(effects: Collection[str], force: float | None = None) -> Conditions | None:
+    """Conditions with those of the effects that are conditions; None: there are none.
+
+    Disturbances are in proportion to the force of `craft_with`.
+    """
+    size = 1.0 if force is None else 2.0 * force
     sections: dict[str, dict[str, Any]] = {}
     for name in (one for one in effects if one in _CONDITIONS):
         section, values = _CONDITIONS[name]
+        if section == "disturbances":
+            values = {
+                key: tuple(size * x for x in value) if key in _SCALED else value
+                for key, value in values.items()
+            }
         sections.setdefault(section, {}).update(values)
     if not sections:
         return None
@@ -246,10 +284,11 @@ def flown(
     period: float,
     seed: int,
     seconds: float = 25.0,
+    force: float | None = None,
 ) -> Flown:
-    """Fly a random craft under some effects with the substeps that RANS chooses."""
-    craft = craft_with(effects, dimension, seed)
-    conditions = conditions_of(effects)
+    """Fly a random craft under some effects with the substeps that RANS chooses; force as of `craft_with`."""
+    craft = craft_with(effects, dimension, seed, force)
+    conditions = conditions_of(effects, force)
     task_class = GoToPose
     if "orbit" in effects:
         task_class = InOrbit
@@ -258,13 +297,15 @@ def flown(
     task = task_class(fail_distance=1e6, fail_spin=1e6)
     timing = Timing(period, episode_steps=round(seconds / period))
     starts = scenarios(task, craft, seed, 1)
-    if craft.stores:
+    if "tank" in effects or "wheels" in effects:
         # Part of a tank, so that some flights run empty, and wheels that turn.
         random = np.random.default_rng([seed, 5])
         stores = tuple(
             np.array([random.uniform(0.3 * s.high if s.low == 0.0 else 0.5 * s.low, 0.5 * s.high)])
             for s in craft.stores
+            if s not in craft.slosh_stores
         )
+        stores += tuple(np.array([s.initial]) for s in craft.slosh_stores)
         starts = replace(starts, start=replace(starts.start, stores=stores))
     own = draws(seed, 1)
     with warnings.catch_warnings():  # that a period of 0.5 s is too long for some of them
@@ -280,15 +321,17 @@ def compare(
     period: float,
     seed: int,
     seconds: float = 25.0,
+    force: float | None = None,
 ) -> Apart:
-    """Fly a random craft under some effects in RANS, and again by the oracle."""
-    flight, _, conditions, own = flown(effects, dimension, period, seed, seconds)
+    """Fly a random craft under some effects in RANS, and again by the oracle; force as of `craft_with`."""
+    flight, _, conditions, own = flown(effects, dimension, period, seed, seconds, force)
     drawn = None
     if conditions is not None:
         craft = flight.craft
         steps = flight.timing.episode_steps
         drawn = draw(conditions, craft, Body.of(craft), steps, own.first, own)
-    rows = Oracle(flight, drawn, 0).fly()
+    kind = Oracle if flight.craft.slosh is None else SwingingOracle
+    rows = kind(flight, drawn, 0).fly()
     return _apart(flight, unflatten(flight.states, [column[:, None] for column in rows.T]))
 
 
@@ -317,7 +360,10 @@ def compare_with_drake(
 
 
 def _apart(flight: Flight, others: Any) -> Apart:
-    off = gaps(flight.states, others)
+    # The rod's direction and rate, which follow from the motion, are no amounts that are kept.
+    amounts = len(flight.craft.stores) - len(flight.craft.slosh_stores)
+    ours, theirs = (replace(x, stores=x.stores[:amounts]) for x in (flight.states, others))
+    off = gaps(ours, theirs)
     spin = np.linalg.norm(np.array(flight.states.spin()), axis=0)
     return Apart(
         float(off["position"].max()),

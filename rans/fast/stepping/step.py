@@ -34,13 +34,14 @@ class Step(NamedTuple):
     observation: Tensor
     """(N, width): observation after the step; the first one of the new episode where one ended."""
     reward: Tensor
-    """(N,): reward; 0 where the state is not finite."""
+    """(N,): reward; of a lost state (`rans.episode.Outcome.lost`) that of the one before, or 0."""
     terminated: Tensor
     """(N,) bool: the task ended the episode by failure or success."""
     truncated: Tensor
     """(N,) bool: time is up, and the task did not end the episode."""
     final_observation: Tensor
-    """(N, width): observation of the last state of episodes that ended; other rows are undefined."""
+    """(N, width): observation of the last state of episodes that ended; where the state was lost
+    (`rans.episode.Outcome.lost`), of the one before, which is finite. Other rows are undefined."""
     reached: Tensor
     """(N,) bool: within the task's tolerances at the end of the period without a failure, or the mission is won."""
     terms: Tensor
