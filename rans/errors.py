@@ -79,6 +79,8 @@ def meant_file(name: str | Path) -> str:
         return ""
     if f"{path.name}.toml" in neighbours:
         return f" (did you mean {path}.toml?)"
+    if path.suffix and (right := path.with_suffix(".toml").name) in neighbours:  # mine.tml
+        return f" (did you mean {path.with_suffix('.toml')}?)" if right != path.name else ""
     alike = [
         neighbour
         for neighbour in neighbours

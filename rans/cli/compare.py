@@ -270,6 +270,12 @@ class Compare:
         """Reject (`ConfigError`) wrong options before anything is loaded."""
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
+        for name in self.beside or ():
+            if "," in name:
+                spaced = " ".join(filter(None, name.split(",")))
+                raise ConfigError(
+                    f"--with takes names with spaces between them: write --with {spaced}."
+                )
         for name in set(self.beside or ()) - {"optimal"}:
             CONTROLLERS[typed(name)]  # reject a wrong name before the flights
         if self._certified < 0:

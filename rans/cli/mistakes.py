@@ -180,6 +180,7 @@ def _check_is_task(name: str, word: str) -> None:
     from rans.tasks import TASKS
 
     before, at, craft = word.partition("@")
+    _check_is_no_agent(name, before.removeprefix("pretrained:"), craft)
     bare = re.sub(r"-[23]d(-.*)?$", "", before)
     task = bare.rpartition(":")[2]
     is_known = task in TASKS
@@ -189,6 +190,25 @@ def _check_is_task(name: str, word: str) -> None:
     raise ConfigError(
         f"`rans {name}` takes a task, and {word} names {'its spacecraft' if at else 'who flies it'} too: write "
         f"rans {name} {task if is_known else bare}{option}."
+    )
+
+
+def _check_is_no_agent(name: str, agent: str, craft: str) -> None:
+    """Raise ConfigError with what to write for an agent for any craft, from which the training of one may begin."""
+    from rans.files import read_json
+    from rans.pretrained import pretrained_folder, pretrained_names
+
+    if not craft or not agent.startswith("any-craft-") or agent not in pretrained_names():
+        return  # names of other agents are those of their recipes too
+    words = ["rans", name, read_json(pretrained_folder(agent) / "config.json")["task"]]
+    words += shlex.split(_TAKE_A_TASK[name].format(shlex.quote(craft)))
+    begins = "write "
+    if name == "train":
+        begins = "a training begins from it by "
+        words += ["--quality", "good", "--set", f"begin_from=pretrained:{agent}"]
+        words += ["--set", "curriculum=[]"]
+    raise ConfigError(
+        f"`rans {name}` takes a task, and {agent} is an agent: {begins}{shlex.join(words)}."
     )
 
 

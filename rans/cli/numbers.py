@@ -56,7 +56,7 @@ def _many(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
 
 
 _COUNTS = " A count is written as 1000000, 1e6 or 1M."
-_MULTIPLES = {"k": 10**3, "M": 10**6, "G": 10**9, "B": 10**9}
+_MULTIPLES = {"k": 10**3, "K": 10**3, "M": 10**6, "G": 10**9, "B": 10**9}
 """Letters behind a whole number, as in 200k or 1.5M."""
 
 

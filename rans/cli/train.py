@@ -157,6 +157,7 @@ class Train:
     def _check(self) -> None:
         """Reject (`ConfigError`) what is wrong with the arguments alone, before torch is imported."""
         from rans.fast.learn.recipes import check_task
+        from rans.fast.learn.run_folder import RunFolder
 
         if self.resume is not None:
             rest = tuple(x for x in self.set if x.partition("=")[0] not in _RESUMED)
@@ -172,7 +173,10 @@ class Train:
                 raise ConfigError(
                     f"{self.resume} is not a run folder: there is nothing of that name{near}."
                 )
+            RunFolder(self.resume).config()
             return
+        if self.output is not None:
+            RunFolder(self.output).check_unused()
         if self.task is None:
             raise ConfigError(
                 "say what to train: a task, such as go-to-pose, the config.json of a run, or --resume RUN to "

@@ -75,7 +75,8 @@ def write_export(
     any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
     nothing, and agent_check.c. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
-    form, so that several may share a folder, whose name is the agent's. Everything is written anew: nothing
+    form, so that several may share a folder. An agent that was exported before keeps its name; a trained one has
+    that of the folder. Everything is written anew: nothing
     that was hidden in the run's files is handed on.
 
     For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
@@ -93,7 +94,7 @@ def write_export(
     loaded = load_policy(run)  # says what is wrong with it, if anything
     source = RunFolder(run)
     target = RunFolder(folder)
-    name = folder.resolve().name
+    name = _agent_name(source) or folder.resolve().name
     craft = source.spacecraft()
     if form == "sb3" and not is_identity(craft):
         raise ConfigError(
@@ -234,6 +235,13 @@ def write_agent(
             settings,
             saved.steps,
         )
+
+
+def _agent_name(run: RunFolder) -> str:
+    """Name on the card of an agent that was exported before, or comes with RANS; "" of a training."""
+    file = inside(run.path, "card.json")
+    card = {} if run.metrics_file.exists() or not file.exists() else read_json(file)
+    return str(card.get("name", "")) if isinstance(card, dict) else ""
 
 
 def _card(run: RunFolder) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from importlib import resources
 from pathlib import Path
@@ -244,3 +245,10 @@ def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str
 
 def test_a_task_of_a_module_has_no_id_of_gymnasium(capsys: pytest.CaptureFixture[str]) -> None:
     assert json.loads(listed(capsys, "tests.cli.test_list:Own", "--json"))["gymnasium"] == []
+
+
+def test_a_planar_craft_has_one_moment_of_inertia(capsys: pytest.CaptureFixture[str]) -> None:
+    [row] = [line for line in listed(capsys, "floating-platform").splitlines() if "inertia" in line]
+    assert row.split("│")[-2].strip() == "0.2045"
+    text = listed(capsys, "free-flyer")
+    assert re.search(r"inertia about the centre of mass, kg m²\s+│\s+\(?\S+,? \S+,? \S+", text)

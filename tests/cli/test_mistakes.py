@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import rans
+from rans import cli
 from rans.cli import COMMANDS, main
 from rans.cli.mistakes import COMMAND_NAMES, check_options
 from rans.cli.train import Train, _has_solved, _train_on
@@ -36,6 +37,15 @@ from rans.structure import structure
         ("train go-to-pose-2d@a.toml", "rans train go-to-pose --spacecraft a.toml"),
         ("train meet:Meet@a.toml", "rans train meet:Meet --spacecraft a.toml"),
         ("sweep go-to-pose@a.toml", "rans sweep go-to-pose --set spacecraft=a.toml"),
+        (
+            "train any-craft-2d@a.toml",
+            "rans train go-to-pose --spacecraft a.toml --quality good --set begin_from=pretrained:any-craft-2d",
+        ),
+        ("sweep any-craft-2d@a.toml", "rans sweep go-to-pose --set spacecraft=a.toml"),
+        ("evaluate any-craft@a.toml", "did you mean any-craft-2d or any-craft-3d?"),
+        ("evaluate anycraft2d@a.toml", "did you mean any-craft-2d?"),
+        ("compare lqr:go-to-pose-2d optimum", "--with optimal"),
+        ("compare lqr:go-to-pose-2d --with lqr,mpc", "write --with lqr mpc"),
         ("optimal lqr:dock-3d@a.toml", "rans optimal dock --spacecraft a.toml"),
         ("optimal pretrained:go-to-pose-2d-fast", "rans optimal go-to-pose"),
         ("evaluate lqr:go-to-pose-2d@nowhere.toml", "rans init nowhere.toml"),
@@ -184,3 +194,36 @@ def test_a_dict_in_place_of_an_object_is_written_as_one() -> None:
 def test_a_key_of_another_table_is_named_there() -> None:
     with pytest.raises(ConfigError, match=r"latency in \[thrusters\]"):
         structure({"delay": 0.03}, Conditions, "conditions")
+
+
+def test_a_misspelt_ending_is_near(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("")
+    assert meant_file(tmp_path / "mine.tml") == f" (did you mean {tmp_path / 'mine.toml'}?)"
+    assert meant_file(tmp_path / "yours.tml") == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["go-to-pose", "--output", "begun"], "begun holds a training already"),
+        (["--resume", "empty"], "empty is not a run folder: it has no config.json"),
+        (["any-craft-2d@mine.toml"], "a training begins from it by rans train"),
+    ],
+)
+def test_a_training_is_refused_before_anything_is_prepared(
+    words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The engine took five seconds of a processor, after which the folder was looked at."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun/config.json").write_text("{}")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "mine.toml").write_text("")
+
+    def prepared(*_: object) -> None:
+        pytest.fail("it is prepared before it is refused")
+
+    monkeypatch.setattr("rans.cli.train.compile_in_this_process", prepared)
+    monkeypatch.setattr("rans.compile.cuda.driver.open_ahead", prepared)
+    with pytest.raises(ConfigError, match=sentence):
+        cli._parse(["train", *words]).run()

@@ -16,11 +16,14 @@ from rans.cli import main
 from rans.deploy.export import write_export
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.fly.any_craft import write_for_spacecraft
+from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
 from rans.flight import fly
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.scenario import scenarios
 from tests.support.training import CONFIG, tiny_trainer
 
@@ -89,6 +92,18 @@ def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     assert card["evaluation"]["paper"][""]["settling time"][0] == "inf"  # half of them never settle
 
 
+def test_an_agent_keeps_its_name_in_a_folder_of_another(tmp_path: Path) -> None:
+    """The file in a robot says which agent it is, and not where it was written."""
+    craft = tmp_path / "mine.toml"
+    craft.write_text(to_toml(replace(load_spacecraft("floating-platform"), name="mine")), "utf-8")
+    agent = ContestantName.parse(f"any-craft-2d@{craft}")
+    source = write_for_spacecraft(agent.own_folder, load_spacecraft(str(craft)), tmp_path / "run")
+    card = write_export(source, tmp_path / "firmware", "c", episodes=2, margins=0)
+    assert card["name"] == "any-craft-2d"
+    assert "any-craft-2d: flies mine" in (tmp_path / "firmware/agent.h").read_text("utf-8")
+    assert json.loads((tmp_path / "firmware/card.json").read_text("utf-8"))["name"] == card["name"]
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_it_comes_with_rans_by_name(
     shipped: Path,
@@ -112,9 +127,7 @@ def test_it_comes_with_rans_by_name(
 
 def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None:
     before = json.loads((shipped / "card.json").read_text("utf-8"))
-    assert write_export(shipped, tmp_path / "again", "numpy", episodes=1, margins=0) == before | {
-        "name": "again"
-    }
+    assert write_export(shipped, tmp_path / "again", "numpy", episodes=1, margins=0) == before
 
 
 def test_what_comes_with_the_package_is_exported_already(

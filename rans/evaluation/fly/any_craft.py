@@ -138,9 +138,11 @@ def write_for_spacecraft(
     table = to_table(replace(config, timing=timing)) | {"spacecraft": craft.name}
     write_json(folder / "config.json", table)
     write_text(folder / "spacecraft.toml", to_toml(craft))
-    # The figures of the card are those of another craft.
+    # The agent stays the same one; the other figures of the card are those of another craft.
     card = read_json(source / "card.json")
-    write_json(folder / "card.json", {"training": card["training"]})
+    write_json(
+        folder / "card.json", {key: card[key] for key in ("name", "training") if key in card}
+    )
     return folder
 
 

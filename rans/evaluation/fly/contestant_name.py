@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from rans.errors import ConfigError, brief, meant_file
+from rans.errors import ConfigError, brief, meant, meant_file
 from rans.evaluation.fly.any_craft import ADAPTIVE, write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
 from rans.evaluation.fly.flights_file import is_flights_file
@@ -143,6 +143,16 @@ class ContestantName:
             )
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)
+        if whole in ("optimal", "optimum", "bound", "bounds"):
+            raise ConfigError(
+                f"{whole} is no contestant: optimal trajectories and certified bounds join by --with optimal."
+            )
+        if craft and not is_path and not _exists(agent):
+            near = meant(agent, agents)
+            raise ConfigError(
+                f"there is no run folder {brief(agent)}, and no agent of this name{near}; `rans list AGENTS` "
+                "prints the agents."
+            )
         if not craft and not is_path:
             raise ConfigError(
                 f"there is no run folder {brief(whole)}{meant_file(whole)}, and no controller or agent of this "

@@ -73,12 +73,16 @@ class RunFolder:
             if not held_before:
                 self.release()
 
-    def _check_new(self, spacecraft: str) -> None:
+    def check_unused(self) -> None:
+        """Refuse (`ConfigError`) a folder in which a training has begun; this needs nothing but its name."""
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
                 "choose another folder with --output."
             )
+
+    def _check_new(self, spacecraft: str) -> None:
+        self.check_unused()
         if self.spacecraft_file.exists() and files.read_text(self.spacecraft_file) != spacecraft:
             raise ConfigError(
                 f"{self.spacecraft_file} is a file already, and of another spacecraft than the "

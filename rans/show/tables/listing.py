@@ -38,6 +38,8 @@ class Listing(NamedTuple):
 def spacecraft_listing(craft: Spacecraft) -> Listing:
     """Masses and shape."""
     moments = "\n".join(vector_text(row, 4) for row in craft.inertia)
+    if craft.dimension == 2:  # the axis of the plane is the only one
+        moments = f"{craft.inertia[2][2]:.4g}"
     metre = "never: it has no thruster"
     if craft.thrusters:
         metre = f"{seconds_for_a_metre(craft):.3g} s"
