@@ -237,12 +237,20 @@ class Prover:
         ]
 
     def margin(self, problem: str, piece: Piece) -> float:
-        """Margin of a piece."""
+        """Margin of a piece, whose last four generators are a box."""
         problem_ = self.problem.problem_of(problem)
         network = [
             Layer(np.zeros((problem_.commands, problem_.states)), np.zeros(problem_.commands), "")
         ]
-        ends = self._set(piece.begin), self._set(piece.end)
+        ends = [
+            self.relaxation.Zonotope(
+                *map(
+                    self._tensor,
+                    (end.centre, end.generators[:, :-4], np.diag(end.generators[:, -4:])),
+                )
+            )
+            for end in (piece.begin, piece.end)
+        ]
         sets = self.plants.Piece(*ends, self._tensor(piece.sag))
         return float(self._loop(problem, network)._margin(sets).nan_to_num(-np.inf))
 
@@ -293,7 +301,7 @@ def enclosures(bounds: Bounds) -> None:
     """Networks lie between their planes, which no one layer's error makes much wider than the network bends."""
     random = np.random.default_rng(2)
     for kind, sizes in itertools.product(
-        ("tanh", "sigmoid", "relu"), ((2, 3), (2, 4, 2), (2, 3, 4, 2))
+        ("tanh", "sigmoid", "relu"), ((2, 3), (2, 4, 2), (2, 3, 4, 2), (2, 3, 3, 3, 2))
     ):
         network = [
             Layer(weight, 2.0 * bias, activation)
@@ -311,7 +319,7 @@ def enclosures(bounds: Bounds) -> None:
             x = states.corners(1000, random)
             off = np.abs(answers(network, x) - x @ gain.T - offset)
             assert (off <= error + 1e-12).all()
-            reach = np.abs(gain @ generators).sum(axis=1).max() + error.max()
+            reach = np.abs(gain @ generators).sum(axis=1).max() + error.max() + 1e-9
             worst = max(worst, float((error - off.max(axis=0)).max()) / reach)
         # What an enclosure adds to the samples is a part of how far the answers reach.
         assert worst <= 0.35, worst
@@ -508,7 +516,14 @@ def margins(bounds: Bounds) -> None:
                 axis = number // 3 % 4
                 centre[axis] = random.choice((-1.0, 1.0)) * 6.0
             later = centre + (0.3 if width else 0.0) * random.normal(size=4)
-            begin, last = (Set(c, width * random.normal(size=(4, 3))) for c in (centre, later))
+            begin, last = (
+                Set(
+                    c,
+                    width
+                    * np.column_stack((random.normal(size=(4, 2)), np.diag(random.random(4)))),
+                )
+                for c in (centre, later)
+            )
             # Off the chord along the worst diagonal: sizes of a sag are those of the state.
             sags = sag * (np.abs(centre) if sag else np.zeros(4))
             margin = bounds.margin(text, Piece(begin, last, sags))
@@ -537,7 +552,7 @@ def margins(bounds: Bounds) -> None:
             '["x1", "x2", "x3", "u0"]', 1, 1.0, [0.0] * 4, [0.0] * 4, keep_text(keep, LIMITS[keep])
         )
         point = np.array([3.0, 0.5, 0.5, 3.0])
-        begin, last = (Set(sign * point, np.zeros((4, 1))) for sign in (1.0, -1.0))
+        begin, last = (Set(sign * point, np.zeros((4, 4))) for sign in (1.0, -1.0))
         # Half way the distance is 0, and the speed too.
         assert bounds.margin(text, Piece(begin, last, np.zeros(4))) <= (
             -0.7 if keep == "keep_out" else 0.4
