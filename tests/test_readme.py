@@ -505,3 +505,20 @@ def test_extras_that_errors_and_pages_name_exist() -> None:
     }
     assert {"fast", "plots", "optimal"} <= named
     assert (named | {*EXTRAS.values()}) - extras.keys() == set()
+
+
+OF_OTHERS = {"RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE", "DISPLAY", "WAYLAND_DISPLAY"}
+"""Variables that torchrun and the desktop set, and no user."""
+
+
+def test_environment_variables_are_listed() -> None:
+    """All that the sources read by name, except those of launchers."""
+    texts = [file.read_text("utf-8") for file in (ROOT / "rans").rglob("*.py")]
+    read = {
+        name for text in texts for name in re.findall(r'environ(?:\.get\(|\[)"([A-Z_]+)"', text)
+    }
+    read |= {name for text in texts for name in re.findall(r'_VARIABLE = "([A-Z_]+)"', text)}
+    listed = " ".join(row[0] for row in rows(ROOT / "docs/faq.md", "variable"))
+    named = {name.partition("=")[0] for name in re.findall(r"`([^`]+)`", listed)}
+    assert {"RANS_TRUST", "RANS_TRACEBACK"} <= read
+    assert read - OF_OTHERS - named == set()
