@@ -227,7 +227,8 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _observe(self) -> np.ndarray:
         columns = self._world.observe(self._running(), self._draws)
-        return np.array([float(np.squeeze(x)) for x in columns], dtype=np.float32)
+        observation = np.array([float(np.squeeze(x)) for x in columns], dtype=np.float32)
+        return within(self.observation_space, observation)
 
     def _errors(self) -> dict[str, float]:
         now = self._running()
@@ -315,6 +316,15 @@ def observation_space(
     """
     bounds = np.minimum(example(task, dimension).bounds(), np.finfo(np.float32).max).astype(dtype)
     return spaces.Box(-bounds, bounds, dtype=dtype)
+
+
+def within(space: Any, observation: np.ndarray) -> np.ndarray:
+    """An observation within the bounds of its space, a Box, which rounding breaks by parts of 1e-7.
+
+    Columns without a bound, whose space has the largest float32 number, are as they are.
+    """
+    high = np.where(space.high < np.finfo(np.float32).max, space.high, np.inf)
+    return np.clip(observation, -high, high)
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:

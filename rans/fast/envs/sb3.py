@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from torch import Tensor
 
 from rans.effectors.commands import action_space
-from rans.environment import observation_space
+from rans.environment import observation_space, within
 from rans.errors import ConfigError, checked, one_of
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
@@ -64,7 +64,7 @@ class SB3VecEnv(VecEnv):
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._returns[:] = 0.0
         self._lengths[:] = 0
-        observation = _float32(self.engine.reset(seed))
+        observation = within(self.observation_space, _float32(self.engine.reset(seed)))
         if self._film is not None:
             self._film.restart()
         return observation
@@ -101,7 +101,7 @@ class SB3VecEnv(VecEnv):
         self._returns += reward
         self._lengths += 1
         if len(ended):
-            final = _float32(step.final_observation)
+            final = within(self.observation_space, _float32(step.final_observation))
             truncated = step.truncated.cpu().numpy()
             success = step.success.cpu().numpy()
             for i in ended:
@@ -117,7 +117,7 @@ class SB3VecEnv(VecEnv):
                 }
             self._returns[ended] = 0.0
             self._lengths[ended] = 0
-        return _float32(step.observation), reward, done, infos
+        return within(self.observation_space, _float32(step.observation)), reward, done, infos
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Set the seed of all scenarios from the next reset on.

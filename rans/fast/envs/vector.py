@@ -132,6 +132,12 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         width = np.float32 if dtype == torch.float32 else np.float64
         self.single_observation_space = observation_space(task, dimension, width)
         self.single_action_space = action_space(craft)
+        high = np.where(
+            self.single_observation_space.high < np.finfo(np.float32).max,
+            self.single_observation_space.high,
+            np.inf,
+        )
+        self._high = torch.as_tensor(high, device=self.engine.device)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seeded = False
@@ -179,7 +185,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             ):  # where an episode is over, the next one is already prepared
                 self.engine.reset()
             self._over &= ~mask
-            return self.engine.observe().contiguous(), {}
+            return self._within(self.engine.observe()), {}
         seeds = _seeds(seed, self.num_envs)
         super().reset(seed=seeds if isinstance(seeds, int) else None)
         if seeds is None and not self._seeded:
@@ -189,7 +195,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             1 if isinstance(seeds, int) else self.num_envs
         ):
             self._exchange(self._made(seed=seeds))
-        observation = self.engine.reset(seeds).contiguous()
+        observation = self._within(self.engine.reset(seeds))
         self._over.fill_(False)
         if self._film is not None:
             self._film.restart()
@@ -217,7 +223,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             self._film.advance(actions, ended)
         info = {
             **dict(zip(self._terms, step.terms, strict=True)),
-            "final_obs": step.final_observation,
+            "final_obs": self._within(step.final_observation),
             "_final_obs": ended,
             "final_info": {"is_success": step.success},
             "_final_info": ended,
@@ -226,7 +232,11 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             observation = torch.where(ended[:, None], step.final_observation, observation)
             self._over = ended
-        return observation.contiguous(), step.reward, step.terminated, step.truncated, info
+        return self._within(observation), step.reward, step.terminated, step.truncated, info
+
+    def _within(self, observation: Tensor) -> Tensor:
+        """Observations (N, width), contiguous, within the bounds of their space; see `rans.environment.within`."""
+        return observation.clamp(-self._high, self._high).contiguous()
 
     def _stepped(self, actions: Tensor) -> Step:
         """Step the environments whose episodes are not over; with NEXT_STEP the others begin new ones."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -11,12 +12,15 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import ArrayConversion, DictInfoToList, RecordEpisodeStatistics
 from torch import Tensor
 
+from rans.environment import observation_space
 from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.envs.single import SpacecraftEnv
 from rans.fast.envs.vector import SpacecraftVectorEnv
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
-from rans.tasks import gymnasium_ids
+from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.engines import NEAR, SHORT, actions
 
 PLANE = "rans/GoToPose2D-v0"
@@ -237,3 +241,41 @@ def test_conditions_reach_the_engine() -> None:
         seen, *_ = batch.step(torch.as_tensor(action))
         alone, *_ = single.step(action[0])
         np.testing.assert_allclose(seen[0], alone, atol=1e-5)
+
+
+@pytest.mark.parametrize("beyond", [1.0 + 2.4e-7, -1.0 - 2.4e-7])
+def test_rounding_does_not_break_the_bounds_of_observations(
+    beyond: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rotations are known to come out 2.4e-7 beyond 1; here every column does, in all three environments."""
+    space = observation_space(GoToPose(), 2)
+    bounded = space.high < 2.0
+    assert bounded.any()
+    assert not bounded.all()
+    seen = np.full((2, len(space.high)), beyond, np.float32)
+    assert not space.contains(seen[0])
+    make: Any = gymnasium.make_vec
+    vector = make("rans/GoToPose2D-v0", num_envs=2, vectorization_mode="vector_entry_point")
+    engine = Engine("floating-platform", "go-to-pose", num_envs=2)
+    sb3 = SB3VecEnv(engine)
+    for one in (vector.unwrapped.engine, engine):
+        real = one.step
+        monkeypatch.setattr(
+            one,
+            "step",
+            lambda action, real=real: real(action)._replace(
+                observation=torch.as_tensor(seen), final_observation=torch.as_tensor(seen)
+            ),
+        )
+    vector.reset(seed=0)
+    sb3.reset()
+    commands = np.zeros((2, 8), int)
+    observation, *_, info = vector.step(torch.as_tensor(commands))
+    for given in (observation, info["final_obs"], sb3.step(commands)[0]):
+        rows = np.asarray(given)
+        assert all(map(space.contains, rows))
+        np.testing.assert_array_equal(rows[:, ~bounded], seen[:, ~bounded])  # others are left
+    single: Any = gymnasium.make("rans/GoToPose2D-v0").unwrapped
+    single.reset(seed=0)
+    single._world = SimpleNamespace(observe=lambda *_: list(seen[0]))
+    assert space.contains(single._observe())
