@@ -305,7 +305,7 @@ def perturbations() -> Figure:
             clip_on=False,  # arrows stand on the axis
         )
     axes.set_yticks(range(len(names)), names, fontsize=7.5)
-    axes.set(xlim=(least, 101.0), ylim=(len(names) - 0.4, -0.6), xlabel="held, % of the flights")
+    axes.set(xlim=(least, 101.0), ylim=(len(names) - 0.4, -0.6), xlabel="solved, % of the flights")
     axes.legend(loc="upper left")
     return figure
 

@@ -276,7 +276,7 @@ def main() -> None:
                 name,
                 (
                     "fault",
-                    "held, %",
+                    "solved, %",
                     "settling, s",
                     "over its bound",
                     "certified",

@@ -46,18 +46,18 @@ from rans.model.spacecraft_file import spacecraft_names
 
 
 def stress(docs: Path) -> Table:
-    """The README's table of robustness: what each holds under conditions without a size, in %."""
+    """The README's table of robustness: what each solves under conditions without a size, in %."""
     found = read_json(docs / "validation" / "stress.json")
     names = [one["spec"].removeprefix("pretrained:") for one in found["contestants"].values()]
     rows = [
-        (one["effect"], *map(_held, one["contestants"].values()))
+        (one["effect"], *map(_solved, one["contestants"].values()))
         for one in found["conditions"].values()
         if one["size"] is None
     ]
-    return Table("../README.md", "rans stress", ("held, %", *names), rows, "")
+    return Table("../README.md", "rans stress", ("solved, %", *names), rows, "")
 
 
-def _held(told: dict[str, Any]) -> str:
+def _solved(told: dict[str, Any]) -> str:
     return f"{100.0 * told['held']['value']:.1f}"
 
 

@@ -48,7 +48,7 @@ class NamedConditions:
         report = StressReport(planned, Path(), 0, "python -m campaigns.named_conditions")
         write_json(self.docs / "validation" / "stress.json", report.to_json())
         table = stress(self.docs)
-        Terminal().show("held, %", table.headings, table.rows)
+        Terminal().show("solved, %", table.headings, table.rows)
         return 0
 
 

@@ -126,7 +126,7 @@ SOURCES: dict[str, Source] = {
             "docs/validation/robustness-space.json",
         ),
         flights=(1000, 100),
-        shares=("held",),
+        shares=("solved",),
         evidence=("robustness.json", "robustness-space.json"),
         quick_seconds=81.0,
     ),

@@ -32,7 +32,7 @@ report = rans.stress(
 report
 
 # %%
-# The share of episodes that hold the goal, against the latency:
+# The share of solved episodes, against the latency:
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
 found = report.to_json()
 levels = [
@@ -46,7 +46,7 @@ for name in found["contestants"]:
         for one in levels
     )
     axes.plot(*zip(*points, strict=True), "o-", label=name)
-axes.set(xlabel="latency, s", ylabel="held, %")
+axes.set(xlabel="latency, s", ylabel="solved, %")
 axes.legend()
 plt.show()
 

@@ -50,8 +50,8 @@ class Export:
     the folder applies it (docs/missions/guard.md)."""
     episodes: int = 1024
     """Number of evaluation flights for the model card. A quarter as many fly at each latency, mass and sensor noise
-    around the conditions of the training, from which the contract states the intervals in which the agent holds its
-    goal; with fewer than 256 episodes it states none."""
+    around the conditions of the training, from which the contract states the intervals in which the agent solves
+    its task; with fewer than 256 episodes it states none."""
     margins: Annotated[int | None, Former("give --episodes four times as many")] = None
     """Number of flights at each latency, mass and sensor noise; 0: the contract has no intervals."""
     spacecraft: Annotated[

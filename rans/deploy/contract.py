@@ -200,10 +200,10 @@ def contract(
             "margins": margins,
             "margins_meaning": None
             if margins is None
-            else "training, nominal: share of flights that hold the goal under the conditions of the training, and "
+            else "training, nominal: share of flights solved under the conditions of the training, and "
             "with everything as designed. holds: the interval around of_training, the range of the training, in "
-            "which at every value flown at least wanted_share held, all else as in the training; null: not even "
-            "in the middle of the training's range. held: the share by value.",
+            "which at least wanted_share are solved at every value flown, all else as in the training; null: not "
+            "even in the middle of the training's range. held: the share solved, by value.",
         },
         "readings": _readings(conditions, config.timing.control_period),
         "valid": f"range of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts of training "

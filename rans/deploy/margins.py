@@ -25,7 +25,7 @@ SEED = 2028
 """Seed of the starts; no training, selection or evaluation uses it."""
 
 Measure = Callable[[Sequence[Conditions]], list[float]]
-"""Share of the flights that hold their goal, under each of several conditions."""
+"""Share of the flights that are solved, under each of several conditions."""
 
 
 class SheetQuantity(NamedTuple):
@@ -60,7 +60,7 @@ QUANTITIES = (
 
 
 def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[str, Any]:
-    """Interval of each `SheetQuantity` in which an agent holds its goal, everything else as in its training.
+    """Interval of each `SheetQuantity` in which an agent solves its task, everything else as in its training.
 
     All conditions fly in one batch, each with about as many flights as asked for: every episode samples its own.
 
@@ -86,10 +86,10 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
         mixed = replace(parts[0], others=tuple(parts[1:]))
         count = flights * len(several)
         flown = fly_episodes(controller, setup._replace(conditions=mixed), SEED, count, workers=1)
-        held = np.asarray(flown.flight.verdict.held)
+        solved = np.asarray(flown.flight.verdict.solved)
         numbers = draws(SEED, count)
         level = np.array(levels)[mixture_parts(mixed, setup.craft, numbers.first, numbers)]
-        groups = [held[level == k] for k in range(len(several))]
+        groups = [solved[level == k] for k in range(len(several))]
         return [float(group.mean()) if group.size else float("nan") for group in groups]
 
     conditions = setup.conditions or Conditions()
@@ -100,19 +100,20 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
 def margins_around(
     conditions: Conditions, craft: Spacecraft, timing: Timing, measure: Measure
 ) -> dict[str, Any]:
-    """Interval of each `SheetQuantity` around training conditions in which enough flights hold their goal.
+    """Interval of each `SheetQuantity` around training conditions in which enough flights are solved.
 
     Args:
         conditions: of the training. Under them everything is flown but the quantity whose values are tried.
         craft: spacecraft.
         timing: control period.
-        measure: shares of the flights that hold.
+        measure: shares of the flights that are solved.
 
     Returns:
-        "wanted_share", at least which must hold; "training" and "nominal", the shares that hold under the
+        "wanted_share", at least which must be solved; "training" and "nominal", the shares solved under the
         training conditions and with everything as designed; and by quantity its "unit", the range
         "of_training", "held", the share by value, and "holds": least and largest value of the interval around
-        the middle of the training's range in which every value flown holds, None if the middle does not.
+        the middle of the training's range in which enough are solved at every value flown, None if they are not
+        in the middle.
     """
     sizes = {
         disturbance.name: disturbance.sizes for disturbance in applicable_effects(craft, timing)
@@ -177,7 +178,7 @@ def margin_lines(margins: dict[str, Any], is_foreign: bool = False) -> list[str]
             )
         return lines
     lines = [
-        f"Holds its goal in {margins['training']:.1%} of flights under its training conditions, and in "
+        f"Solves {margins['training']:.1%} of flights under its training conditions, and in "
         f"{margins['nominal']:.1%} with everything as designed."
     ]
     lines.append(_tolerated(margins, "as in the training"))
@@ -193,22 +194,24 @@ def margin_lines(margins: dict[str, Any], is_foreign: bool = False) -> list[str]
         ),
     ):
         if not margins[name] >= margins["wanted_share"]:
-            lines.append(f"Warning: it holds in only {margins[name]:.1%} of flights {where}.")
+            lines.append(f"Warning: it solves only {margins[name]:.1%} of flights {where}.")
     return lines
 
 
 def _tolerated(margins: dict[str, Any], rest: str) -> str:
-    """Sentence with the interval of each quantity in which enough flights hold."""
+    """Sentence with the interval of each quantity in which enough flights are solved."""
     parts = []
     for quantity in QUANTITIES:
         holds = margins[quantity.name]["holds"]
         interval = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {quantity.unit}"
         parts.append(f"{quantity.name} {interval}")
-    return f"At least {margins['wanted_share']:.0%} hold, all else {rest}, at: {'; '.join(parts)}."
+    return (
+        f"At least {margins['wanted_share']:.0%} solved, all else {rest}, at: {'; '.join(parts)}."
+    )
 
 
 def _around(middle: int, values: Sequence[float], held: Sequence[float]) -> list[float] | None:
-    """First and last of the values around the middle one, without a gap, of which enough hold."""
+    """First and last of the values around the middle one, without a gap, at which enough flights are solved."""
     if not held[middle] >= WANTED:
         return None
     first = last = middle

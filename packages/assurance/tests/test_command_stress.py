@@ -37,7 +37,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
     assert lost["held"]["value"] == 0.0
     assert lost["episodes"] == 2
     page = (folder / "stress.html").read_text("utf-8")
-    assert "Held episodes over latency, s." in page
+    assert "Solved episodes over latency, s." in page
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
     assert f"rans view {FIRST} --conditions" in printed
     shown: list[Any] = []

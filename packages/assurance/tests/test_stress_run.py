@@ -35,7 +35,7 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     agent = contestant(FIRST).under(load_conditions("lab"))
     flight = fly_episodes(agent.controller, agent.judged, 7, 4).flight
     found = stress.outcomes["lab", "go-to-pose-2d"]
-    assert found.held.tolist() == solved(flight).tolist()
+    assert found.solved.tolist() == solved(flight).tolist()
     alone = fly_episodes(agent.controller, agent.judged, 7, 1, first=2).flight
     error = alone.errors()["position"][-25:, 0].max()
     assert found.errors["position"][2] == pytest.approx(error, rel=1e-6)

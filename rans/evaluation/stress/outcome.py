@@ -1,4 +1,4 @@
-"""Outcomes of episodes, and the size of an effect up to which contestants hold their goals."""
+"""Outcomes of episodes, and the size of an effect up to which contestants solve their tasks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rans.evaluation.measure.statistics import Estimate, share
 from rans.flight import Flight
 
 WANTED = 0.99
-"""Share of held episodes from which an effect counts as tolerated, and a task as solved."""
+"""Share of solved episodes from which an effect counts as tolerated, and a task as solved."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class StressOutcome:
     """Largest of every error with a tolerance over the last fifth, (N,) SI; infinite if a state is not finite."""
     excess: np.ndarray
     """Largest of these errors in tolerances, (N,)."""
-    held: np.ndarray
-    """Whether the goal was held, (N,) (`rans.verdict`)."""
+    solved: np.ndarray
+    """Whether the task was solved, (N,) (`rans.verdict`)."""
 
     @classmethod
     def of(cls, flight: Flight) -> StressOutcome:
         """Outcome of flights, by their true states."""
         excess, worst = worst_errors(flight)
-        return cls(worst, excess, np.asarray(flight.verdict.held))
+        return cls(worst, excess, np.asarray(flight.verdict.solved))
 
     @classmethod
     def joined(cls, parts: Sequence[StressOutcome]) -> StressOutcome:
@@ -42,26 +42,26 @@ class StressOutcome:
         return cls(
             errors,
             np.concatenate([part.excess for part in parts]),
-            np.concatenate([part.held for part in parts]),
+            np.concatenate([part.solved for part in parts]),
         )
 
     @property
     def share(self) -> Estimate:
-        """Share of held episodes, with Wilson's interval."""
-        return share(self.held)
+        """Share of solved episodes, with Wilson's interval."""
+        return share(self.solved)
 
     def worst(self, count: int) -> list[int]:
-        """Numbers of at most ``count`` episodes that were not held, those with the largest errors first."""
+        """Numbers of at most ``count`` episodes that were not solved, those with the largest errors first."""
         ranking = np.argsort(-self.excess, kind="stable")
-        return [int(k) for k in ranking[:count] if not self.held[k]]
+        return [int(k) for k in ranking[:count] if not self.solved[k]]
 
 
 def holds_to(sizes: Sequence[float], rates: Sequence[Estimate]) -> float | None:
-    """Largest size up to which 99 % of the episodes are held at every size; None if they are not at the first."""
-    held = [
+    """Largest size up to which 99 % of the episodes are solved at every size; None if they are not at the first."""
+    solved = [
         size for k, size in enumerate(sizes) if all(rate.value >= WANTED for rate in rates[: k + 1])
     ]
-    return held[-1] if held else None
+    return solved[-1] if solved else None
 
 
 class BreakEven(NamedTuple):

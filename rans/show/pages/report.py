@@ -182,28 +182,28 @@ def _stressed(stress: Mapping[str, Any]) -> tuple[str, list[Tile]] | None:
     def others(row: Mapping[str, Any], form: Callable[[Any], str]) -> str:
         return ", ".join(f"{name} {form(x)}" for name, x in row.items() if name != who)
 
-    def share(held: Mapping[str, float]) -> str:
-        return "{value:.1%}".format(**held)
+    def share(solved: Mapping[str, float]) -> str:
+        return "{value:.1%}".format(**solved)
 
     tiles = []
     for _, name in ranked:
         own = shares[name][who]
         limits = "{low:.1%} to {high:.1%}".format(**own)
         note = "\n".join(filter(None, (limits, others(shares[name], share))))
-        tiles.append(Tile(f"held, {name}", share(own), note))
+        tiles.append(Tile(f"solved, {name}", share(own), note))
     for name, effect in stress.get("effects", {}).items():
 
         def size(value: float | None, unit: str = effect["unit"]) -> str:
-            return "not held" if value is None else f"{value:g} {unit}".rstrip()
+            return "not solved" if value is None else f"{value:g} {unit}".rstrip()
 
         limits = effect["holds_to"]
         if who in limits:
             beside = others(limits, size)
-            tiles.append(Tile(f"{name}, 99 % held up to", size(limits[who]), beside))
+            tiles.append(Tile(f"{name}, 99 % solved up to", size(limits[who]), beside))
     worst = ranked[0][1]
     under = f"under {'the conditions' if len(ranked) == 1 else 'its worst conditions,'} {worst}"
     beside = others(shares[worst], share)
-    hero = f"{who} holds the goal in {share(shares[worst][who])} of the episodes {under}"
+    hero = f"{who} solves {share(shares[worst][who])} of the episodes {under}"
     return f"{hero}{f'; beside it {beside}' if beside else ''}.", tiles
 
 
@@ -451,7 +451,7 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
 
 
 def stress_section(stress: Mapping[str, Any]) -> Section:
-    """Shares held under conditions without a size; stress.html has the rest."""
+    """Shares solved under conditions without a size; stress.html has the rest."""
     flown = stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
     rows = [
         (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"]))
@@ -463,7 +463,7 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
     return Section(
         "Stress",
         f"{stress['title']}.",
-        [Table(("conditions", "held"), rows), *asked(stress)],
+        [Table(("conditions", "solved"), rows), *asked(stress)],
         findings=findings,
         summary=rows,
         link="stress.html",

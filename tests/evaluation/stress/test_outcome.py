@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.outcome import BreakEven, StressOutcome, break_even, holds_to
+from rans.flight import fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
 from tests.support.evaluation_flights import flight_of, two_episodes
+from tests.support.missions import Pass
 
 
 def shares(*values: float) -> list[Estimate]:
@@ -21,8 +29,20 @@ def test_outcomes_are_the_largest_errors_of_the_last_fifth() -> None:
     np.testing.assert_allclose(found.errors["position"], [0.004, 0.06], rtol=1e-12)
     np.testing.assert_allclose(np.degrees(found.errors["attitude"]), [0.5, 0.0], atol=1e-9)
     np.testing.assert_allclose(found.excess, [0.1, 1.2], rtol=1e-9)
-    assert found.held.tolist() == [True, False] == solved(two_episodes()).tolist()
+    assert found.solved.tolist() == [True, False] == solved(two_episodes()).tolist()
     assert found.worst(3) == [1]
+
+
+def test_a_mission_won_past_a_broken_limit_is_not_solved() -> None:
+    """Every start passes the wall at -0.5 m on its way, and then succeeds."""
+    task = Pass(wall=-0.5, violation_ends=False)
+    craft = load_spacecraft("floating-platform")
+    shut: Any = SimpleNamespace(name="shut", reset=lambda count: None)
+    shut.act = lambda state, goal, observation: np.zeros((len(observation), craft.thruster_count))
+    flight = fly(craft, task, shut, scenarios(task, craft, seed=1, count=3), Timing(1.0, 1, 5, 4))
+    assert flight.done is not None
+    assert flight.done.all()
+    assert StressOutcome.of(flight).solved.tolist() == [False] * 3
 
 
 def test_who_is_lost_is_farthest() -> None:
@@ -46,7 +66,7 @@ def test_who_is_lost_is_farthest() -> None:
     ],
 )
 def test_to_which_size_somebody_holds(values: tuple[float, ...], size: float | None) -> None:
-    """A size counts only if all smaller ones are held too."""
+    """A size counts only if all smaller ones are solved too."""
     assert holds_to([0.0, 1.0, 2.0][: len(values)], shares(*values)) == size
 
 

