@@ -120,7 +120,7 @@ class Breaking:
         torch.set_num_threads(1)
         if self.files + self.lines + self.folders > _MANY:
             commands = importlib.import_module("rans.cli").COMMANDS  # from above, as in `cases`
-            for name in (*_HEAVY, *(f"rans.cli.{one}" for one in commands)):
+            for name in (*_HEAVY, *(command.__module__ for command in commands.values())):
                 importlib.import_module(name)
         kind, _, number = self.only.partition(":")
         with tempfile.TemporaryDirectory() as place:

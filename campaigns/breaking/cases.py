@@ -8,7 +8,7 @@ import json
 import os
 import random
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -54,11 +54,7 @@ def under(conditions: str, commands: Sequence[Command]) -> Sequence[Command]:
     """The same commands under conditions of this name, where they take any and have none."""
 
     def changed(words: Command) -> Command:
-        name = (
-            words[0]
-            if words and words[0] in importlib.import_module("rans.cli").COMMANDS
-            else "list"
-        )
+        name = words[0] if words and words[0] in _commands() else "list"
         takes = "conditions" in (option for option, _ in _options(_described(name)))
         if not takes or {"--resume", "--conditions"} & set(words):
             return words
@@ -209,7 +205,7 @@ def line_case(number: int, folder: Path, run: Path) -> Sequence[Command]:
     """A command with options of its own and values of anybody's, in a folder with a trained agent."""
     chance = random.Random(f"line {number}")
     shutil.copytree(run, folder / "run")
-    names = importlib.import_module("rans.cli").COMMANDS  # from above, as everybody who types them
+    names = list(_commands())
     name = names[number % len(names)]
     words = [name]
     for field, kind in _options(_described(name)):
@@ -224,9 +220,14 @@ def line_case(number: int, folder: Path, run: Path) -> Sequence[Command]:
     return [_within_reason(words)]
 
 
+def _commands() -> Mapping[str, Any]:
+    """Every installed command by its name; from above, as everybody who types them."""
+    return importlib.import_module("rans.cli").COMMANDS
+
+
 def _described(name: str) -> Any:
     """The class whose fields are the command's options."""
-    return getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize())
+    return _commands()[name]
 
 
 def _options(described: Any) -> Iterator[tuple[str, Any]]:
