@@ -1,7 +1,8 @@
 """PPO's losses of one transition with on/off thrusters, and their derivatives by the network's outputs.
 
 They are operations on fields. Torch computes them of tensors (`rans.fast.learn.fused_gradient.MatrixGradient`).
-Machine code of a CPU (`rans.fast.learn.cpu_gradient`) is printed from them. Losses are those of `rans.fast.learn.ppo.losses`, whose derivatives are torch's.
+Machine code of a CPU (`rans.fast.learn.cpu_gradient`) is printed from them. Losses are those of
+`rans.fast.learn.ppo.losses`, whose derivatives are torch's.
 """
 
 from __future__ import annotations
