@@ -21,6 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.errors import NonFiniteState
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.twists import balanced, cone_pushes, directions, thrust
@@ -526,7 +527,7 @@ def draw_batch(
     # Starts: at rest far away, or near and moving; slow craft start nearer.
     def direction(axes: Tensor) -> Tensor:
         drawn = torch.randn(count, 3, generator=generator, device=device) * axes
-        return drawn / drawn.norm(dim=1, keepdim=True)
+        return unit_rows(drawn, axes)
 
     span = settings.steps * period
     far = torch.minimum(torch.full_like(a, 4.5), 0.12 * a * span.square())
@@ -835,6 +836,16 @@ def fly(
     )
 
 
+def unit_rows(drawn: Tensor, axes: Tensor) -> Tensor:
+    """Directions of rows (N, 3) along some axes (3,), 1 or 0; a row of zeros points along the first of them.
+
+    Of one axis a float32 normal number is exactly 0 in one of 2e7 draws, and 0 / 0 would make every weight nan.
+    """
+    first = axes * (torch.cumsum(axes, dim=0) == 1.0)
+    length = drawn.norm(dim=1, keepdim=True)
+    return torch.where(length > 0.0, drawn / length.clamp(min=1e-30), first)
+
+
 def imitate(
     network: DemandNetwork, pool: Pool, settings: DemandSettings, generator: torch.Generator
 ) -> None:
@@ -857,6 +868,10 @@ def imitate(
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
+    if not all(bool(x.isfinite().all()) for x in network.parameters()):
+        raise NonFiniteState(
+            "the imitation ended with weights that are not finite: try another seed"
+        )
 
 
 def train(

@@ -81,7 +81,7 @@ class Allocated(Backbone):
         features, known = features.tensor_split([architecture.features], dim=-1)
         shut, remembered = known.tensor_split([_thrusters(architecture.tokens)], dim=-1)
         demand = product(features, weight, bias)
-        chosen = choice(architecture.tokens, architecture.adapts)
+        chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
         if chosen is None:
             limits = (1.0 - shut).unbind(-1) if architecture.adapts else None
             lost = shut.sum(-1) if architecture.adapts else 0.0
@@ -91,6 +91,7 @@ class Allocated(Backbone):
                 limits,
                 _gentle(architecture, lost),
                 _filled(architecture, remembered.unbind(-1)),
+                architecture.frugality.price,
             )
             commands = _checked(commands, architecture, remembered.unbind(-1))
             return torch.stack([torch.as_tensor(x).expand_as(demand[..., 0]) for x in commands], -1)
@@ -113,7 +114,7 @@ class Allocated(Backbone):
         width = _width(architecture.tokens)
         demand = program.dense(features, "head", width, architecture.features)
         symbols = inputs("demand", width)
-        chosen = choice(architecture.tokens, architecture.adapts)
+        chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
         if chosen is None:
             names = dict(zip(symbols, program.single(demand, width), strict=True))
             limits, some = None, 0.0
@@ -129,7 +130,9 @@ class Allocated(Backbone):
                 wheel_names = program.single(WHEELS, len(remembered))
                 names |= dict(zip(remembered, wheel_names, strict=True))
             filled = _filled(architecture, remembered)
-            commands = continuous(symbols, architecture.tokens, limits, gentle, filled)
+            commands = continuous(
+                symbols, architecture.tokens, limits, gentle, filled, architecture.frugality.price
+            )
             commands = _checked(commands, architecture, remembered)
             return program.joined(*program.lowered(commands, names))
         # The best subset is the largest of linear functions.
@@ -161,11 +164,11 @@ def _width(tokens: Tokens) -> int:
 
 
 @lru_cache(maxsize=64)
-def choice(tokens: Tokens, adapts: bool = False) -> Subsets | None:
+def choice(tokens: Tokens, adapts: bool = False, price: float = 1.0) -> Subsets | None:
     """Subsets of the on/off thrusters, of which the demand chooses one; None: there is no on/off thruster.
 
     Thrusters that need the wheels are chosen by the forces alone. An adapting policy has also the subsets that are
-    useful without one of the thrusters that the craft can spare.
+    useful without one of the thrusters that the craft can spare. ``price`` is a factor of the price of thrust.
     """
     columns = np.array([token[:-1] for token in tokens if token[-1] in (ON_OFF, SHARED)])
     if not len(columns):
@@ -173,9 +176,9 @@ def choice(tokens: Tokens, adapts: bool = False) -> Subsets | None:
     lost = spare(tokens) if adapts else ()
     if spans(columns) or not wheels(tokens):
         is_shared = tokens[0][-1] == SHARED
-        return _subsets_without(columns, is_shared, lost, thrust_price(columns))
+        return _subsets_without(columns, is_shared, lost, price * thrust_price(columns))
     forces = columns * (np.arange(columns.shape[1]) < directions(columns.shape[1]))
-    chosen = _subsets_without(forces, tokens[0][-1] == SHARED, lost, PRICE)
+    chosen = _subsets_without(forces, tokens[0][-1] == SHARED, lost, price * PRICE)
     parts = chosen.opened
     if tokens[0][-1] == SHARED:
         parts = parts / np.maximum(parts.sum(axis=1, keepdims=True), 1.0)
@@ -365,6 +368,7 @@ def continuous(
     limits: Sequence[Field] | None = None,
     gentle: Field | None = None,
     filled: Sequence[Filled] = (),
+    price_factor: float = 1.0,
 ) -> list[Field]:
     """Commands, 0 to 1, of continuous thrusters and then of wheels, whose 0.5 is no torque.
 
@@ -375,11 +379,12 @@ def continuous(
         gentle: 1 where wheels take up momentum with the craft's speed, else 0; None: they never do. Thrust then has
             a higher price, and thrusters and wheels are always allocated together.
         filled: wheels, in a policy that remembers their momenta.
+        price_factor: factor of the price of thrust.
     """
     turning = wheels(tokens)
-    price: Field = continuous_price(np.array(tokens)[:, :-1], bool(turning))
+    price: Field = price_factor * continuous_price(np.array(tokens)[:, :-1], bool(turning))
     if gentle is not None:
-        price = price + gentle * (_GENTLE_PRICE - price)
+        price = price + gentle * (price_factor * _GENTLE_PRICE - price)
         # A weight is a constant of the columns.
         weight = _GENTLE_WEIGHT if isinstance(gentle, float) else 1.0
         return _allocated(demand, tokens, price, limits, weight, filled)

@@ -20,6 +20,7 @@ from rans.policy.adaptation import Adaptation
 from rans.policy.allocated import estimator, has_checks
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.filter_bank import Filters
+from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.heads import HEADS, Head
 from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
@@ -75,6 +76,8 @@ class Architecture:
     of longer ways (`rans.policy.authority.nearer`); 0: no bound."""
     farthest_lost: float = 0.0
     """Largest distance of the goal, m, once a network that adapts takes a thruster for lost; 0: no bound."""
+    frugal: tuple[float, ...] = ()
+    """The numbers of `rans.policy.frugality.Frugality` of such a network; empty: it flies as it was trained."""
     filling: tuple[float, ...] = ()
     """Part of the momentum at which each wheel is full that its full command adds in a control period, for a
     network that remembers momenta; empty: it does not."""
@@ -140,6 +143,11 @@ class Architecture:
         return self.layout.body.width if self.adapts else self.column_count
 
     @property
+    def frugality(self) -> Frugality:
+        """How a network for any craft trades time for thrust."""
+        return Frugality(*self.frugal) if self.frugal else AS_TRAINED
+
+    @property
     def adaptation(self) -> Adaptation:
         """Estimator of a network that adapts."""
         keeps_weak = self.farthest_lost > 0.0
@@ -156,7 +164,9 @@ class Architecture:
         if self.authority and not self.adapts:
             own = of_authority.Authority.of_numbers(self.authority)
             farthest = (self.farthest, 1.0) if self.farthest else None
-            return of_authority.of_observation(self.layout, observation, own, self.coast, farthest)
+            return of_authority.of_observation(
+                self.layout, observation, own, self.coast, farthest, self.frugality
+            )
         return self.layout.in_body(observation)
 
     def adapted(self, read: Columns, gains: Columns, lost: Field = 0.0) -> list[Field]:
@@ -181,7 +191,9 @@ class Architecture:
             whole = self.farthest or _UNBOUNDED
             distance = whole + lost * (self.farthest_lost - whole)
             farthest = distance, 1.0 if self.farthest else lost
-        return of_authority.of_body(self.layout, read, estimated, self.coast, farthest)
+        return of_authority.of_body(
+            self.layout, read, estimated, self.coast, farthest, self.frugality
+        )
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The way to go, of them, that chooses a side of the spacecraft; None where all sides are one."""

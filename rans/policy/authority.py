@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from rans.errors import ConfigError
 from rans.model.fields import Field, absolute, at_least, log, sqrt, tanh, where
+from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.tasks.observation_terms import (
     AngularVelocity,
     Block,
@@ -40,6 +41,9 @@ _COAST_ANGLE = 0.9 * math.radians(5.0)
 go-to-pose, so that the delay of a command does not carry it out."""
 
 
+_NEAR = 0.15
+"""Distance, m, within which a frugal network is given the whole error: three times the tolerance, so that it stops
+where it should."""
 _LARGEST_TURN = 0.35
 """Angle, rad, to which `nearer` brings the goal's attitude."""
 
@@ -239,6 +243,41 @@ def nearer(
     )
 
 
+def shortened(
+    error: Sequence[Field], turn: tuple[Field, Sequence[Field]], frugality: Frugality
+) -> tuple[list[Field], tuple[Field, list[Field]]]:
+    """The error and the turn to the goal as a frugal network is given them.
+
+    The craft flies and turns more slowly, as braking curves lead to less speed from a smaller distance and angle.
+
+    Args:
+        error: see `columns`.
+        turn: see `columns`.
+        frugality: part of the distance beyond 15 cm that counts, largest distance and largest angle.
+    """
+    cosine, sines = turn
+    distance = sqrt(at_least(_square(error), 1e-12))
+    given = where(
+        distance > _NEAR, _NEAR + frugality.shortened * (distance - _NEAR), distance + 0.0
+    )
+    if frugality.farthest:
+        given = where(given > frugality.farthest, frugality.farthest + 0.0 * given, given)
+    scale = given / distance
+    if not frugality.largest_angle:
+        return [scale * x for x in error], (cosine, list(sines))
+    least = math.cos(frugality.largest_angle)
+    size = math.sin(frugality.largest_angle)
+    is_far = cosine < least
+    ways = _direction(sines)
+    return (
+        [scale * x for x in error],
+        (
+            where(is_far, least + 0.0 * cosine, cosine),
+            [where(is_far, size * way, x) for way, x in zip(ways, sines, strict=True)],
+        ),
+    )
+
+
 def braking_distance(speed: float, acceleration: float, period: float) -> float:
     """Distance from which the braking curve (`braking`) leads to a speed."""
     usable = _BRAKING * acceleration
@@ -281,6 +320,7 @@ def of_observation(
     authority: Authority,
     coast: float = 0.0,
     farthest: tuple[Field, Field] | None = None,
+    frugality: Frugality = AS_TRAINED,
 ) -> list[Field]:
     """Columns of an observation.
 
@@ -290,8 +330,9 @@ def of_observation(
         authority: of the craft.
         coast: control periods of `coasting`; 0: without it.
         farthest: distance and flag of `nearer`; None: without it.
+        frugality: see `shortened`.
     """
-    return of_body(observed, observed.in_body(row), authority, coast, farthest)
+    return of_body(observed, observed.in_body(row), authority, coast, farthest, frugality)
 
 
 def of_body(
@@ -300,6 +341,7 @@ def of_body(
     authority: Authority,
     coast: float = 0.0,
     farthest: tuple[Field, Field] | None = None,
+    frugality: Frugality = AS_TRAINED,
 ) -> list[Field]:
     """Columns of an observation whose vectors are in B; see `of_observation`."""
     dimension = _dimension(observed)
@@ -311,6 +353,8 @@ def of_body(
     turn = (rotation[0], [rotation[1]]) if dimension == 2 else _cosine_and_sines(rotation)
     if coast:
         error, turn, velocity, spin = coasting(error, turn, velocity, spin, authority, coast)
+    if frugality != AS_TRAINED:
+        error, turn = shortened(error, turn, frugality)
     if farthest is not None:
         error, turn = nearer(error, turn, *farthest)
     return columns(error, turn, velocity, spin, authority)

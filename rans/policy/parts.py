@@ -9,6 +9,7 @@ from torch import Tensor
 
 from rans.model.fields import Field
 from rans.policy.adaptation import Adaptation
+from rans.policy.frugality import Frugality
 from rans.policy.heads import Head
 from rans.tasks.observation_terms import Columns, Layout
 
@@ -44,6 +45,11 @@ class ArchitectureView(Protocol):
     @property
     def tokens(self) -> tuple[tuple[float, ...], ...]:
         """A description of each effector, see `rans.policy.backbones.effector_tokens`."""
+        ...
+
+    @property
+    def frugality(self) -> Frugality:
+        """See `rans.policy.architecture.Architecture`."""
         ...
 
     @property

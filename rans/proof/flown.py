@@ -58,6 +58,7 @@ _PROVED: dict[str, Any] = {
     "coast": 0.0,
     "farthest": 0.0,
     "farthest_lost": 0.0,
+    "frugal": (),
     "filling": (),
     "adapts": False,
     "history": 0,

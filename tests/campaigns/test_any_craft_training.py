@@ -11,7 +11,15 @@ import torch
 
 from campaigns import any_craft_training as demands
 from campaigns.any_craft import RECIPES, LinearLaw, gains
-from campaigns.any_craft_training import DemandSettings, Stage, draw_batch, draw_pool, fly, train
+from campaigns.any_craft_training import (
+    DemandSettings,
+    Stage,
+    draw_batch,
+    draw_pool,
+    fly,
+    train,
+    unit_rows,
+)
 from rans.randomization.layouts import canonical
 from tests.support.layouts import columns_of
 
@@ -125,3 +133,13 @@ def test_no_shipped_craft_is_drawn_in_the_training() -> None:
     random = np.random.default_rng(0)
     planted = random.permutation(columns_of("pingu")) * [1.0, -1.0, -1.0] * [2.0, 2.0, 7.0]
     assert any(canonical(planted, digits=2) & tables for tables in shipped)
+
+
+def test_a_direction_of_no_length_points_along_the_first_axis() -> None:
+    """In the plane one number is drawn for the axis of a turn, and a float32 normal number may be 0."""
+    drawn = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.0, -2.0], [3.0, 4.0, 0.0]])
+    turns = unit_rows(drawn, torch.tensor([0.0, 0.0, 1.0]))
+    assert torch.equal(turns[:2], torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    ways = unit_rows(drawn, torch.tensor([1.0, 1.0, 0.0]))
+    assert torch.equal(ways[0], torch.tensor([1.0, 0.0, 0.0]))
+    torch.testing.assert_close(ways[2], torch.tensor([0.6, 0.8, 0.0]))

@@ -48,7 +48,7 @@ class CpuLayers:
             return missing
         chosen = None
         if architecture.backbone == "allocated":
-            chosen = choice(architecture.tokens, architecture.adapts)
+            chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
         is_large = chosen is not None and len(chosen.offset) > _SUBSETS
         return f"more than {_SUBSETS} ways to open thrusters" if is_large else ""
 

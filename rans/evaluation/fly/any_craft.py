@@ -19,7 +19,9 @@ from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.policy.any_craft import AGENTS, authority, columns_of, for_craft, is_for_any_craft
 from rans.policy.authority import Authority
+from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.network import Network
+from rans.tasks import Task
 
 ADAPTIVE = "adaptive"
 """Prefix of names: the agent for any craft after it estimates in flight what the craft's file does not state."""
@@ -87,6 +89,41 @@ def _adapting(network: Network) -> Network:
     return Network(replace(network.architecture, adapts=True), network.tensors)
 
 
+def flies_any_craft(folder: Path) -> bool:
+    """Whether a run folder has an agent for any craft.
+
+    Raises:
+        ConfigError: its agent cannot be read.
+    """
+    return is_for_any_craft(read_policy(RunFolder(folder).agent_file).network.architecture)
+
+
+def frugal(run: LoadedRun, value: float) -> LoadedRun:
+    """The run of an agent for any craft that takes more time to spend less thrust.
+
+    Args:
+        run: the agent, with the craft and the task that it flies.
+        value: from 0, fast, as it was trained, to 1, frugal (`rans.policy.frugality`).
+
+    Raises:
+        ConfigError: it is another agent, or the value is not from 0 to 1.
+    """
+    assert isinstance(run.controller, Agent)
+    network = _frugal(run.controller.network, value, run.task)
+    return run._replace(controller=Agent(network, f"{run.controller.name}#{value:g}", run.craft))
+
+
+def _frugal(network: Network, value: float, task: Task) -> Network:
+    if not is_for_any_craft(network.architecture):
+        raise ConfigError(
+            f"the agent has no frugality from 0 to 1, as #{value:g} would be: name {AGENTS[2]} or {AGENTS[3]}."
+        )
+    low, high = task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
+    numbers = Frugality.of_value(value, 0.5 * (low + high))
+    chosen = () if numbers == AS_TRAINED else tuple(numbers)
+    return Network(replace(network.architecture, frugal=chosen), network.tensors)
+
+
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
     """The run with another craft, in its own task, with the timing or else one for the craft (`timing_for`).
 
@@ -109,7 +146,11 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
 
 
 def write_for_spacecraft(
-    source: Path, craft: Spacecraft | None, folder: Path, adapts: bool = False
+    source: Path,
+    craft: Spacecraft | None,
+    folder: Path,
+    adapts: bool = False,
+    frugality: float = 0.0,
 ) -> Path:
     """Write the agent of a run folder as a run folder, and return it.
 
@@ -118,9 +159,10 @@ def write_for_spacecraft(
         craft: that the agent is to fly; None: its own.
         folder: to be written.
         adapts: see `adapting`.
+        frugality: see `frugal`.
 
     Raises:
-        ConfigError: see `for_spacecraft` and `adapting`; or the folder cannot be written.
+        ConfigError: see `for_spacecraft`, `adapting` and `frugal`; or the folder cannot be written.
     """
     run = RunFolder(source)
     saved = read_policy(run.agent_file)
@@ -132,6 +174,8 @@ def write_for_spacecraft(
     elif not _is_own_with_slosh(craft, run.spacecraft()):
         timing = timing_for(craft, timing)
         network = for_craft(network, craft, timing.control_period)
+    if frugality:
+        network = _frugal(network, frugality, config.settings)
     ready_folder(folder)
     content = actor_bytes(network.architecture, network.member(0), saved.steps)
     replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -10,12 +11,13 @@ from pathlib import Path
 from typing import Literal
 
 from rans.errors import ConfigError, brief, meant, meant_file
-from rans.evaluation.fly.any_craft import ADAPTIVE, write_for_spacecraft
+from rans.evaluation.fly.any_craft import ADAPTIVE, flies_any_craft, write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
 from rans.evaluation.fly.flights_file import is_flights_file
 from rans.evaluation.fly.lookahead import PREFIX
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.any_craft import AGENTS
 from rans.pretrained import missing_agents, pretrained_folder, pretrained_names
 from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS
@@ -68,7 +70,9 @@ class ContestantName:
     craft: str = ""
     """Spacecraft that an agent for any craft flies, after "@"; empty: the agent's own."""
     part: str = ""
-    """Task of a multi-task agent, or position of a trade-off, after "#"; empty: none."""
+    """Task of a multi-task agent, or position of a trade-off input, after "#"; empty: none."""
+    frugality: float = 0.0
+    """How much time an agent for any craft takes to save thrust, from 0 to 1, after "#"."""
     adapts: bool = False
     """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
     looks_ahead: bool = False
@@ -95,6 +99,8 @@ class ContestantName:
         if len(text) > _LONGEST_NAME:
             raise ConfigError(f"there is no contestant {brief(text)}; known are {FORMS}.")
         whole, _, part = text.partition("#")
+        part, at, craft = part.partition("@")
+        whole += at + craft
         first, _, rest = whole.partition(":")
         # Forms with a colon.
         if first == PREFIX and rest:
@@ -114,7 +120,7 @@ class ContestantName:
             return replace(inner, text=text, adapts=True)
         if first == "pretrained" and rest:
             agent, _, craft = rest.partition("@")
-            return cls(text, "pretrained", agent, craft=craft, part=part)
+            return cls(text, "pretrained", agent, craft=craft, part=part)._with_frugality()
         if first in CONTROLLERS and rest:
             return cls(text, "controller", first, rest, part=part)
         if whole == f"{first}:":
@@ -129,7 +135,7 @@ class ContestantName:
         agents = (*pretrained_names(), *missing_agents())
         agent, _, craft = whole.partition("@")
         if not _exists(agent) and agent in agents:
-            return cls(text, "pretrained", agent, craft=craft, part=part)
+            return cls(text, "pretrained", agent, craft=craft, part=part)._with_frugality()
         if not _exists(whole) and (task := _task_alone(whole)):
             raise ConfigError(
                 f"{whole} is a task, and a contestant is who flies it: type {_who_flies(task, agents)}."
@@ -142,7 +148,7 @@ class ContestantName:
                 else f"{whole} is not a run folder, and no agent or controller{near}."
             )
         if _exists(whole):
-            return cls(text, "run folder", whole, part=part)
+            return cls(text, "run folder", whole, part=part)._with_frugality()
         if whole in ("optimal", "optimum", "bound", "bounds"):
             raise ConfigError(
                 f"{whole} is no contestant: optimal trajectories and certified bounds join by --with optimal."
@@ -158,7 +164,22 @@ class ContestantName:
                 f"there is no run folder {brief(whole)}{meant_file(whole)}, and no controller or agent of this "
                 f"name; controllers are {', '.join(CONTROLLERS)}; `rans list AGENTS` prints the agents."
             )
-        return cls(text, "run folder", agent, craft=craft, part=part)
+        return cls(text, "run folder", agent, craft=craft, part=part)._with_frugality()
+
+    def _with_frugality(self) -> ContestantName:
+        """The same with the number after "#" as its frugality, if this is an agent for any craft."""
+        if not self.part or not _flies_any_craft(self):
+            return self
+        try:
+            value = float(self.part)
+        except ValueError:
+            value = math.nan
+        if not 0.0 <= value <= 1.0:
+            raise ConfigError(
+                f"{brief(self.text)} asks an agent for any craft for {brief(self.part)}: after # stands a number "
+                f"from 0 (fast) to 1 (frugal), as in {AGENTS[2]}#0.5@mine.toml."
+            )
+        return replace(self, part="", frugality=value)
 
     @property
     def alone(self) -> ContestantName:
@@ -202,10 +223,12 @@ class ContestantName:
             ConfigError: it is no trained agent, or one that is not in the package, or cannot fly the craft.
         """
         source = self.own_folder
-        if not self.craft and not self.adapts:
+        if not self.craft and not self.adapts and not self.frugality:
             return source
         craft = load_spacecraft(typed(self.craft)) if self.craft else None
-        return write_for_spacecraft(source, craft, self.output_folder / "agent", self.adapts)
+        return write_for_spacecraft(
+            source, craft, self.output_folder / "agent", self.adapts, self.frugality
+        )
 
     @property
     def own_folder(self) -> Path:
@@ -238,7 +261,7 @@ class ContestantName:
         name = self.without_earlier()
         if self.looks_ahead:
             text = self.text.partition("#")[0]
-        elif name.kind == "run folder" and not name.craft and not name.adapts:
+        elif name.kind == "run folder" and not (name.craft or name.adapts or name.frugality):
             return Path(name.name)
         elif name.craft:
             text = f"{name.name}:{name.craft}"
@@ -250,9 +273,19 @@ class ContestantName:
             text = f"pretrained:{name.name}"
         else:
             text = f"{name.name}:{name.setup}"
+        if name.frugality:
+            text = f"{text}:{name.frugality:g}"
         if name.adapts:
             text = f"{ADAPTIVE}:{text}"
         return EVALUATIONS / "-".join(distinct(part) for part in re.split("[:@]+", text) if part)
+
+
+def _flies_any_craft(name: ContestantName) -> bool:
+    """Whether a name is that of an agent for any craft; False where it has no agent that can be read."""
+    try:
+        return flies_any_craft(name.own_folder)
+    except (ConfigError, OSError):
+        return False
 
 
 def _is_bare_controller(text: str) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
-from rans.evaluation.fly.any_craft import adapting, for_spacecraft
+from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.controllers import controller, user_policy
 from rans.evaluation.fly.exported import is_exported, load_exported
@@ -40,7 +40,8 @@ def contestant(
             (`rans.evaluation.fly.exported`). FILE.csv holds flights, which fly ``default_setup``
             (`rans.evaluation.fly.flights_file`). An agent for any craft flies another one than its own as
             ``any-craft-2d@SPACECRAFT`` (`rans.evaluation.fly.any_craft`), and estimates in flight what the
-            craft's file does not state as ``adaptive:any-craft-2d@SPACECRAFT``.
+            craft's file does not state as ``adaptive:any-craft-2d@SPACECRAFT``. ``any-craft-2d#0.5@SPACECRAFT``
+            takes more time to spend less thrust, from 0 (fast) to 1 (frugal).
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         default_setup: setup of policies of other libraries, and of a controller named by its bare name or
             MODULE:NAME; None: such contestants are refused.
@@ -85,6 +86,8 @@ def _loaded(
         run = adapting(run)
     if name.craft:
         run = for_spacecraft(run, load_spacecraft(typed(name.craft)))
+    if name.frugality:
+        run = frugal(run, name.frugality)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(protocol, own)[:4])
 

@@ -7,6 +7,7 @@ read (docs/decisions/security.md).
 
 from __future__ import annotations
 
+import math
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
@@ -20,7 +21,7 @@ import torch
 from torch import Tensor
 
 from rans.archives import content, opened
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import ConfigError, NonFiniteState, RansError, brief
 from rans.fast.agent_files.pickle_scan import foul, refuse
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import PPOSettings
@@ -31,6 +32,7 @@ from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.authority import DIMENSIONS, width
 from rans.policy.backbone_registry import ATTENTION, BACKBONES
 from rans.policy.filter_bank import Filters
+from rans.policy.frugality import AS_TRAINED
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
 from rans.policy.symmetry import Symmetries
@@ -50,6 +52,7 @@ _LISTS: dict[str, Callable[[Any], Any]] = {
     "bounds": float,
     "authority": float,
     "filling": float,
+    "frugal": float,
     "tokens": lambda row: tuple(map(float, row)),
     "levers": lambda row: tuple(map(float, row)),
 }
@@ -128,7 +131,16 @@ def actor_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps
         architecture: architecture of the network.
         tensors: weights and statistics of the network (`Network.member`).
         steps: environment steps of the training.
+
+    Raises:
+        NonFiniteState: a weight is not finite.
     """
+    for name, x in tensors.items():
+        if not bool(torch.isfinite(x).all()):
+            raise NonFiniteState(
+                f"{name} of the agent has numbers that are not finite, so that it is not written: the usual cause "
+                "is a training that diverged; use another seed or a smaller learning rate."
+            )
     return pack_tensors(
         {
             "architecture": _table(replace(architecture, privileged=0, nominal=())),
@@ -337,6 +349,19 @@ def _check_craft(architecture: Architecture) -> None:
     widths = [[width] * architecture.thrusters for width in backbone.token_widths]
     if backbone.has_tokens and [*map(len, architecture.tokens)] not in widths:
         raise ValueError("its tokens are of another spacecraft")
+    frugal = architecture.frugal
+    if frugal and (
+        not architecture.authority
+        or len(frugal) != len(AS_TRAINED)
+        or not 0.0 < frugal[0] <= 1.0
+        or min(frugal[1:3]) < 0.0
+        or frugal[2] > math.pi
+        or frugal[3] <= 0.0
+    ):
+        raise ValueError(
+            "its frugality is not a part of a distance, a distance, an angle and a factor of a price, or it is "
+            "no agent for any craft"
+        )
     if architecture.authority:
         architecture.columns  # noqa: B018 (refuses the observations of another task)
         if bank or views:
@@ -386,6 +411,7 @@ def _check_numbers(architecture: Architecture) -> None:
         "coast": architecture.coast,
         "farthest": (architecture.farthest, architecture.farthest_lost),
         "filling": architecture.filling,
+        "frugal": architecture.frugal,
         "levers": architecture.levers,
         "clip": architecture.clip,
     }

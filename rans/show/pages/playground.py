@@ -282,6 +282,7 @@ class _Traced:
                 observation,
                 Authority(period, authority[:4], authority[4:], least_linear, least_angular),
                 architecture.coast,
+                frugality=architecture.frugality,
             )
             if architecture.authority
             else architecture.preprocessed(observation)
@@ -454,7 +455,7 @@ def _allocation_data(architecture: Architecture) -> dict[str, Any]:
     return {
         "tokens": architecture.tokens,
         "authority": [period, *authority, min(authority[:4]), min(authority[4:])],
-        "price": PRICE,
+        "price": architecture.frugality.price * PRICE,
         "fall": FALL,
         "passes": PASSES,
         "subsets": MOST_SUBSETS,

@@ -1,0 +1,141 @@
+"""Frugality of an agent for any craft: slower and cheaper flights by the same weights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rans.errors import ConfigError, NonFiniteState
+from rans.evaluation.fly.any_craft import frugal
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.aggregate import measure
+from rans.fast.agent_files.agent import actor_bytes, read_policy
+from rans.policy.authority import shortened
+from rans.policy.frugality import AS_TRAINED, Frugality
+from rans.policy.predict import predict
+from tests.support.pose_observations import observations
+
+
+def flown(spec: str, episodes: int = 48) -> dict[str, float]:
+    run = contestant(spec)
+    flight = fly_episodes(run.controller, run.judged, 77, episodes, workers=1).flight
+    return {row.name: row.value for row in measure(flight).rows}
+
+
+def test_frugal_flights_settle_with_less_thrust_in_more_time() -> None:
+    """The values of docs/any_craft.md; LQR needs 6.4 s and 21.8 N s there, which 0.5 dominates."""
+    fast, half, slow = (flown(f"any-craft-2d#{value}") for value in ("0", "0.5", "1"))
+    assert fast["solved"] == half["solved"] == slow["solved"] == 100.0
+    assert slow["impulse"] < 0.7 * fast["impulse"]
+    assert half["impulse"] < 0.9 * fast["impulse"]
+    assert slow["settling time"] > 1.3 * fast["settling time"]
+    assert half["settling time"] < 1.1 * fast["settling time"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["free-flyer", "spheres"])
+def test_frugal_flights_in_space_settle_with_less_thrust(name: str) -> None:
+    fast, half = (flown(f"any-craft-3d#{value}@{name}", 24) for value in ("0", "0.6"))
+    assert fast["solved"] == half["solved"] == 100.0
+    assert half["impulse"] < 0.9 * fast["impulse"]
+
+
+def test_the_value_0_is_the_agent_as_it_was_trained() -> None:
+    plain, named = (contestant(spec).controller for spec in ("any-craft-2d", "any-craft-2d#0"))
+    seen = observations(300)
+    for one in (plain, named):
+        assert one.network.architecture.frugal == ()  # type: ignore[attr-defined]
+    first, second = (predict(x.network, seen.numpy())[0] for x in (plain, named))  # type: ignore[attr-defined]
+    assert np.array_equal(first, second)
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.1, 100.0))
+def test_a_larger_value_never_hurries(one: float, other: float, distance: float) -> None:
+    low, high = (Frugality.of_value(value, distance) for value in sorted((one, other)))
+
+    def bound(x: float) -> float:
+        return x or math.inf
+
+    assert high.shortened <= low.shortened
+    assert bound(high.farthest) <= bound(low.farthest) + 1e-6
+    assert bound(high.largest_angle) <= bound(low.largest_angle)
+    assert high.price >= low.price - 1e-6
+
+
+def test_distance_and_angle_by_hand() -> None:
+    """Beyond 15 cm a quarter counts: 3 m along x become 0.15 + 0.25 * 2.85 m; then 0.5 m bound them."""
+    half = Frugality(0.25, 0.0, 0.0, 1.0)
+    (x, y), _ = shortened([3.0, 0.0], (1.0, [0.0]), half)
+    assert (x, y) == pytest.approx((0.8625, 0.0))
+    (x, y), _ = shortened([0.0, -3.0], (1.0, [0.0]), half._replace(farthest=0.5))
+    assert (x, y) == pytest.approx((0.0, -0.5))
+    near = [0.06, 0.08]  # 10 cm away, which are left as they are
+    assert shortened(near, (1.0, [0.0]), half)[0] == pytest.approx(near)
+    # A turn by -120 degrees becomes one by -30 degrees, and one by 20 degrees stays.
+    third = half._replace(largest_angle=math.pi / 6)
+    for degrees, expected in ((-120.0, -30.0), (20.0, 20.0)):
+        angle = math.radians(degrees)
+        _, (cosine, (sine,)) = shortened([1.0, 0.0], (math.cos(angle), [math.sin(angle)]), third)
+        assert math.degrees(math.atan2(float(sine), float(cosine))) == pytest.approx(expected)
+
+
+def test_names_of_files_crafts_and_values() -> None:
+    name = ContestantName.parse("any-craft-2d#0.5@atmos")
+    assert (name.frugality, name.craft, name.part) == (0.5, "atmos", "")
+    assert ContestantName.parse("any-craft-2d@atmos#0.5").output_folder == name.output_folder
+    assert ContestantName.parse("any-craft-2d@atmos").output_folder != name.output_folder
+    both = ContestantName.parse("adaptive:any-craft-2d#0.25@atmos")
+    assert (both.adapts, both.frugality) == (True, 0.25)
+    other = ContestantName.parse("go-to-pose-2d-trade-off#0.5")
+    assert (other.part, other.frugality) == ("0.5", 0.0)
+
+
+@pytest.mark.parametrize("value", ["1.5", "-0.1", "fast", "nan"])
+def test_another_value_is_a_sentence(value: str) -> None:
+    with pytest.raises(ConfigError, match=r"from 0 \(fast\) to 1 \(frugal\)"):
+        ContestantName.parse(f"any-craft-2d#{value}")
+
+
+def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = ContestantName.parse("any-craft-2d#0.8@pingu").folder
+    saved = read_policy(folder / "agent.safetensors").network
+    expected = contestant("any-craft-2d#0.8@pingu").controller.network  # type: ignore[attr-defined]
+    assert saved.architecture.frugality == expected.architecture.frugality != AS_TRAINED
+    seen = observations(200).numpy()
+    assert np.array_equal(predict(saved, seen)[0], predict(expected, seen)[0])
+
+
+@pytest.mark.parametrize(
+    "numbers", [(0.0, 0.0, 0.0, 1.0), (1.0, -1.0, 0.0, 1.0), (1.0, 0.0, 4.0, 1.0), (1.0, 0.0, 0.0)]
+)
+def test_other_numbers_in_a_file_are_refused(numbers: tuple[float, ...], tmp_path: Path) -> None:
+    network = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    forged = replace(network.architecture, frugal=numbers)
+    file = tmp_path / "agent.safetensors"
+    file.write_bytes(actor_bytes(forged, network.member(0), 0))
+    with pytest.raises(ConfigError, match="frugality"):
+        read_policy(file)
+
+
+def test_weights_that_are_not_finite_are_not_written() -> None:
+    network = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    tensors = dict(network.member(0))
+    name = next(name for name in tensors if name.endswith("weight"))
+    tensors[name] = torch.full_like(tensors[name], math.nan)
+    with pytest.raises(NonFiniteState, match="not finite"):
+        actor_bytes(network.architecture, tensors, 0)
+
+
+def test_an_agent_of_one_craft_has_no_frugality() -> None:
+    with pytest.raises(ConfigError, match="name any-craft-2d"):
+        frugal(contestant("go-to-pose-2d"), 0.5)
