@@ -131,8 +131,8 @@ def assure(
             its count decides.
         confidence: confidence of every bound.
         worst: number of failed flights of each kind that are flown again in Drake.
-        rare: number of flights, at least 1600, to estimate rarer failures by subset simulation, where every factor
-            of ten in the probability takes as many; 0: none.
+        rare: number of flights as drawn, at least 1600, to estimate rarer failures by subset simulation; a
+            probability of 1e-6 takes about 85 times as many. 0: none.
         search: name of conditions; searches for the smallest disturbance that makes the agent fail, in units of
             these. None: no search.
         seed: random seed of starts, goals and conditions.

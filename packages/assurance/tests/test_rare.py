@@ -29,6 +29,7 @@ def _any(*chances: float) -> float:
 
 RADIUS = math.sqrt(chi2.isf(1e-6, 12))
 ONE = float(norm.sf(4.5))
+LATE = float(norm.sf(4.3))
 SETS = {
     "one side": Failures(lambda z: z[0] / 4.5, 10, ONE),
     "outside of a sphere": Failures(lambda z: np.linalg.norm(z, axis=0) / RADIUS, 12, 1e-6),
@@ -43,6 +44,24 @@ SETS = {
         lambda z: np.abs(z[:4]).max(axis=0) / 4.5, 10, _any(*4 * [2.0 * ONE])
     ),
     "decoy": Failures(lambda z: np.maximum(z[0] / 4.5, np.minimum(0.9, z[1] / 2.5)), 10, ONE),
+    # At middle levels of the score the most frequent cause is outlived by a rarer one that rises early.
+    "late": Failures(
+        lambda z: np.maximum(np.maximum(z[0] / 4.3, 0.0) ** 6, z[1] / 4.5), 10, _any(LATE, ONE)
+    ),
+    "late2": Failures(
+        lambda z: np.maximum((z[0] / 4.3) ** 6, np.abs(z[1]) / 4.5),
+        10,
+        _any(2.0 * LATE, 2.0 * ONE),
+    ),
+    # A rarer cause rises to 0.9 at once, and from there slowly.
+    "saturating": Failures(
+        lambda z: np.maximum(
+            z[0] / 4.3,
+            np.where(z[1] < 1.5, 0.6 * np.maximum(z[1], 0.0), 0.9 + 0.1 * (z[1] - 1.5) / 3.1),
+        ),
+        10,
+        _any(LATE, float(norm.sf(4.6))),
+    ),
 }
 
 
@@ -63,21 +82,16 @@ def _wrong(name: str, results: list[Rare]) -> int:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        name
-        if name in ("one side", "two causes", "decoy")
-        else pytest.param(name, marks=pytest.mark.slow)
-        for name in SETS
-    ],
+    [name if name == "late" else pytest.param(name, marks=pytest.mark.slow) for name in SETS],
 )
 def test_intervals_cover_what_they_say(name: str) -> None:
-    results = _repeated(name, 30)
-    # Of 30 intervals at 99 % more than 3 are wrong once in 5,000 times.
-    assert binom.sf(3, 30, 0.01) < 2.5e-4
-    assert _wrong(name, results) <= 3
+    results = _repeated(name, 15)
+    # Of 15 intervals at 99 % more than 2 are wrong once in 2,400 times.
+    assert binom.sf(2, 15, 0.01) < 4.2e-4
+    assert _wrong(name, results) <= 2
     refused = [one for one in results if one.interval is None]
-    # Where chains of flights can lead to failures, there is an answer; where they are led astray, none.
-    assert len(refused) == 30 if name == "decoy" else len(refused) <= 3
+    # Where larger errors lead to failures, there is an answer.
+    assert len(refused) <= 3
 
 
 @pytest.mark.slow
@@ -85,8 +99,6 @@ def test_intervals_cover_what_they_say(name: str) -> None:
 def test_98_percent_of_200_intervals_are_right(name: str) -> None:
     results = _repeated(name, 200)
     assert _wrong(name, results) <= 4
-    if name == "decoy":
-        return
     estimates = np.array([one.probability for one in results]) / SETS[name].probability
     # Without bias: the mean of 200 is within four of its own standard errors.
     assert abs(estimates.mean() - 1.0) < 4.0 * estimates.std() / math.sqrt(200)
@@ -103,7 +115,8 @@ def test_many_flights_tell_more(limit: float) -> None:
     assert low <= true <= high < 2.0 * low
     assert found.is_counted == (limit == 2.0)
     if limit > 2.0:
-        assert found.gain > 100.0
+        # A flight's factor is worth its about 7 flights, along two ways.
+        assert found.gain > 10.0
 
 
 def test_where_nothing_fails_nothing_is_estimated() -> None:
@@ -137,13 +150,37 @@ def test_a_group_that_alone_met_a_frequent_cause_is_believed_no_more_than_the_ot
     assert "differ (1e-06 to 2e-05)" in differ.summary
 
 
-def test_counting_the_first_flights_widens_what_groups_say() -> None:
+def test_counting_the_first_flights_overrules_what_groups_say() -> None:
     """10 of 4,000 flights as drawn failed: 2.5e-3, which no agreement on 1e-6 argues away."""
     found = Rare((1e-6,) * 15 + (2e-6,), 10, 20_000, 4000, 10)
     assert found.interval is not None
-    assert 5e-4 < found.interval[1] < 2.5e-3
+    low, high = found.interval
+    assert 5e-4 < low < 2.5e-3 < high < 1e-2
 
 
+def test_another_way_that_meets_more_failures_leaves_no_interval() -> None:
+    agree = (1e-6,) * 15 + (2e-6,)
+    more = (1e-5,) * 15 + (2e-5,)
+    assert Rare(agree, 10, 20_000, 4000, 0, (agree, agree)).interval is not None
+    missed = Rare(agree, 10, 20_000, 4000, 0, (agree, more))
+    assert missed.interval is None
+    assert "1.06e-05, as where kinds of failure differ in pace" in missed.summary
+    # One that meets less is what it is there to show: it was led astray.
+    assert Rare(more, 10, 20_000, 4000, 0, (agree, agree)).interval is not None
+
+
+def test_failures_that_larger_errors_jump_over_are_noticed() -> None:
+    """A band of failures so narrow that no factor on the errors lands in it, but the score leads there."""
+
+    def score(z: np.ndarray, _: np.ndarray) -> np.ndarray:
+        fails = (z[0] > 4.0) & (z[0] < 4.02)
+        return np.where(fails, 1.0, 0.99 - 0.2 * np.abs(z[0] - 4.01))
+
+    results = [rare(score, 2, 2000, seed) for seed in range(3)]
+    assert all(one.interval is None for one in results)
+
+
+@pytest.mark.slow
 def test_failures_by_noise_are_estimated_right() -> None:
     """The number of an episode decides beside what is drawn: a uniform number between -1/4 and 1/4."""
 

@@ -1,11 +1,17 @@
 """Probabilities of events too rare to be counted: subset simulation by independent groups of flights.
 
-The probability of a rare event is the product of conditional ones that are not rare: that of reaching a first level
-of a score, of a second one given the first, and so on to the event. Flights beyond a level are made from those that
+The probability of a rare event is the product of conditional ones that are not rare: that of reaching a first
+level, of a second one given the first, and so on to the event. Flights beyond a level are made from those that
 reached it, by Markov chains that keep the nominal distribution and refuse what falls below (S.-K. Au and J. L.
-Beck, Probabilistic Engineering Mechanics 16(4), 2001). No form of the set of failures is assumed, so that several
-independent causes are followed at once. Sixteen groups never exchange flights. That they agree is what the
-interval stands on, and where they do not there is none.
+Beck, Probabilistic Engineering Mechanics 16(4), 2001).
+
+What a level is of decides which causes are followed: a cause whose margin falls late is outlived, at the middle
+levels, by a rarer one whose margin falls early, and all groups then agree on the rarer one. Levels are therefore of
+the factor by which all errors of a flight would have to grow until it fails. It asks only whether flights fail, so
+that no cause is earlier or later than another by how its margin falls.
+
+Sixteen groups never exchange flights. That they agree is what the interval stands on, and where they do not there
+is none. Nor is there one where another way to failures, by the largest error alone or by the margin, meets more.
 """
 
 from __future__ import annotations
@@ -43,6 +49,15 @@ Engineering Mechanics 41, 2015)."""
 _LARGEST = 0.4
 """Part of the sum that one group may have. Groups that followed the same causes stay below it, but for one in a
 hundred; one that alone met a frequent cause does not."""
+_FACTOR = 1.25
+"""Between two factors at which it is asked whether a flight fails; failures within a narrower range are missed."""
+_FACTORS = 10
+"""Such steps: up to 9.3 times the errors as drawn. A tenth of the flights has a normal number above 1.28."""
+_HALVINGS = 5
+"""Of the step at which a flight begins to fail: to 0.7 %, in which a probability of 1e-6 changes by a fifth at most
+for one cause."""
+_MORE = 3.0
+"""Standard errors by which another way must meet more failures to leave no interval: by chance 1 in 700."""
 _LEVEL = 0.005
 """Probability of being wrong on either side of an interval at 99 %."""
 
@@ -61,6 +76,8 @@ class Rare:
     """Flights as drawn, the first ones."""
     counted: int
     """Events among these."""
+    otherwise: tuple[tuple[float, ...], ...] = ()
+    """Probability by each group, of every other way to failures."""
 
     @property
     def is_counted(self) -> bool:
@@ -73,6 +90,15 @@ class Rare:
         return min(self.groups) == 0.0 or max(self.groups) > _LARGEST * sum(self.groups)
 
     @property
+    def missed(self) -> bool:
+        """Whether another way to failures met more of them than the groups."""
+        return any(
+            np.mean(other) - np.mean(self.groups)
+            > _MORE * math.hypot(_error(self.groups), _error(other))
+            for other in self.otherwise
+        )
+
+    @property
     def probability(self) -> float:
         """Estimate; it has no bias, whether the groups agree or not."""
         return float(np.mean(self.groups))
@@ -82,22 +108,22 @@ class Rare:
         """Standard error: of the count, or from the differences between groups."""
         if self.is_counted:
             return math.sqrt(self.probability * (1.0 - self.probability) / self.nominal)
-        return float(np.std(self.groups, ddof=1) / math.sqrt(len(self.groups)))
+        return _error(self.groups)
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Interval at 99 %; None where no event was met, or the groups differ.
+        """Interval at 99 %; None where no event was met, the groups differ, or another way met more events.
 
         Of events that can be counted it is Clopper and Pearson's. Otherwise the logarithms of the groups'
         estimates are taken as normal, with Cox's interval of their mean (U. Olsson, Journal of Statistics Education
-        13(1), 2005), and it is widened to meet what counting the first flights proves. Causes to which no rising
-        score leads are in neither.
+        13(1), 2005). Where what counting the first flights proves lies beside that interval, it counts alone.
+        Causes to which larger errors do not lead are in neither.
         """
         low = lower(self.counted, self.nominal, _LEVEL)
         high = upper(self.counted, self.nominal, _LEVEL)
         if self.is_counted:
             return low, high
-        if self.differ:
+        if self.differ or self.missed:
             return None
         logs = np.log(self.groups)
         count = len(logs)
@@ -105,7 +131,8 @@ class Rare:
         middle = float(logs.mean()) + 0.5 * variance
         spread = math.sqrt(variance / count + variance**2 / (2.0 * (count - 1)))
         half = float(student.isf(_LEVEL, count - 1)) * spread
-        return min(high, math.exp(middle - half)), max(low, min(1.0, math.exp(middle + half)))
+        least, most = math.exp(middle - half), min(1.0, math.exp(middle + half))
+        return (low, high) if most < low or high < least else (least, most)
 
     @property
     def summary(self) -> str:
@@ -126,6 +153,12 @@ class Rare:
             return (
                 f"only {met} of {len(self.groups)} independent groups of flights met a failure, so there is "
                 "no estimate; more flights may make them agree"
+            )
+        if self.missed and not self.differ:
+            more = max(float(np.mean(other)) for other in self.otherwise)
+            return (
+                f"larger errors lead to failures of a probability of {self.probability:.3g}, and another way to "
+                f"{more:.3g}, as where kinds of failure differ in pace, so there is no estimate"
             )
         return (
             f"independent groups of flights differ ({min(self.groups):.3g} to {max(self.groups):.3g}), as "
@@ -179,9 +212,11 @@ def check_rare_count(name: str, count: int) -> None:
 
 
 def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
-    """Probability of an event, by flights of which ``count`` are as drawn, and nine tenths of that a level.
+    """Probability of an event, by flights of which ``count`` are as drawn.
 
-    A probability of 1e-3 takes about 3 times ``count`` flights, 1e-6 about 6 times.
+    Three ways are followed one after the other: all errors grow, the largest grows, and the score. A probability of
+    1e-6 takes about 85 times ``count`` flights: a level of the first two has nine tenths of ``count`` flights, each
+    with several factors on its errors.
 
     Args:
         score: of flights.
@@ -194,13 +229,114 @@ def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
     """
     check_rare_count("count", count)
     random = generator(seed)
-    best = int(_BEST * count / GROUPS)
     length = round(1.0 / _BEST)
-    shape = (GROUPS, best * length)
+    size = int(_BEST * count / GROUPS), length
+    shape = (GROUPS, math.prod(size))
     z = random.standard_normal((dimensions, *shape))
-    flights = _scored(score, z, episode_numbers(random, math.prod(shape)).reshape(shape))
-    counted = int((flights.score >= 1.0).sum())
-    flown = nominal = math.prod(shape)
+    number = episode_numbers(random, math.prod(shape)).reshape(shape)
+    by_score = _ByScore(score)
+    drawn = _scored(by_score, z, number, -math.inf)
+    happened = drawn.score >= 1.0
+    counted = int(happened.sum())
+    if counted >= _COUNTABLE:
+        counts = tuple(happened.mean(axis=1).tolist())
+        return Rare(counts, counted, happened.size, happened.size, counted)
+    by_all = _ByErrors(score, _all_larger)
+    by_largest = _ByErrors(score, _largest_larger)
+    groups, events = _followed(by_all, _scored(by_all, z, number, -math.inf), size, random)
+    otherwise = (
+        _followed(by_largest, _scored(by_largest, z, number, -math.inf), size, random)[0],
+        _followed(by_score, drawn, size, random)[0],
+    )
+    flown = sum(way.flown for way in (by_score, by_all, by_largest))
+    return Rare(groups, events, flown, happened.size, counted, otherwise)
+
+
+class _ByScore:
+    """Levels of a score as it is; counts its flights."""
+
+    def __init__(self, score: Score) -> None:
+        self._score = score
+        self.flown = 0
+
+    def __call__(self, z: np.ndarray, number: np.ndarray, level: float) -> np.ndarray:
+        """(N,) scores of normal numbers (D, N) and episodes (N,); `level` is not used."""
+        del level
+        self.flown += len(number)
+        return np.asarray(self._score(z, number))
+
+
+Larger = Callable[[np.ndarray, Any], np.ndarray]
+"""Function of normal numbers (D, N) and a factor, a number or (N,): the numbers with larger errors, (D, N)."""
+
+
+def _all_larger(z: np.ndarray, factor: Any) -> np.ndarray:
+    return factor * z
+
+
+def _largest_larger(z: np.ndarray, factor: Any) -> np.ndarray:
+    sizes = np.abs(z)
+    return np.where(sizes == sizes.max(axis=0), factor * z, z)
+
+
+class _ByErrors:
+    """Levels of one over the least factor on a flight's errors with which it fails; counts its flights.
+
+    The factor is 1 where the flight fails as it is, and infinite where it fails with none of those that are tried.
+    """
+
+    def __init__(self, score: Score, larger: Larger) -> None:
+        self._score = score
+        self._larger = larger
+        self.flown = 0
+
+    def _fails(self, z: np.ndarray, number: np.ndarray, power: Any) -> np.ndarray:
+        """Whether flights fail with a power of `_FACTOR` on their errors, (N,)."""
+        self.flown += len(number)
+        if not len(number):
+            return np.zeros(0, dtype=bool)
+        return np.asarray(self._score(self._larger(z, _FACTOR**power), number)) >= 1.0
+
+    def __call__(self, z: np.ndarray, number: np.ndarray, level: float) -> np.ndarray:
+        """(N,) scores of normal numbers (D, N) and episodes (N,); 0 for some that are below a level."""
+        least = np.full(len(number), np.inf)
+        open_ones = np.arange(len(number))
+        # The factors are always the same, so that a flight's score does not depend on the level.
+        last = _FACTORS
+        if level > 0.0:
+            last = min(last, math.ceil(-math.log(level) / math.log(_FACTOR) - 1e-9))
+        for power in range(last + 1):
+            fails = self._fails(z[:, open_ones], number[open_ones], power)
+            least[open_ones[fails]] = power
+            open_ones = open_ones[~fails]
+        begun = np.flatnonzero(np.isfinite(least) & (least > 0.0))
+        high = least[begun]
+        low = high - 1.0
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            fails = self._fails(z[:, begun], number[begun], middle)
+            high = np.where(fails, middle, high)
+            low = np.where(fails, low, middle)
+        least[begun] = high
+        return _FACTOR**-least
+
+
+Way = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+"""Function of normal numbers (D, N), episodes (N,) and a level: scores (N,), from 1 on an event happens."""
+
+
+def _followed(
+    way: Way, flights: _Flights, size: tuple[int, int], random: np.random.Generator
+) -> tuple[tuple[float, ...], int]:
+    """Probability of the event by every group, and the events among the last flights.
+
+    Args:
+        way: to the event.
+        flights: as drawn.
+        size: chains of a group, and flights of a chain.
+        random: numbers.
+    """
+    best, _ = size
     groups = np.ones(GROUPS)
     level = -math.inf
     step = 0.6
@@ -210,25 +346,25 @@ def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
         alive = groups > 0.0
         scores = np.sort(flights.score[alive], axis=None)
         next_level = min(1.0, float(scores[-best * int(alive.sum())]))
-        if counted >= _COUNTABLE:
-            next_level = 1.0
-        if next_level <= level:
-            # More than a tenth have the same score, and none to follow.
-            groups[:] = 0.0
-            break
+        if next_level <= level or (next_level == 0.0 and scores[-1] > 0.0):
+            # More than a tenth have the same score: those with a higher one go on, if any.
+            higher = scores[scores > max(level, 0.0)]
+            if not len(higher):
+                groups[:] = 0.0
+                break
+            next_level = min(1.0, float(higher[0]))
         level = next_level
         beyond = flights.score >= level
         groups *= beyond.mean(axis=1)
         if level >= 1.0 or not groups.any():
             break
-        flights, step = _continued(score, flights, beyond, level, (best, length), step, random)
-        flown += (length - 1) * GROUPS * best
+        flights, step = _continued(way, flights, beyond, level, size, step, random)
     events = int((flights.score >= 1.0)[groups > 0.0].sum())
-    return Rare(tuple(groups.tolist()), events, flown, nominal, counted)
+    return tuple(groups.tolist()), events
 
 
 def _continued(
-    score: Score,
+    way: Way,
     flights: _Flights,
     beyond: np.ndarray,
     level: float,
@@ -239,7 +375,7 @@ def _continued(
     """Flights beyond a level, by chains from those that reached it; and the length of the chains' steps.
 
     Args:
-        score: of flights.
+        way: to the event.
         flights: of all groups.
         beyond: (G, N) which of them reached the level.
         level: of the score.
@@ -263,7 +399,7 @@ def _continued(
         z = math.sqrt(1.0 - step**2) * now.z + step * random.standard_normal(now.z.shape)
         fresh = episode_numbers(random, now.number.size).reshape(now.number.shape)
         number = np.where(random.random(fresh.shape) < _SAME_NOISE, now.number, fresh)
-        new = _scored(score, z, number)
+        new = _scored(way, z, number, level)
         accepted = new.score >= level
         now = _Flights(
             np.where(accepted, new.z, now.z),
@@ -277,9 +413,14 @@ def _continued(
     return _Flights(*joined), step
 
 
-def _scored(score: Score, z: np.ndarray, number: np.ndarray) -> _Flights:
-    scores = score(z.reshape(len(z), -1), number.ravel())
-    return _Flights(z, number, np.asarray(scores).reshape(number.shape))
+def _scored(way: Way, z: np.ndarray, number: np.ndarray, level: float) -> _Flights:
+    scores = way(z.reshape(len(z), -1), number.ravel(), level)
+    return _Flights(z, number, scores.reshape(number.shape))
+
+
+def _error(groups: tuple[float, ...]) -> float:
+    """Standard error of the mean of groups."""
+    return float(np.std(groups, ddof=1) / math.sqrt(len(groups)))
 
 
 def episode_numbers(random: np.random.Generator, count: int) -> np.ndarray:

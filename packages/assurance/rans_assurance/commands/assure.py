@@ -56,8 +56,8 @@ class Assure:
     failure_below: float | None = None
     """Failure probability to show or to refute, such as 1e-4; the campaign ends as soon as its count decides."""
     rare: int = 0
-    """Also estimate the probability of rarer failures, by subset simulation with this many flights (at least
-    1600) a factor of ten: a probability of 1e-6 takes six times as many."""
+    """Also estimate the probability of rarer failures, by subset simulation with this many flights as
+    drawn (at least 1600): a probability of 1e-6 takes about 85 times as many."""
     search: str | None = None
     """Also search for the smallest disturbance that makes the agent fail, in units of these conditions, such
     as lab."""

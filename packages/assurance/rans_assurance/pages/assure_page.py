@@ -167,8 +167,9 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
             f"Flights that lead to ever larger errors, in {GROUPS} independent groups (subset simulation). From "
             "and to are at 99 %, from the differences between groups where they are not counted: an estimate, "
             "no bound, which knows no cause of failure that errors do not grow towards. Where groups differ "
-            "too much there is none. The gain is how many times as many counted flights would tell as much; "
-            "near 1, what a flight draws before it begins says little about whether it fails."
+            "too much, or another way to failures meets more of them, there is none. The gain is how many times "
+            "as many counted flights would tell as much; near 1, what a flight draws before it begins says little "
+            "about whether it fails."
         ),
         [Table(("", "probability of failure", "from", "to", "failed", "flights", "gain"), rows)],
     )
