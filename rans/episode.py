@@ -17,10 +17,10 @@ from typing import Any, NamedTuple, Protocol
 from rans.effectors.motion import states_at_checks
 from rans.effectors.slosh import check_slosh
 from rans.errors import ConfigError
-from rans.model.accuracy import chosen, is_off_its_path
+from rans.model.accuracy import FARTHEST, chosen
 from rans.model.body import Body
 from rans.model.dynamics import NODES, advance, thruster_effects
-from rans.model.fields import Field, finite, leaves, map_leaves, where
+from rans.model.fields import Field, absolute, finite, leaves, map_leaves, where
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -463,7 +463,7 @@ def step(
     goal = checked.goal
 
     # A state that no craft reaches ends the episode where it was a period earlier.
-    lost = ~finite(*leaves(state)) | is_off_its_path(episode.state, state, period)
+    lost = ~finite(*leaves(state)) | _is_off_its_path(episode.state, state, period)
     state = map_leaves(partial(where, lost), episode.state, state)
     if goal is not episode.goal:
         goal = map_leaves(
@@ -520,6 +520,20 @@ def step(
         reached=reached & ~failed,
         margins=checked.margins,
         guarded=guarded,
+    )
+
+
+def _is_off_its_path(before: Any, after: Any, period: float) -> Field:
+    """Whether a state is one that no accepted craft reaches from another in a control period, s.
+
+    Its way differs from that at its final velocity by ten times as much as that of the fastest craft that is
+    accepted (`rans.model.accuracy.FARTHEST`), which leaves room for disturbances and orbits. The rule is the same
+    for every craft and in every engine.
+    """
+    columns = zip(before.p.columns(), after.p.columns(), after.v.columns(), strict=True)
+    return (
+        reduce(operator.add, (absolute(q - p - v * period) for p, q, v in columns))
+        > 10.0 * FARTHEST
     )
 
 

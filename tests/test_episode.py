@@ -203,6 +203,7 @@ def test_a_task_that_shows_more_has_more_columns(dimension: Any, width: int) -> 
     assert columns[-1] == ("gust", "m", "-")
 
 
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
 @pytest.mark.parametrize("number", [math.nan, math.inf])
 def test_a_state_that_is_no_number_has_failed(number: float) -> None:
     """And with it the flight, which stops there; the others go on."""

@@ -9,17 +9,13 @@ largest angular acceleration of any command times the square of the control peri
 from __future__ import annotations
 
 import math
-import operator
 import warnings
 from dataclasses import replace
-from functools import reduce
 
 import numpy as np
 
 from rans.errors import ConfigError, RansWarning
 from rans.model.body import Body, numbers
-from rans.model.dynamics import State
-from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 
@@ -122,31 +118,6 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
                 f"Shorten the period; the usual cause is {cause} or a force in other units, or a task whose "
                 "control period is for larger spacecraft."
             )
-
-
-def is_off_its_path(before: State, after: State, period: float) -> Field:
-    """Whether a state is one that no accepted craft reaches from another in a control period, s.
-
-    The bound is ten times the largest change of velocity of a craft that passes the check of `FARTHEST`: it leaves
-    room for disturbances and orbits, and holds in every engine without regard to the craft.
-    """
-    far = 20.0 * FARTHEST
-    pairs = [
-        (p + v * period, q, v, w)
-        for p, q, v, w in zip(
-            before.p.columns(),
-            after.p.columns(),
-            before.v.columns(),
-            after.v.columns(),
-            strict=True,
-        )
-    ]
-    # Without differences, of which those of infinite numbers are none.
-    outside = (
-        (q > p + far) | (q < p - far) | (w > v + far / period) | (w < v - far / period)
-        for p, q, v, w in pairs
-    )
-    return reduce(operator.or_, outside)
 
 
 def fastest(craft: Spacecraft, timing: Timing, body: Body | None = None) -> float:
