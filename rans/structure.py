@@ -11,11 +11,9 @@ from functools import cache, partial
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
-from cattrs.gen import make_dict_structure_fn
 
 from rans.errors import ConfigError, RansError, brief, meant
 from rans.files import check_depth
-from rans.renamed import with_present_names
 
 T = TypeVar("T")
 Range = float | tuple[float, float]
@@ -165,9 +163,6 @@ def _converter() -> cattrs.Converter:
     converter.register_structure_hook_func(
         lambda kind: isinstance(kind, type) and inspect.isabstract(kind), lambda value, _: value
     )  # converted by the caller, which knows the class
-    converter.register_structure_hook_factory(
-        lambda kind: bool(getattr(kind, "former_names", None)), _accepting_former_names
-    )
     for kind in (bool, int, float, str):
         converter.register_structure_hook(kind, _strict)
     converter.register_structure_hook_func(
@@ -181,16 +176,6 @@ def _converter() -> cattrs.Converter:
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
     converter.register_structure_hook_func(ranges, partial(_range, converter))
     return converter
-
-
-def _accepting_former_names(kind: type, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
-    """Hook of cattrs for a dataclass with renamed fields (`rans.renamed`)."""
-    usual = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=True)
-
-    def hook(value: Any, _: Any) -> Any:
-        return usual(with_present_names(kind, value) if isinstance(value, Mapping) else value, kind)
-
-    return hook
 
 
 def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:

@@ -401,12 +401,7 @@ def api_group_page(title: str, names: list[str]) -> str:
     for name in names:
         thing = getattr(rans, name)
         if inspect.isclass(thing):
-            lines += [f".. autoclass:: rans.{name}", "   :members:"]
-            if former := getattr(
-                thing, "former_names", {}
-            ):  # these warn, and go with the next version
-                lines += [f"   :exclude-members: {', '.join(former)}"]
-            lines += [""]
+            lines += [f".. autoclass:: rans.{name}", "   :members:", ""]
         elif isinstance(thing, types.FunctionType):
             lines += [f".. autofunction:: rans.{name}", ""]
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from numbers import Integral
@@ -12,11 +11,10 @@ import numpy as np
 
 from rans.api.judging import CRAFT, SpacecraftLike
 from rans.api.names import load_spacecraft, load_task
-from rans.errors import ConfigError, RansDeprecationWarning, brief, is_finite, one_of, whole
+from rans.errors import ConfigError, brief, is_finite, one_of, whole
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
-from rans.renamed import DEPRECATED
 from rans.scenario import EVALUATION_SEED, Endpoints, Scenario, scenarios
 from rans.settled import settled_alone
 from rans.tasks import Task
@@ -106,7 +104,6 @@ def optimal_trajectory(
     most_speed: float | None = None,
     most_spin: float | None = None,
     zones: Sequence[Sequence[float]] = (),
-    keep_out: Sequence[Sequence[float]] = (),
 ) -> OptimalTrajectory:
     """Compute an optimal trajectory from one start, with thrust between 0 and 1, and fly it in Drake.
 
@@ -135,7 +132,6 @@ def optimal_trajectory(
         most_speed: largest speed of the trajectory, m/s.
         most_spin: largest angular speed of the trajectory, rad/s.
         zones: keep-out zones for the centre of mass: the coordinates of the centre in W, then the radius, m.
-        keep_out: the same under its former name.
 
     Raises:
         ConfigError: one of these does not exist, or they do not go together.
@@ -150,21 +146,11 @@ def optimal_trajectory(
     craft = load_spacecraft(spacecraft)
     objective_value = objective_of(objective, horizon, control_period, ending, intervals)
     scenario = _scenario(judged, craft, seed, start, goal)
-    for name, value in (("zones", zones), ("keep_out", keep_out)):
-        if isinstance(value, str) or not isinstance(value, Iterable):
-            raise ConfigError(
-                f"{name} must be a list of zones, as in [(1.5, 0.0, 0.4)], got {brief(value)}."
-            )
-    former = [*keep_out]
-    if former:
-        if [*zones]:
-            raise ConfigError("keep_out is the former name of zones: give zones alone.")
-        warnings.warn(
-            f"keep_out of rans.optimal_trajectory {DEPRECATED}: name it zones.",
-            RansDeprecationWarning,
-            stacklevel=2,
+    if isinstance(zones, str) or not isinstance(zones, Iterable):
+        raise ConfigError(
+            f"zones must be a list of zones, as in [(1.5, 0.0, 0.4)], got {brief(zones)}."
         )
-    balls = tuple(tuple(_numbers("zone", zone)) for zone in former or zones)
+    balls = tuple(tuple(_numbers("zone", zone)) for zone in zones)
     limits = PathLimits(most_speed, most_spin, balls)
     limits = None if limits == PathLimits() else limits
     usual = max(usual_guesses(craft, judged, objective_value), 3 if balls else 1)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from rans.errors import ConfigError, brief
 from rans.model.fields import Field
-from rans.renamed import renamed
 
 _SHORTEST = 1e-6
 _LONGEST = 1e6
@@ -21,7 +20,6 @@ MOST_STEPS = 2**20 - 1
 episodes in the high bits."""
 
 
-@renamed(looks="checks")
 @dataclass(frozen=True)
 class Timing:
     """Control period, substeps and checks of a period, and length of an episode.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
@@ -17,7 +17,6 @@ from rans.model.fields import Field, Vector, where
 from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
-from rans.renamed import AcceptsFormerNames
 from rans.tasks.observation_terms import (
     AngularVelocity,
     Dimension,
@@ -37,7 +36,7 @@ _DATA_COLUMNS = {2: 4, 3: 9}
 """Least number of columns of task data by dimension, so that the paper's tasks share a width (Table 1)."""
 
 
-class Task(Settings, metaclass=AcceptsFormerNames):
+class Task(Settings, ABC):
     """Base class of tasks: a frozen dataclass of settings with pure functions over fields.
 
     The same object serves the plane and space, and every engine. Tasks do not truncate episodes; engines do.

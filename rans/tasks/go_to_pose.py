@@ -10,7 +10,6 @@ from typing import ClassVar
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.renamed import now_constant, renamed
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import ObservationTerm, RelativeRotation, VectorInW
 from rans.tasks.rewards import RestReward, Transition, is_used, nearness, speed
@@ -18,29 +17,6 @@ from rans.tasks.rewards import RestReward, Transition, is_used, nearness, speed
 _NONE = RestReward()
 
 
-@renamed(
-    fine_position_scale="fine_scale",
-    fine_attitude_scale="fine_scale",
-    arrived_weight="arrived.weight",
-    arrived_fine_weight="arrived.fine_weight",
-    arrived_still_weight="arrived.still_weight",
-    arrived_thrust_weight="arrived.thrust_weight",
-    arrived_within="arrived.within",
-    arrived_spin="arrived.spin",
-    arrived_sharpness="arrived.sharpness",
-    arrived_squarings="arrived.sharpness",
-    boundary_weight="arrived.boundary_weight",
-    verge_weight="arrived.boundary_weight",
-    departed_weight="arrived.departed_weight",
-)
-@now_constant(
-    arrived_still_scale=RestReward.still_scale,
-    arrived_speed=RestReward.speed,
-    approach_scale=1.5,
-    turn_scale=1.0,
-    position_scale=0.25,
-    attitude_scale=0.25,
-)
 @dataclass(frozen=True)
 class GoToPose(SingleTask):
     """Go to a pose and stay there (paper: Table 1, rows "Go to pose"; sections 3.2 and 4.1).

@@ -10,7 +10,6 @@ from rans.errors import ConfigError, brief
 from rans.model.dynamics import State
 from rans.model.fields import Field, exp, log
 from rans.model.random import Random
-from rans.renamed import renamed
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.observation_terms import ObservationTerm, TradeOff
 from rans.tasks.rewards import Transition
@@ -19,7 +18,6 @@ _PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "spin")}
 """Terms of the reward that are multiplied by the price, and the settings of their weights."""
 
 
-@renamed(knob="trade_off")
 @dataclass(frozen=True)
 class GoToPosePriced(GoToPose):
     """Go to a pose with a trade-off between time and thrust, which every episode draws and the policy observes.

@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 from rans.display import Settings
 from rans.model.dynamics import State
 from rans.model.fields import Field, absolute, exp, finite, sqrt, where
-from rans.renamed import now_constant
 from rans.tasks.settings import check_settings
 
 _SQUARINGS = 4
@@ -99,7 +98,6 @@ class Transition:
         ) * (self.period)
 
 
-@now_constant(switching_weight=0.0, speed_weight=0.0)
 @dataclass(frozen=True)
 class Prices:
     """Prices of thrust and spin, which are settings of every task.

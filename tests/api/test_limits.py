@@ -134,12 +134,3 @@ def test_an_environment_of_no_dimension() -> None:
 def test_an_export_to_nowhere() -> None:
     with pytest.raises(ConfigError, match="output, unless it is a name or a file"):
         rans.export("go-to-pose-2d", None)  # type: ignore[arg-type]
-
-
-def test_zones_have_one_name() -> None:
-    own = {"start": rans.state((2.0, 0.0)), "horizon": 8.0, "guesses": 1}
-    with pytest.warns(DeprecationWarning, match="name it zones"):
-        found = rans.optimal_trajectory(keep_out=[(9.0, 9.0, 0.3)], **own)
-    assert found.keep_out == ((9.0, 9.0, 0.3),)
-    with pytest.raises(rans.ConfigError, match="give zones alone"):
-        rans.optimal_trajectory(zones=[(9.0, 9.0, 0.3)], keep_out=[(9.0, 9.0, 0.3)], **own)

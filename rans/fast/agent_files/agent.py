@@ -8,7 +8,6 @@ read (docs/decisions/security.md).
 from __future__ import annotations
 
 import math
-import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -230,11 +229,7 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
 
 def _settings(table: dict[str, Any]) -> dict[str, Any]:
     """Entries of `PPOSettings`, checked; missing ones have their defaults."""
-    names = PPOSettings.__dataclass_fields__.keys() | PPOSettings.former_names  # type: ignore[attr-defined]
-    present = {name: value for name, value in table.items() if name in names}
-    with warnings.catch_warnings():  # nobody can rename what is in a file of weights
-        warnings.simplefilter("ignore", DeprecationWarning)
-        settings = structure(present, PPOSettings, "settings")
+    settings = structure(table, PPOSettings, "settings")
     return {field.name: getattr(settings, field.name) for field in fields(settings)}
 
 
@@ -463,7 +458,7 @@ def _block(row: list[Any]) -> Block:
     kind, width, choices = row
     module, _, name = kind.rpartition(".")
     if module == "rans.tasks.sight":
-        kind = f"{ObservationTerm.__module__}.{_FORMER_KINDS.get(name, name)}"
+        kind = f"{ObservationTerm.__module__}.{_KINDS_OF_FILES.get(name, name)}"
     kinds = {
         f"{subclass.__module__}.{subclass.__qualname__}": subclass
         for subclass in _kinds(ObservationTerm)
@@ -477,7 +472,7 @@ def _block(row: list[Any]) -> Block:
     )
 
 
-_FORMER_KINDS = {
+_KINDS_OF_FILES = {
     "Entry": "ObservationTerm",
     "Spin": "AngularVelocity",
     "Turn": "RelativeRotation",
@@ -485,7 +480,7 @@ _FORMER_KINDS = {
     "Drawn": "TaskDependent",
     "Knob": "TradeOff",
 }
-"""Former names of observation terms in files of earlier versions."""
+"""Names of observation terms in files of weights, where they are not those of the classes."""
 
 
 def _kinds(base: type[ObservationTerm]) -> Iterator[type[ObservationTerm]]:

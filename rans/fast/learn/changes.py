@@ -7,12 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rans.errors import ConfigError, brief
-from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.learners import complete
-from rans.model.timing import Timing
 from rans.registry import typed
-from rans.renamed import drop_constant, is_former_value, present_name
-from rans.tasks import TASKS
 
 OTHERS_NAMES = {
     "lr": "ppo.learning_rate",
@@ -72,11 +68,6 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         ConfigError: there is no such entry, or the name is not unique.
     """
     names = list(_names(table))
-    is_known = any(candidate == name or candidate.endswith(f".{name}") for candidate in names)
-    present = _present(table, name, value, is_known)
-    if present is None:
-        return
-    name = present
     result = (
         [name]
         if name in names
@@ -122,29 +113,6 @@ def check_memory(table: Mapping[str, Any], changes: Iterable[str]) -> None:
                 f"ppo.memory.{entry} is of {' or '.join(map(repr, kinds))} memories, and this one is {kind!r}: set "
                 f"ppo.memory.kind={kinds[0]} too."
             )
-
-
-def _present(table: dict[str, Any], name: str, value: Any, is_known: bool) -> str | None:
-    """Present name of an entry that may have had another; None: it is a constant now, and has that value.
-
-    Raises:
-        ConfigError: the entry is a constant now, and the value is another.
-    """
-    owners: dict[str, type] = {"ppo": PPOSettings, "timing": Timing}
-    owners |= {"settings": TASKS[table["task"]]} if table.get("task") in TASKS else {}
-    part, _, last = name.rpartition(".")
-    for owner, kind in owners.items():
-        if part not in ("", owner):
-            continue
-        new = getattr(kind, "former_names", {}).get(last)
-        if is_known and (new is None or not is_former_value(value, last, new)):
-            continue
-        if last in getattr(kind, "former_constants", {}):
-            drop_constant(kind, last, list(value) if isinstance(value, tuple) else value)
-            return None
-        if new is not None:
-            return f"{owner}.{present_name(kind, last)}"
-    return name
 
 
 def _typed(value: Any) -> Any:

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, brief, fits
-from rans.fast.learn.curriculum import Ramp, check_ramps, with_present_settings
+from rans.fast.learn.curriculum import Ramp, check_ramps
 from rans.fast.learn.learners import complete
 from rans.model.timing import Timing
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.backbone_registry import ATTENTION, trainable
 from rans.randomization.conditions import Conditions
-from rans.renamed import now_constant, renamed
 from rans.structure import structure
 from rans.tasks import TASKS, Task
 
@@ -209,22 +208,6 @@ _SCHEDULE = ScheduleSettings()
 _EXPLORATION = ExplorationSettings()
 
 
-@renamed(
-    memory="memory.kind",
-    history="memory.history",
-    averages="memory.averages",
-    recurrent_units="memory.units",
-    filters="filters.drift",
-    filtered_steady="filters.steady",
-    filtered_response="filters.response",
-    filtered_gate="filters.gate",
-    desired_kl="schedule.desired_kl",
-    max_learning_rate="schedule.max_learning_rate",
-    anneal="schedule.anneal",
-    initial_duty="exploration.initial_duty",
-    log_std_init="exploration.log_std_init",
-)
-@now_constant(preprocessor="body")
 @dataclass(frozen=True)
 class PPOSettings:
     """Hyper-parameters of `rans.PPO`, by their names in SB3.
@@ -477,9 +460,8 @@ class TrainConfig:
                 "plain computes by single operations of torch, and compiled has torch's compiler make "
                 "kernels: set one of them."
             )
-        ramps = with_present_settings(self.settings, self.curriculum)
-        object.__setattr__(self, "curriculum", ramps)
-        check_ramps(self.settings, ramps)
+        object.__setattr__(self, "curriculum", tuple(self.curriculum))
+        check_ramps(self.settings, self.curriculum)
 
 
 def to_table(config: TrainConfig) -> dict[str, Any]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.renamed import present_name
 from rans.structure import Range
 from rans.tasks import Task
 from rans.tasks.settings import map_settings
@@ -74,17 +73,6 @@ class Ramp:
                 if self.shape == "geometric"
                 else low + (high - low) * fraction
             )
-
-
-def with_present_settings(task: Task, ramps: Sequence[Ramp]) -> tuple[Ramp, ...]:
-    """Ramps with the present names of their settings; a former name gives a warning (`rans.renamed`)."""
-    result = []
-    for ramp in ramps:
-        within, _, name = ramp.setting.rpartition(".")
-        owner = getattr(task, within, task) if within else task
-        present = present_name(type(owner), name)
-        result.append(replace(ramp, setting=f"{within}.{present}" if within else present))
-    return tuple(result)
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:

@@ -23,7 +23,6 @@ from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import RECIPE_FOLDER, agent_recipes
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
-from rans.renamed import with_present_names
 from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 from rans.tasks import TASKS
 
@@ -207,7 +206,7 @@ def _table(file: Path) -> dict[str, Any]:
     refuse_other_file(table, "recipe")
     base = table.pop("base", None)
     if base is None:
-        return _with_present_names(table, table.get("task"))
+        return table
     recipe_names = sorted(path.stem for path in RECIPE_FOLDER.glob("*.toml"))
     if base not in recipe_names:
         raise ConfigError(
@@ -215,19 +214,7 @@ def _table(file: Path) -> dict[str, Any]:
             f"got {brief(base)}."
         )
     below = _table(RECIPE_FOLDER / f"{base}.toml")
-    return merged(below, _with_present_names(table, table.get("task", below.get("task"))))
-
-
-def _with_present_names(table: dict[str, Any], task: Any) -> dict[str, Any]:
-    """Table of a recipe whose former settings have their present names, so that it can be merged over another."""
-    kinds: dict[str, type] = {"ppo": PPOSettings}
-    if isinstance(task, str) and task in TASKS:
-        kinds["settings"] = TASKS[task]
-    for part in (table, table.get("gpu")):
-        for name, kind in kinds.items():
-            if isinstance(part, dict) and isinstance(part.get(name), dict):
-                part[name] = with_present_names(kind, part[name])
-    return table
+    return merged(below, table)
 
 
 def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError, RansDeprecationWarning, checked
+from rans.errors import ConfigError, checked
 from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
@@ -29,7 +28,6 @@ from rans.optimal.trajectory.allocation import Allocation, ThrusterPatterns, ine
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.randomization.conditions import Conditions
-from rans.renamed import DEPRECATED
 from rans.scenario import scenarios
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
@@ -51,8 +49,6 @@ class Curve:
     norm_scale: float = 4.0
     """Power of the mean of the times that the way and the turn take: 1 hurries both, large ones only the
     slower."""
-    thrust_weight: float | None = None
-    """Deprecated: price of thrust, s per N s, in place of ``thrust_time_weight``; it fits one craft alone."""
     thrust_time_weight: float = 0.1
     """Price of thrust, s per s of full thrust along an axis of B: larger values coast more. Full thrust is the
     force that is possible along every axis (`rans.optimal.trajectory.allocation.Allocation.accelerations`), so
@@ -60,17 +56,10 @@ class Curve:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        if self.thrust_weight is not None:
-            warnings.warn(
-                f"Curve.thrust_weight {DEPRECATED}: set thrust_time_weight, which is thrust_weight times the force "
-                "along every axis in N.",
-                RansDeprecationWarning,
-                stacklevel=3,
-            )
 
     def price(self, force: float) -> float:
         """Price of impulse, s per N s, of a craft whose full thrust along every axis is a force, N."""
-        return self.thrust_time_weight / force if self.thrust_weight is None else self.thrust_weight
+        return self.thrust_time_weight / force
 
 
 _CURVE = Curve()

@@ -10,11 +10,9 @@ import numpy as np
 
 from rans.errors import ConfigError, is_finite
 from rans.model.fields import Field, sqrt
-from rans.renamed import renamed
 from rans.scenario import Scenario
 
 
-@renamed(looks="checks")
 @dataclass(frozen=True)
 class PathLimits:
     """Speed, spin and balls that a trajectory keeps to after its start, with margins as `Task.constraints` has.

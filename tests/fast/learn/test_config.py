@@ -197,20 +197,6 @@ def test_numbers_of_a_group_out_of_range(kind: type, name: str, value: float) ->
         kind(**{name: value})
 
 
-def test_former_names_of_a_schedule_and_of_exploration() -> None:
-    """Settings that the previous version had are read from Python and from a config file."""
-    with pytest.warns(DeprecationWarning, match="name it (schedule|exploration)"):
-        former = PPOSettings(desired_kl=None, anneal=0.5, initial_duty=0.2)  # type: ignore[call-arg]
-    assert former == PPOSettings(
-        schedule=ScheduleSettings(desired_kl=None, anneal=0.5),
-        exploration=ExplorationSettings(initial_duty=0.2),
-    )
-    table = {"task": "go-to-pose", "spacecraft": "atmos", "ppo": {"max_learning_rate": 3e-3}}
-    with pytest.warns(DeprecationWarning, match="name it schedule.max_learning_rate"):
-        config = from_table(table)
-    assert config.ppo.schedule == ScheduleSettings(max_learning_rate=3e-3)
-
-
 @pytest.mark.parametrize("layers", [(), (0,), (64, -1)])
 def test_wrong_layers(layers: tuple[int, ...]) -> None:
     with pytest.raises(ConfigError, match="layers must be 1 to 32 numbers >= 1 and <= 65,536"):

@@ -215,17 +215,6 @@ def test_a_craft_of_a_thousand_times_the_mass_and_force_flies_the_same() -> None
     assert np.array_equal(small, same)
 
 
-def test_the_former_price_of_thrust_is_that_of_one_craft() -> None:
-    """0.1 s per N s: along x four thrusters of 1 N at 45 degrees give 2.83 N, and 0.283 s per s of them."""
-    state = planar(-0.5, 0.4, 0.2, 0.1)
-    with pytest.warns(DeprecationWarning, match="set thrust_time_weight"):
-        former = command(state, thrust_weight=0.1)
-    assert np.array_equal(former, command(state, thrust_time_weight=0.1 * math.sqrt(8.0)))
-    with pytest.warns(DeprecationWarning, match="thrust_weight is deprecated"):
-        assert Curve(thrust_weight=0.1, thrust_time_weight=5.0).price(2.0) == 0.1
-    assert Curve(thrust_time_weight=0.2).price(445.0) == pytest.approx(0.2 / 445.0)
-
-
 def test_does_not_wait_for_ever_where_pulses_are_long() -> None:
     """0.109 rad from the goal, where turning and stopping with two thrusters goes 0.012 rad too far."""
     task = TASKS["track-velocity-heading"]()
