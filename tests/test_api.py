@@ -463,7 +463,7 @@ SHOWN = {
         "lqr", gymnasium.make("rans/GoToPose2D-v0")
     ),
     "<task by name: go-to-position, go-to-pose, ": lambda: rans.TASKS,
-    "<Bound of the time of arrival from start 3: 5.5, 6 found>": lambda: Bound(
+    "<Bound of the first time in the goal set from start 3: 5.5, 6 found>": lambda: Bound(
         3, None, 5.0, lower=5.5, upper=6.0
     ),
     "<Bound of the impulse by 8 s from start 3: 4>": lambda: Bound(3, 8.0, 4.0),

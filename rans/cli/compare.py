@@ -44,7 +44,7 @@ _FIRST = (
     "unsafe coasts",
     "settling time",
     "time of success",
-    "impulse",
+    "impulse of",
     "propellant",
 )
 """Beginnings of the names of scores that are printed without ``--full``, besides errors."""

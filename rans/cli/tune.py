@@ -54,8 +54,8 @@ class Tune:
     spacecraft: Annotated[str | None, Former("write CONTROLLER:TASK-2d@SPACECRAFT")] = None
     """Spacecraft to tune it for."""
     price: Annotated[float, Former("leave it out, or call rans.tune(price=...) in Python")] = 0.01
-    """Price of impulse, s per N s. The cost of a candidate is the mean of settling time and time of first
-    rest, plus the impulse of the episode times this price."""
+    """Price of impulse, s per N s. The cost of a candidate is the mean of the settling time and the time first
+    in the goal set, plus the impulse of the episode times this price."""
     starts: Annotated[int, Former("leave it out, or call rans.tune(..., starts=...) in Python")] = (
         256
     )

@@ -55,13 +55,16 @@ _SEARCHED_PERIODS = 10
 Kind = Literal["arrival", "settling"]
 """Kinds of events with a bound of their own."""
 
+_TEXTS: dict[Kind, str] = {"arrival": "first time in the goal set", "settling": "settling time"}
+"""Words of the times of events, as tables of scores have them."""
+
 
 class Event(NamedTuple):
     """Event whose time or impulse is measured; numbers of different events are not compared."""
 
-    kind: Kind | Literal["staying"] = "arrival"
+    kind: Kind = "arrival"
     """arrival: first in the goal set, which asks for rest (see `goal_set`); settling: within the task's tolerances
-    for good; staying: in the goal set for good."""
+    to the end."""
     horizon: float | None = None
     """None: the time of the event, s, is measured; else the impulse, N s, with which it has happened at this
     time, s."""
@@ -71,7 +74,7 @@ class Event(NamedTuple):
         """Heading of the event, without units."""
         if self.horizon is not None:
             return f"impulse by {self.horizon:g} s"
-        return "time of arrival for good" if self.kind == "staying" else f"time of {self.kind}"
+        return _TEXTS[self.kind]
 
 
 class Question(NamedTuple):
@@ -185,11 +188,8 @@ def question(
     """Question about an event from one start.
 
     Raises:
-        ConfigError: see `goal_set`; or the event is settling by a horizon, or staying, whose bound is the
-            greater one of arrival and settling.
+        ConfigError: see `goal_set`; or the event is settling by a horizon.
     """
-    if event.kind == "staying":
-        raise ConfigError("staying has no bound of its own: ask for those of arrival and settling.")
     if event.kind == "arrival":
         quantities = aims(task)
         goals = goal_set(task)

@@ -227,11 +227,6 @@ class Entry:
         return staying_times(self.flight)
 
     @cached_property
-    def stays(self) -> np.ndarray:
-        """(N,) whether flights are in the goal set at every instant from the first one on."""
-        return np.isfinite(self.staying) & (self.staying == self.arrival)
-
-    @cached_property
     def arrival_thrust(self) -> np.ndarray:
         """Impulse until arrival, (N,) N s; infinite without an arrival."""
         spent = np.take_along_axis(self.spent, self.at_goal.argmax(axis=0)[None], axis=0)[0]
@@ -259,8 +254,6 @@ class Entry:
         """Times or impulses of an event, which are compared with its bound."""
         if event == Event():
             return Amounts(event, self.arrival)
-        if event == Event("staying"):
-            return Amounts(event, np.where(self._turns_unseen, np.inf, self.staying))
         if event == Event("settling"):
             return Amounts(event, np.where(self._turns_unseen, np.inf, self.settling))
         if event.kind != "arrival" or event.horizon is None:
@@ -282,12 +275,6 @@ class Entry:
     def thrust(self) -> np.ndarray:
         """Impulse of the whole episode, (N,) N s."""
         return self.spent[-1]
-
-    @cached_property
-    def duty(self) -> np.ndarray:
-        """Mean share of open thrusters, (N,); zero for a craft without any."""
-        openings = self.flight.openings
-        return openings.sum(axis=2).mean(axis=0) / max(1, openings.shape[2])
 
     @cached_property
     def errors(self) -> dict[str, np.ndarray]:

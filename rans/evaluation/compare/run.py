@@ -42,7 +42,7 @@ from rans.optimal.trajectory.arrival import check_goal
 from rans.optimal.trajectory.objectives import MinimumTime
 from rans.progress import Stages, unseen_stages
 from rans.scenario import each
-from rans.tasks.goal_set import aims, asks_rest
+from rans.tasks.goal_set import aims
 
 _HORIZONS = (1.2, 1.6, 2.0, 3.0, 4.0, math.inf)
 """Multiples of `Comparison.least_time` by which the least impulse is certified; none is later than the end of the
@@ -137,33 +137,18 @@ class Comparison(NotebookRepr):
     def certified_starts(self) -> list[int]:
         """Numbers of the starts whose bounds are all known."""
         counts = [c.start for c in self.certified]
-        return [k for k in sorted(set(counts)) if counts.count(k) == len(self.asked())]
+        return [k for k in sorted(set(counts)) if counts.count(k) == len(self.events())]
 
-    def asked(self) -> list[Event]:
-        """Events to bound: arrival and settling, and arrival by each horizon."""
+    def events(self) -> list[Event]:
+        """Events that are measured and bounded: arrival and settling, and arrival by each horizon."""
         return [
             Event(),
             Event("settling"),
             *(Event(horizon=horizon) for horizon in self.horizons()),
         ]
 
-    def events(self) -> list[Event]:
-        """Events that are measured: those of `asked`, and staying if the goal set asks for rest."""
-        arrival, *others = self.asked()
-        staying = [Event("staying")] if asks_rest(self.contest.task) else []
-        return [arrival, *staying, *others]
-
     def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
-        """Lower and upper bounds of the certified starts for one event.
-
-        A flight that stays in the goal set has arrived and settled before: the bound of staying is the greater one
-        of both. No controls are known that reach it.
-        """
-        if event == Event("staying"):
-            arrival, _ = self.bounds(Event())
-            settling, _ = self.bounds(Event("settling"))
-            lower = np.maximum(arrival.values, settling.values)
-            return Amounts(event, lower), Amounts(event, np.full_like(lower, np.inf))
+        """Lower and upper bounds of the certified starts for one event."""
         answers = {c.start: c for c in self.certified if c.event == event}
         rows = [answers[k] for k in self.certified_starts()]
         lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
@@ -375,7 +360,7 @@ def _find_certified(
     comparison: Comparison, count: int, cache: Path | None, stages: Stages, workers: int | None
 ) -> None:
     contest = comparison.contest
-    events = comparison.asked()
+    events = comparison.events()
     if reason := _uncertified(contest):
         comparison.notes.append(reason)
         return

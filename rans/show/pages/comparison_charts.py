@@ -21,7 +21,7 @@ GREY = "var(--soft)"
 
 
 def plane_chart(comparison: Comparison) -> Chart:
-    """First arrival and impulse until then: bounds, controls found and contestants, by medians.
+    """First time in the goal set and impulse until then: bounds, controls found and contestants, by medians.
 
     All are over the same starts: the certified ones if there are any, otherwise all.
     """
@@ -38,10 +38,10 @@ def plane_chart(comparison: Comparison) -> Chart:
         shaded.append((0.0, least, f"provably impossible: {what} is at least {least:.2f} s"))
         series = [*_certified(comparison), *series]
     return Chart(
-        "time of first arrival, s",
+        "first in the goal set, s",
         "impulse until then, N s",
         series,
-        f"First arrival in the goal set{_over(len(starts))}"
+        f"First time in the goal set{_over(len(starts))}"
         f"{'; the shaded times are provably impossible' if shaded else ''}.",
         shaded,
         logarithmic=True,
@@ -115,11 +115,11 @@ def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
 
 
 def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> Series:
-    """A mark with its intervals; the name says how many never arrive."""
+    """A mark with its intervals; the name says how many never get there."""
     colour, marker = series_style(k)
     x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
     count = int(np.isfinite(entry.arrival[starts]).sum())
-    name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} arrive)")
+    name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} get there)")
     text = f"{entry.name}: {x.text()} s, {y.text()} N s"
     if len(starts) == 1:
         mark = Mark(x.value, y.value, f"{entry.name}: {x.value:.3g} s, {y.value:.3g} N s")
@@ -168,7 +168,7 @@ def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Ent
         series.append(Series(name, [_placed(rival)], colour, marker))
     contest = front.contest
     return Chart(
-        "time first at rest in the goal set, s",
+        "first in the goal set, s",
         f"impulse of {contest.duration:g} s, N s",
         series,
         f"Time against impulse, means over {counted(contest.episodes, 'start')}"

@@ -27,14 +27,13 @@ from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
 
 TEXT = (
-    "All fly the same craft from the same starts at the same rate. Arrival is the first instant in the goal "
-    "set: within the task's tolerances and, for a pose or position, at rest (5 cm/s, 5 degrees/s). Nothing is "
-    "said of later instants: a flight is at rest for good if it is in the goal set at all of them too. "
-    "Settling is when the errors enter their tolerances for good. Impulse is force times open time, summed "
-    "over the thrusters. A flight that never gets there counts as infinitely late. Medians and means stand with "
-    "95 % bootstrap intervals over starts, settled and failed with Wilson's, computing time with the middle 90 % "
-    "of the actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
-    "know the future and are only locally optimal."
+    "All fly the same craft from the same starts at the same rate. The settling time is that from which a flight "
+    "stays within all tolerances to the end. The goal set has the states within all tolerances that are, for a "
+    "pose or position, also slow (5 cm/s, 5 degrees/s); a flight may leave it again. Impulse is force times "
+    "open time, summed over the thrusters. A flight that never gets there counts as infinitely late. "
+    "Medians and means stand with 95 % bootstrap intervals over starts, settled with Wilson's, computing time with "
+    "the middle 90 % of the actions. Certified bounds hold for every on/off controller at this rate; relaxed "
+    "optima may throttle, know the future and are only locally optimal."
 )
 """The protocol in short; docs/protocol.md has all of it."""
 
@@ -48,13 +47,13 @@ _MISSION_TEXT = (
 """The same for missions that end with their success."""
 
 _FRONT = (
-    "Time is the mean of when flights are first at rest in the goal set (one that never is counts with the "
-    "whole episode), impulse the mean over whole episodes. Positions of a trade-off are joined by "
+    "Time is the mean of when flights are first in the goal set (one that never is "
+    "counts with the whole episode), impulse the mean over whole episodes. Positions of a trade-off are joined by "
     "straight lines. A trade-off dominates whoever spends more than the line at the same time and takes longer "
     "than the line with the same impulse, if at both places the line is as accurate and as often there."
 )
 _FRONT_BOUNDS = (
-    " Bounds are means over {starts}. A bar is the least impulse of being at rest in the goal set at this "
+    " Bounds are means over {starts}. A bar is the least impulse of being in the goal set at this "
     'instant, the same from each start, and nothing spent afterwards. "Over its bound" divides by the least '
     'impulse of being there when the flight was, start by start: "until there" is the same event above and '
     "below; the whole episode has to hold the pose as well, which is in no bound."
@@ -85,7 +84,7 @@ def page(comparison: Comparison, command: str = "") -> Page:
             _craft(comparison),
         ]
     if comparison.relaxed:
-        medians = ("arrival, s", "settling, s", "impulse, N s", "return")
+        medians = ("at the goal, s", "settling time, s", "impulse, N s", "return")
         columns = ("objective", "solved", *medians, "largest replay error, m", "solve time, s")
         table = Table(columns, tables.relaxed_rows(comparison))
         text = "Flown in Drake before they are reported; medians."
@@ -357,7 +356,7 @@ def _front(comparison: Comparison, front: Front) -> Section:
 
 
 def time_and_impulse(comparison: Comparison) -> Chart | None:
-    """The chart of time and impulse of the first arrival; None: missions that end have figures of their own."""
+    """Time and impulse when first in the goal set; None: missions that end have figures of their own."""
     if not comparison.entries:
         return None
     if comparison.entries[0].ends and not comparison.certified_starts():
@@ -367,7 +366,7 @@ def time_and_impulse(comparison: Comparison) -> Chart | None:
 
 
 def _plane(comparison: Comparison) -> Iterator[Section]:
-    """Time and impulse of the first arrival."""
+    """Time and impulse when first in the goal set."""
     chart = time_and_impulse(comparison)
     if chart is None:
         return
@@ -389,7 +388,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     if not gaps:
         return
     starts = comparison.certified_starts()
-    # Median bounds of every event, and how many arrivals are proven optimal.
+    # Median bounds of every event, and how many of the first times are proven optimal.
     bounds = []
     for event in comparison.events():
         lower, upper = (bound.values for bound in comparison.bounds(event))
@@ -407,12 +406,11 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         )
     text = (
         f"From {counted(len(starts), 'start')}, times the certified lower bound of the same event: 1 "
-        "cannot be beaten. Who settles must first be slow enough to stay, and the bound of settling is "
-        "of that moment; that of arrival for good is the greater one of arrival and settling. Impulse by "
-        "a time is all that is spent until then by flights that have been in the goal set by then, in brackets "
-        "how many; it is infinite for the others."
+        "cannot be beaten. Who settles must first be slow enough to stay, and the bound of the settling time is "
+        "of that moment. Impulse by a time is all that is spent until then by flights that have been in the goal "
+        "set by then, in brackets how many; it is infinite for the others."
     )
-    # Figures of the first and last event, and of those that are no arrivals.
+    # Figures of the first and last event, and of the settling time.
     first, *_, last = events = comparison.events()
     middle = [event for event in events if event.kind != "arrival"]
     headings = [event.text for event in (first, *middle, last)]

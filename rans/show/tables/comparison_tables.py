@@ -20,7 +20,6 @@ from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.show.tables import front_tables
 from rans.tasks.base import Task
-from rans.tasks.goal_set import asks_rest
 from rans.tasks.quantities import QUANTITIES
 
 Scores = dict[str, Estimate]
@@ -34,7 +33,7 @@ RETURN = "return, % of relaxed optimum"
 
 
 def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
-    """Measures that are compared start by start, by heading; arrival is named by the task's goal set.
+    """Measures that are compared start by start, by heading.
 
     Missions that end have other measures: when they succeed without breaking a limit, and what they spend.
     """
@@ -44,19 +43,13 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
             _IMPULSE: lambda entry: entry.thrust,
             "return": lambda entry: entry.returns,
         }
-    result: dict[str, Callable[[Entry], np.ndarray]] = {
-        "settling time, s": lambda entry: entry.settling
+    return {
+        "settling time, s": lambda entry: entry.settling,
+        "first in the goal set, s": lambda entry: entry.arrival,
+        "impulse until then, N s": lambda entry: entry.arrival_thrust,
+        _IMPULSE: lambda entry: entry.thrust,
+        "return": lambda entry: entry.returns,
     }
-    if asks_rest(task):
-        result["first at rest, s"] = lambda entry: entry.arrival
-        result["impulse until first at rest, N s"] = lambda entry: entry.arrival_thrust
-        result["at rest for good from, s"] = lambda entry: entry.staying
-    else:
-        result["first within tolerances, s"] = lambda entry: entry.arrival
-        result["impulse until then, N s"] = lambda entry: entry.arrival_thrust
-    result[_IMPULSE] = lambda entry: entry.thrust
-    result["return"] = lambda entry: entry.returns
-    return result
 
 
 def ends(task: Task) -> bool:
@@ -99,7 +92,6 @@ def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds |
         worst = float(ratios.max(initial=-math.inf)) if len(ratios) else math.nan
         result[f"{mission.spending} over the bound, worst"] = Estimate(worst, worst, worst)
     result[_IMPULSE] = bootstrap.mean(entry.thrust)
-    result["duty cycle, %"] = bootstrap.mean(100.0 * entry.duty)
     return result
 
 
@@ -111,14 +103,10 @@ def _mean(values: np.ndarray) -> Estimate:
 def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
     """Scores of a task that lasts to the end of the episode."""
     result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
-    if asks_rest(entry.flight.task):
-        result["at rest for good, %"] = share(entry.stays).scaled(100.0)
     for name, of in measures(entry.flight.task).items():
         if name not in (_IMPULSE, "return"):
             result[name] = bootstrap.median(of(entry))
     result[_IMPULSE] = bootstrap.mean(entry.thrust)
-    result["failed, %"] = share(entry.flight.failed()).scaled(100.0)
-    result["duty cycle, %"] = bootstrap.mean(100.0 * entry.duty)
     for name, error in entry.errors.items():
         factor, unit = QUANTITIES[name].display
         result[f"{name} error, {unit}"] = bootstrap.mean(factor * error)

@@ -82,32 +82,18 @@ def test_bounds_are_lower_and_upper_ends() -> None:
     assert (lower.values.tolist(), upper.values.tolist()) == ([0.1, 1.8], [math.inf, 2.6])
     assert lower.event == upper.event == Event()
     thrusts = [Event(horizon=h) for h in gap.horizons()]
-    assert gap.asked() == [Event(), Event("settling"), *thrusts]
-    assert gap.events() == [Event(), Event("staying"), Event("settling"), *thrusts]
+    assert gap.events() == [Event(), Event("settling"), *thrusts]
     ratios = gaps(gap)
-    assert ratios["time of arrival"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
-    assert ratios["time of settling"]["x"] == pytest.approx([20.0, 20.0])
+    assert ratios["first time in the goal set"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
+    assert ratios["settling time"]["x"] == pytest.approx([20.0, 20.0])
     assert ratios["impulse by 5 s"]["x"] == pytest.approx([10.0, 10.0])
     late = by_hand(3.4, 1.0, {})
     assert np.isinf(gaps(late)["impulse by 3 s"]["x"]).all()
 
 
-def test_arrival_for_good_is_bounded_by_arrival_and_by_settling() -> None:
-    """Who is there for good has arrived and settled: bounds of 1.8 s and 1.5 s leave 1.8 s, 1.9 s leave 1.9."""
-    for settling, value in ((1.5, 1.8), (1.9, 1.9)):
-        found = by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)}, settling)
-        lower, upper = found.bounds(Event("staying"))
-        assert lower.values.tolist() == [settling, value]
-        assert np.isinf(upper.values).all()
-        assert found.impossible() == []
-        assert gaps(found)["time of arrival for good"]["x"][1] == pytest.approx(2.0 / value)
-
-
-def test_a_task_of_velocities_has_no_rest() -> None:
-    """What tracks a velocity moves: arriving there for good is settling, and is not listed twice."""
-    found = Comparison(replace(CONTEST, task=TrackVelocity()))
-    assert Event("staying") not in found.events()
-    assert not any("rest" in name for name in measures(TrackVelocity()))
+def test_the_words_of_scores_are_the_same_for_every_task_with_a_goal() -> None:
+    """The goal set differs, of poses and of velocities; what is said of it does not."""
+    assert [*measures(GoToPose())] == [*measures(TrackVelocity())]
 
 
 def test_horizons_scale_with_the_craft() -> None:

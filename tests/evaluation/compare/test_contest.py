@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -63,15 +61,7 @@ def test_scores_worked_out() -> None:
     assert (entry.arrival_thrust[0], entry.thrust[0]) == (3.0, 3.5)
     # Out of the set at 2 s, but there before: it could have waited half a second and be there at 2 s.
     assert [entry.thrust_by(t)[0] for t in (1.0, 1.5, 2.0, 3.0)] == [math.inf, 3.0, 3.0, 3.5]
-    assert entry.duty[0] == pytest.approx(7 / 56)
     assert entry.errors["position"][0] == pytest.approx(0.03)
-
-
-def test_the_duty_of_a_craft_without_thrusters_is_zero() -> None:
-    """Not a mean of nothing, which NumPy warns of; warnings are errors here."""
-    wheels = SimpleNamespace(openings=np.zeros((3, 2, 0)))
-    entry = replace(entry_of(flight_of(np.ones((4, 2)), 0.0)), flight=cast("Flight", wheels))
-    assert entry.duty.tolist() == [0.0, 0.0]
 
 
 def test_who_begins_moving_cannot_wait() -> None:
@@ -81,15 +71,13 @@ def test_who_begins_moving_cannot_wait() -> None:
     assert [moving.thrust_by(t)[0] for t in (1.5, 2.0, 3.0)] == [0.0, math.inf, 0.0]
 
 
-def test_first_at_rest_is_not_at_rest_for_good() -> None:
+def test_who_was_in_the_goal_set_once_need_not_stay() -> None:
     """In the set at 1.5 s, out at 2 s, back from 3 s to the end; the second flight is out at the end."""
     first = [1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]
     second = [1.0, 0.5, 0.2, 0.04, 0.04, 0.04, 0.04, 0.06]
     entry = entry_of(flight_of(np.transpose([first, second]), 0.0))
     assert entry.arrival.tolist() == [1.5, 1.5]
     assert entry.staying.tolist() == [3.0, math.inf]
-    assert entry.stays.tolist() == [False, False]
-    assert entry.amounts(Event("staying")).values.tolist() == [3.0, math.inf]
 
 
 def test_who_never_arrives_is_infinitely_late() -> None:
@@ -137,8 +125,8 @@ def test_amounts_are_of_their_event() -> None:
     with pytest.raises(ConfigError, match="for arrival only"):
         entry.amounts(Event("settling", 3.0))
     assert [event.text for event in (Event(), Event("settling"), Event(horizon=2.4))] == [
-        "time of arrival",
-        "time of settling",
+        "first time in the goal set",
+        "settling time",
         "impulse by 2.4 s",
     ]
 
@@ -180,7 +168,6 @@ def test_forces_count_in_thrust_time() -> None:
     np.testing.assert_allclose(entry.spent[:, 0], [0.0, 1.0, 1.25, 1.25])
     assert entry.arrival.tolist() == [1.0, 1.5]
     assert entry.arrival_thrust.tolist() == [1.25, 0.0]
-    assert entry.duty == pytest.approx([2 / 24, 0.0])
     assert entry.name == "x"
 
 

@@ -130,11 +130,11 @@ def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
 def test_who_never_arrives_counts(comparison: Comparison) -> None:
     idle = scoreboard(comparison)[IDLE]
     lqr = scoreboard(comparison)["LQR"]
-    assert idle["first at rest, s"].value == idle["settling time, s"].value == math.inf
-    assert (idle["settled, %"].value, idle["duty cycle, %"].value) == (0.0, 0.0)
+    assert idle["first in the goal set, s"].value == idle["settling time, s"].value == math.inf
+    assert (idle["settled, %"].value, idle["impulse of the episode, N s"].value) == (0.0, 0.0)
     assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
     assert lqr["settled, %"].value == 100.0
-    assert differences(comparison)[IDLE]["first at rest, s"].value == math.inf
+    assert differences(comparison)[IDLE]["first in the goal set, s"].value == math.inf
 
 
 @pytest.mark.slow
@@ -156,14 +156,13 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
     assert comparison.impossible() == []
     ratios = gaps(comparison)
     assert list(ratios) == [
-        "time of arrival",
-        "time of arrival for good",
-        "time of settling",
+        "first time in the goal set",
+        "settling time",
         *(f"impulse by {t:g} s" for t in comparison.horizons()),
     ]
     every = np.concatenate([r for question in ratios.values() for r in question.values()])
     assert (every >= 1.0 - 1e-9).all()
-    for what in ("time of arrival", "time of settling"):
+    for what in ("first time in the goal set", "settling time"):
         assert np.isfinite(ratios[what]["LQR"]).all()
         assert np.isinf(ratios[what][IDLE]).all()
 
@@ -223,7 +222,7 @@ def test_bounds_are_kept_for_the_next_time(
         "rans.evaluation.compare.certified.bounds_in_parallel",
         lambda asked, *_: searched.extend(asked) or (),
     )
-    again = list(certified_bounds(CONTEST, 2, comparison.asked(), cache))
+    again = list(certified_bounds(CONTEST, 2, comparison.events(), cache))
     assert not searched
     key = lambda c: (c.start, c.kind, c.horizon or 0.0)  # noqa: E731
     assert sorted(again, key=key) == sorted(comparison.certified, key=key)
