@@ -114,7 +114,7 @@ ROWS = (
         "go-to-pose-3d",
         (
             Goal(
-                ("held 5 cm 3 deg",),
+                ("solved to 5 cm 3 deg",),
                 "%",
                 (99.5,),
                 at_least=True,
@@ -129,7 +129,7 @@ ROWS = (
         "6DoF go to position, 1 to 5 m, 25 s",
         "go-to-position-3d",
         (
-            Goal(("held 5 cm",), "%", (99.5,), at_least=True, original='"acceptable"'),
+            Goal(("solved to 5 cm",), "%", (99.5,), at_least=True, original='"acceptable"'),
             Goal(("position error",), "cm", (1.5,)),
             Goal(("spin at rest",), "rad/s", (0.1,)),
         ),

@@ -409,7 +409,7 @@ def multiples() -> Figure:
     axes.plot(1.0, 1.0, "+", color=INK, markersize=12, markeredgewidth=2, label="certified bound")
     axes.set_yscale("log")
     axes.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
-    axes.set(xlabel="time until first at rest / bound", ylabel="impulse / bound")
+    axes.set(xlabel="first in the goal set / bound", ylabel="impulse / bound")
     axes.legend(loc="upper right")
     return figure
 
@@ -430,7 +430,7 @@ def events() -> Figure:
     axes.text(0.3, 0.14, "within the tolerance of 5 cm", color=INK, fontsize=8)
     # The name of the arrival stands above the line of the settling time.
     marks = (
-        (arrival_times(flights)[k], "arrival (first at rest)", PURPLE, 1.0, 300.0),
+        (arrival_times(flights)[k], "first in the goal set", PURPLE, 1.0, 300.0),
         (settling_times(flights)[k], "settling time", ORANGE, 0.8, 80.0),
     )
     for time, name, colour, top, height in marks:
@@ -469,7 +469,7 @@ def pareto_front() -> Figure:
         flight = load_agent(f"{who}:go-to-pose-2d").fly(64, seed=EVALUATION_SEED)
         mean = np.minimum(arrival_times(flight), 25.0).mean(), impulses(flight).mean()
         axes.plot(*mean, marker, color=colour, markersize=8, label=flight.controller)
-    axes.set(xlabel="time until first at rest, s", ylabel="impulse of 25 s, N s", ylim=(0.0, None))
+    axes.set(xlabel="first in the goal set, s", ylabel="impulse of 25 s, N s", ylim=(0.0, None))
     axes.legend(loc="best")
     return figure
 

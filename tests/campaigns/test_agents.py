@@ -102,7 +102,7 @@ def test_shares_of_episodes_are_percent(tmp_path: Path) -> None:
     row = Row(
         "row",
         "agent",
-        (Goal(("held 5 cm",), "%", (99.5,), at_least=True),),
+        (Goal(("solved to 5 cm",), "%", (99.5,), at_least=True),),
         distance=(0.001, 0.002),
     )
     (line,) = Agents(tmp_path, episodes=4, starts=1)._lines(row)

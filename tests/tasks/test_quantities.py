@@ -53,7 +53,7 @@ def test_a_fifth_quantity_is_declared_once(gap: Quantity) -> None:
     np.testing.assert_allclose(
         found["gap error"].values, 2.5 * found["position error"].values, rtol=1e-12
     )
-    assert not [name for name in found if name.startswith("held") and "mm" in name]
+    assert not [name for name in found if name.startswith("solved to") and "mm" in name]
     assert "gap error" in {pair.name for pair in compare_engines(flight, flight).pairs}
 
 

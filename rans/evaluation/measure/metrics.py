@@ -55,8 +55,8 @@ def samples(flight: Flight) -> Iterator[Sample]:
     """All metrics of a flight of any task."""
     yield from _success(flight)
     if asks_rest(flight.task):
-        yield from _rest(flight)
-    yield from _held(flight)
+        yield from _goal_set(flight)
+    yield from _solved_to(flight)
     for quantity, error in flight.errors().items():
         yield from _accuracy(flight, quantity, error)
     if flight.task.coast_zone is not None:
@@ -196,21 +196,18 @@ def _success(flight: Flight) -> Iterator[Sample]:
     )
 
 
-def _rest(flight: Flight) -> Iterator[Sample]:
-    """Rest in the goal set, of tasks with a position or an attitude to hold; for others that is settling."""
+def _goal_set(flight: Flight) -> Iterator[Sample]:
+    """First time in the goal set, of tasks with a position or an attitude; others have settled then."""
     slow = f"{100.0 * REST_SPEED:g} cm/s, {math.degrees(REST_SPIN):g} deg/s"
     first = arrival_times(flight)
-    staying = staying_times(flight)
-    stays = np.isfinite(staying) & (staying == first)
-    at_first = f"median first time within all tolerances and {slow}"
-    yield Sample("success", "first at rest", at_first, "s", first, np.median)
+    stays = np.isfinite(first) & (staying_times(flight) == first)
+    at_first = f"median first time within all tolerances and below {slow}"
+    yield Sample("success", "first in the goal set", at_first, "s", first, np.median)
     always = "within all of these from then on, at every instant"
-    yield Sample("success", "at rest for good", always, "%", stays)
-    later = "median time from which that is so, be it later"
-    yield Sample("success", "time at rest for good", later, "s", staying, np.median)
+    yield Sample("success", "stays in the goal set", always, "%", stays)
 
 
-def _held(flight: Flight) -> Iterator[Sample]:
+def _solved_to(flight: Flight) -> Iterator[Sample]:
     """Shares like "solved", with other bounds than the task's tolerances."""
     ends = {
         name: QUANTITIES[name].display_factor * last_fifth_of(error)
@@ -226,7 +223,7 @@ def _held(flight: Flight) -> Iterator[Sample]:
             for quantity in map(QUANTITIES.__getitem__, ends)
         )
         meaning = "within so much at every step of the last fifth"
-        yield Sample("success", f"held {bounds}", meaning, "%", inside)
+        yield Sample("success", f"solved to {bounds}", meaning, "%", inside)
 
 
 def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:

@@ -25,11 +25,10 @@ success | solved in the mean | 100 % | 34.2 to 100 | mean errors of the last fif
 success | settled | 50 % | 9.45 to 90.5 | enters all tolerances and stays
 success | settling time | never | 2.5 to never | median time to enter and stay
 success | failed | 0 % | 0 to 65.8 | declared failed by the task at any time
-success | first at rest | never | 0 to never \
-| median first time within all tolerances and 5 cm/s, 5 deg/s
-success | at rest for good | 0 % | 0 to 65.8 | within all of these from then on, at every instant
-success | time at rest for good | never | never | median time from which that is so, be it later
-success | held 5 cm 3 deg / 2 cm 2 deg / 1 cm 1 deg | 50 / 50 / 50 % | up to ± 40.5 \
+success | first in the goal set | never | 0 to never \
+| median first time within all tolerances and below 5 cm/s, 5 deg/s
+success | stays in the goal set | 0 % | 0 to 65.8 | within all of these from then on, at every instant
+success | solved to 5 cm 3 deg / 2 cm 2 deg / 1 cm 1 deg | 50 / 50 / 50 % | up to ± 40.5 \
 | within so much at every step of the last fifth
 position | PT10 / 5 / 2 / 1 | 90 / 85 / 25 / 15 % | up to ± 25 \
 | time steps with position error below so many cm
