@@ -16,11 +16,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from rans_proof import trap as traps
 
 from rans.evaluation.fly.agent import load_policy
 from rans.pretrained import pretrained_folder
 from rans.processes import Workers, nothing
-from rans.proof import trap as traps
 
 AGENT = "track-velocity-2d"
 SPEED, SPIN = 0.2, 1.7

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from rans_proof.network import read_network
+from rans_proof.problem import read_problem
+from rans_proof.prove import lowest_margins
+from rans_proof.trap import Loop, Trap, Uncertainty, velocity_loop
 
 from campaigns.command import ended
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.pretrained import pretrained_folder
-from rans.proof.network import read_network
-from rans.proof.problem import read_problem
-from rans.proof.prove import lowest_margins
-from rans.proof.trap import Loop, Trap, Uncertainty, velocity_loop
 
 _BATCH = 50_000
 

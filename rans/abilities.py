@@ -11,6 +11,7 @@ EXTRA_OF = {
     "assure": "assurance",
     "faults": "assurance",
     "follow": "assurance",
+    "prove": "proof",
     "stress": "assurance",
 }
 """Commands and public names that packages of this repository add, and the extra that installs each package."""

@@ -56,7 +56,6 @@ LAYERS: list[set[str]] = [
     {"rans.compile"},
     {"rans.fast", "rans.reference", "rans.optimal", "rans.guard"},
     {"rans.evaluation"},
-    {"rans.proof"},
     {"rans.deploy"},
     {"rans.show"},
     {"validation.two_body", "validation.peers"},

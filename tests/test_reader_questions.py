@@ -402,10 +402,11 @@ ELSEWHERE = {
     "read_csv": "tests/evaluation/identify",
     "read_ulog": "tests/deploy/robot",
     "read_bag": "tests/deploy/robot",
-    "read_certificate": "tests/proof",
-    "read_problem": "tests/proof",
-    "read_network": "tests/proof",
-    "read_run": "tests/proof",
+    "read_certificate": "packages/proof/tests",
+    "read_problem": "packages/proof/tests",
+    "read_network": "packages/proof/tests",
+    "read_run": "packages/proof/tests",
+    "read_path": "packages/assurance/tests",
 }
 """Readers whose questions are asked by tests of their own room."""
 
@@ -428,7 +429,9 @@ PARTS = {
 def readers() -> set[str]:
     """Functions of the package that are called read or load, and take a path or a file's content."""
     found = set()
-    for file in sorted((ROOT / "rans").rglob("*.py")):
+    for file in sorted(
+        [*(ROOT / "rans").rglob("*.py"), *(ROOT / "packages").glob("*/rans_*/**/*.py")]
+    ):
         text = file.read_text("utf-8")
         if "def read_" not in text and "def load_" not in text:
             continue

@@ -56,7 +56,6 @@ _NAMES = (
     "view",
     "optimal",
     "compare",
-    "prove",
     "report",
     "export",
     "fly",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -45,11 +45,19 @@ from rans.files import (
 )
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.proof.proved import FILE, proved
+from rans.registry import Registry
 from rans.scenario import EVALUATION_SEED
 from rans.structure import LARGEST_TOML
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
+CONTRACT_ENTRIES: Registry[Callable[[Path], dict[str, Any]]] = Registry(
+    kind="entry of a contract",
+    group="rans.contract_entries",
+    built_in={},
+    checked=lambda entries: entries,
+)
+"""What installed packages add to the contract of an exported agent: functions of its run folder."""
+
 _FILES: dict[Form, tuple[str, ...]] = {
     "sb3": ("policy.zip", "config.json"),
     "rans": (AGENT, "config.json"),
@@ -145,7 +153,8 @@ def write_export(
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
-    about |= proof_entry(source.path)
+    for entries in CONTRACT_ENTRIES.values():
+        about |= entries(source.path)
     if stack := stack_of(folder):
         about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}
     write_json(folder / "contract.json", about)
@@ -156,24 +165,6 @@ def write_export(
     card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
     write_json(folder / "card.json", card)
     return card
-
-
-def proof_entry(run: Path) -> dict[str, Any]:
-    """What a contract says of a run's certificate: "proved" if that was done here, or "claimed"; {}: none.
-
-    Raises:
-        ConfigError: the certificate is damaged.
-    """
-    if not (run / FILE).exists() or (proof := proved(run)).differs:
-        return {}
-    entry = {
-        "property": proof.sentence,
-        "errors": proof.errors,
-        "cells": proof.cells,
-        "sha256": proof.sha256,
-        "meaning": "of the certificate, which rans prove --check judges; here: where the export was made",
-    }
-    return {"proved" if proof.verdict else "claimed": entry}
 
 
 def check_alone(folder: Path, form: Form, pairs: str) -> None:

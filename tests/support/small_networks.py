@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-
-from rans.proof.network import Layer
+from rans_proof.network import Layer
 
 
 def layers(

@@ -15,24 +15,24 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+from rans_proof.network import Layer
 
-from rans.proof.network import Layer
 from tests.support.graphs import SHIFT, WEIGHT, graph, ordinary, step
 from tests.support.small_networks import layers as random_layers
 
 CHECKER = (
-    "rans.proof.balls",
-    "rans.proof.check_file",
-    "rans.proof.check_network",
-    "rans.proof.check",
+    "rans_proof.balls",
+    "rans_proof.check_file",
+    "rans_proof.check_network",
+    "rans_proof.check",
 )
 """Modules of the checker, each after those that it imports."""
 PROVER = (
-    "rans.proof.relaxation",
-    "rans.proof.problem",
-    "rans.proof.plants",
-    "rans.proof.polynomial",
-    "rans.proof.prove",
+    "rans_proof.relaxation",
+    "rans_proof.problem",
+    "rans_proof.plants",
+    "rans_proof.polynomial",
+    "rans_proof.prove",
 )
 """Modules of the prover, in such an order, too."""
 
@@ -81,10 +81,10 @@ class Checker:
         import flint
 
         flint.ctx.prec = 80
-        self.balls: Any = modules["rans.proof.balls"]
-        self.file: Any = modules["rans.proof.check_file"]
-        self.network: Any = modules["rans.proof.check_network"]
-        self.check: Any = modules["rans.proof.check"]
+        self.balls: Any = modules["rans_proof.balls"]
+        self.file: Any = modules["rans_proof.check_file"]
+        self.network: Any = modules["rans_proof.check_network"]
+        self.check: Any = modules["rans_proof.check"]
         self.refusals = (self.balls.Refused,)
         self._arb = flint.arb
 
@@ -178,10 +178,10 @@ class Prover:
         import torch
 
         self.torch = torch
-        self.relaxation: Any = modules["rans.proof.relaxation"]
-        self.problem: Any = modules["rans.proof.problem"]
-        self.proof: Any = modules["rans.proof.prove"]
-        self.plants: Any = modules["rans.proof.plants"]
+        self.relaxation: Any = modules["rans_proof.relaxation"]
+        self.problem: Any = modules["rans_proof.problem"]
+        self.proof: Any = modules["rans_proof.prove"]
+        self.plants: Any = modules["rans_proof.plants"]
         self.refusals: tuple[type[Exception], ...] = ()
 
     def _tensor(self, array: Any) -> Any:

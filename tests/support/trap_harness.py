@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from rans_proof.trap_certificate import TrapCertificate
 from scipy.integrate import solve_ivp
-
-from rans.proof.trap_certificate import TrapCertificate
 
 _DIRECTIONS = [(3, 4), (4, 3), (5, 12), (12, 5), (8, 15), (1, 0), (0, 1)]
 """Of whole length, so that torques of thrusters can be equal without rounding."""

@@ -22,7 +22,7 @@ from rans.evaluation.measure.statistics import figure, interval, quantity
 from rans.evaluation.stress.outcome import WANTED
 from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
-from rans.proof.proved import proved
+from rans.registry import Registry
 from rans.show.figures.panels import STYLE, series_style
 from rans.show.pages.assure_counts import asked, counts, decision_sentence, is_over
 from rans.show.pages.chart import Chart, Mark, Series
@@ -41,6 +41,15 @@ from rans.show.pages.screen import Screen
 
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
+
+SECTIONS: Registry[Callable[[Path, Any], Section]] = Registry(
+    kind="section of a report",
+    group="rans.report_sections",
+    built_in={},
+    checked=lambda build: build,
+)
+"""Sections that installed packages add, by the name of the file in a run folder: functions of the folder and of the
+file's content."""
 
 _ROW = 6
 """Tiles of a row on a wide screen."""
@@ -63,7 +72,8 @@ def report_from_run(run: Path) -> Page:
     A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
     protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
-    also of tasks and conditions, as ``assurance-lab.json``, ``proof.json`` and ``sweep.json``.
+    also of tasks and conditions, as ``assurance-lab.json``, ``sweep.json``, and the files of installed packages
+    (`SECTIONS`).
     `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
     a picture does more than to draw.
     """
@@ -76,7 +86,7 @@ def report_from_run(run: Path) -> Page:
         "compare.json": comparison_section,
         "stress.json": stress_section,
         **{file.name: partial(assurance_section, file) for file in assurances},
-        "proof.json": partial(proof_section, run),
+        **{name: partial(build, run) for name, build in SECTIONS.items()},
         "sweep.json": partial(_sweep, inside(run, "sweep.svg")),
         "metrics.jsonl": training_section,
         "validation.json": validation_section,
@@ -488,29 +498,6 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
         ],
         link=page.name if page.is_file() else "",
     )
-
-
-def proof_section(run: Path, _: Mapping[str, Any]) -> Section:
-    """Section of the certificate of a trapping set: proved and checked on this computer, or only claimed."""
-    try:
-        proof = proved(run)
-    except ConfigError as error:  # the rest of the run is not the worse for it
-        return Section("Proof", findings=[Finding(str(error), False)])
-    rows = [
-        ["verdict", proof.heading],
-        ["cells", f"{proof.cells:,}"],
-        ["may be off", proof.errors],
-        ["certificate, SHA-256", proof.sha256],
-    ]
-    finding = Finding(f"The certificate is of another agent: its {proof.differs} differs.", False)
-    summary = []
-    if not proof.differs:
-        finding = Finding(proof.sentence, True if proof.verdict == "checked" else None)
-        summary = [("proof", proof.heading)]
-    command = shlex.join(["rans", "prove", str(run), "--check", str(run / "proof.json")])
-    text = f"Judge the certificate with {command}."
-    tables = [Table(("", "value"), rows)]
-    return Section("Proof", text, tables, findings=[finding], summary=summary)
 
 
 def _title(file: Path) -> str:

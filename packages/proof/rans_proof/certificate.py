@@ -1,0 +1,41 @@
+"""Certificates of proofs: a JSON file with problem, SHA-256 of the network, cells and margins."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from rans.files import read_bytes, write_json
+from rans_proof.prove import Proof
+
+LARGEST = 2**28
+"""Bytes of a certificate that is read; a million cells of four states have 10^8."""
+
+
+def write_certificate(proof: Proof, network: bytes, file: Path) -> str:
+    """Write the certificate of a proof and return its SHA-256.
+
+    Numbers are written with all their digits, so that edges of cells are the same when they are read.
+
+    Args:
+        proof: a whole proof.
+        network: content of the ONNX file of which the proof is, as it was read for the proof.
+        file: file to write.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
+    write_json(
+        file,
+        {
+            "format": 1,
+            "network": hashlib.sha256(network).hexdigest(),
+            "problem": proof.problem.text,
+            "cells": [
+                [low.tolist(), high.tolist()]
+                for low, high in zip(proof.low, proof.high, strict=True)
+            ],
+            "margins": proof.margins.tolist(),
+        },
+    )
+    return hashlib.sha256(read_bytes(file, LARGEST)).hexdigest()

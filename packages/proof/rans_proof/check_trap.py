@@ -1,0 +1,450 @@
+"""Check of a trapping set in ball arithmetic; it shares no mathematics with the prover.
+
+A certificate is accepted if it is of the agent's files, its cells contain the starts, and every command that a
+cell may have moves the whole cell into cells of the certificate, without passing the limits of speed and spin on
+the way. Numbers are intervals of FLINT (`rans_proof.balls`), except whole numbers of cells.
+
+Weights and architecture are those of the reader that a flight uses, thrusters, mass and control period are read
+from the files anew. `rans_proof.flown` compares all of these with the agent as it flies.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from flint import acb, arb, arb_mat, ctx
+
+from rans.errors import RansError, brief
+from rans.fast.agent_files.agent import policy_of
+from rans.policy.network import Network
+from rans_proof.balls import (
+    Refused,
+    absolute_row_sums,
+    column,
+    matrix,
+    network_enclosure,
+    side_by_side,
+    with_sizes,
+)
+from rans_proof.flown import Formulas, check_architecture, check_flown, read_run
+from rans_proof.trap_certificate import TrapCertificate, read_certificate
+
+_BITS = 64
+_LOGIT = arb("0.001")
+"""Log-odds below which a command is undecided."""
+_TOLERANCE = arb(2) ** -40
+"""Of integrals; what is left is in their balls."""
+_CLIP = 10.0
+"""Normalised columns are clipped here (`rans_proof.flown.check_architecture`); cells that reach it are refused."""
+_CRAFT = {
+    "name": None,
+    "dimension": (2,),
+    "mass": None,
+    "inertia": None,
+    "radius": None,
+    "shape": None,
+    "solid": None,
+    "thrust_sharing": ("none",),
+    "centre_of_mass": None,
+    "actuators": ({"kind": "on-off"},),
+    "thruster": None,
+}
+"""Keys that a spacecraft may have, and the values that are proved for; None: any, or compared where it is read."""
+_THRUSTER = {"position", "direction", "force", "supply"}
+
+
+def check_trap(
+    certificate: bytes,
+    files: Mapping[str, bytes],
+    only: Sequence[int] | None = None,
+    is_flown: bool = True,
+) -> TrapCertificate:
+    """Check a certificate of a trapping set, and return what it states.
+
+    Args:
+        certificate: content of its file.
+        files: contents of the agent's files, by name.
+        only: numbers of the cells whose images are checked; None: all.
+        is_flown: whether the agent is flown too, to compare its network and motion with those that are checked.
+
+    Raises:
+        Refused: it proves nothing, or is of another agent.
+    """
+    ctx.prec = _BITS
+    try:
+        table = read_certificate(certificate, "the certificate")
+        if name := table.differing(files):
+            raise Refused(f"it is of another agent: the SHA-256 of {name} differs.")
+        network = policy_of(files["agent.safetensors"], Path("agent.safetensors")).network
+        check_architecture(network.architecture)
+        loop = _Loop(table, files, network)
+        if is_flown:
+            check_flown(read_run(files), loop.formulas(), table.keep)
+    except RansError as error:
+        raise Refused(str(error)) from error
+    inside = loop.union(table.cells)
+    loop.check_start(table.start, inside)
+    for number in range(len(table.cells)) if only is None else only:
+        for commands in loop.commands(table.cells[number]):
+            reason = loop.leaves(table.cells[number], commands, inside)
+            if reason:
+                raise Refused(f"cell {number} {table.cells[number]} {reason}.")
+    return table
+
+
+class _Image(NamedTuple):
+    """Cells that contain the image of a cell: first and last edge along each coordinate."""
+
+    rings: tuple[int, int]
+    sectors: tuple[int, int]
+    """Numbers go on where the directions go round."""
+    layers: tuple[int, int]
+    fastest: Any
+    """Upper bound of the speed on the way, m/s; None: it is constant."""
+
+
+class _Loop:
+    """Closed loop of an agent and the cells of a certificate."""
+
+    def __init__(
+        self, table: TrapCertificate, files: Mapping[str, bytes], network: Network
+    ) -> None:
+        config = json.loads(files["config.json"])
+        if config["task"] != "track-velocity":
+            raise Refused("its task is not track-velocity in the plane.")
+        self.period_text = str(config["timing"]["control_period"])
+        self.period = arb(self.period_text)
+        self._integrals: dict[tuple[str, int], Any] = {}
+        self._design(tomllib.loads(files["spacecraft.toml"].decode()))
+        self.layers = _network(network, len(self.force))
+        self.speed, self.spin = (arb(table.keep[key]) for key in ("speed", "spin"))
+        self.rings, self.sectors, self.side, self.fine = (
+            table.grid[key] for key in ("rings", "sectors", "layers", "fine")
+        )
+        off = {key: arb(value) for key, value in table.uncertainty.items()}
+        self.low = (1 - off["thrust"]) / (1 + off["mass"])
+        self.high = (1 + off["thrust"]) / (1 - off["mass"])
+        self.factor = self.low.union(self.high)
+        # A late command finds a state that has moved on since it was read: that is an error of the reading.
+        late = off["delay"]
+        if not late < self.period:
+            raise Refused("its commands may be late by a period.")
+        every = list(itertools.product((0, 1), repeat=len(self.force)))
+        pull = max(float(_length(self._pull(u)).upper()) for u in every) * (1 + arb(2) ** -40)
+        jump = max(abs(self._jump(u)) for u in every)
+        fastest = self.side * self.step * self.high / self.fine
+        drift = off["velocity"] + late * (self.high * pull + self.speed * fastest)
+        turn = off["spin"] + late * self.high * jump * self.step / self.period
+        self.reading = [drift, drift, turn]
+        if not fastest <= self.spin:
+            raise Refused("its cells go beyond the limit of the spin.")
+
+    def _design(self, craft: dict[str, Any]) -> None:
+        """Force over mass of each thruster, and its torque as a whole number of steps of spin."""
+        for key, value in craft.items():
+            if key not in _CRAFT or (_CRAFT[key] is not None and value not in _CRAFT[key]):
+                raise Refused(
+                    f"its spacecraft's {key} is {brief(value)}, which no proof is known for."
+                )
+        if any(craft.get("centre_of_mass", (0, 0))):
+            raise Refused("the centre of mass is not in the middle of its frame.")
+        inertia = craft["inertia"][2][2] if isinstance(craft["inertia"], list) else craft["inertia"]
+        self.force, self.directions, levers = [], [], []
+        for thruster in craft["thruster"]:
+            if extra := thruster.keys() - _THRUSTER:
+                raise Refused(f"a thruster has the key {brief(min(extra))}.")
+            p, d = (
+                [Fraction(float(x)) for x in thruster[key]] for key in ("position", "direction")
+            )
+            if any(p[2:]) or any(d[2:]):
+                raise Refused("a thruster is not in the plane.")
+            p, d = p[:2], d[:2]
+            self.directions.append((Fraction(float(thruster["force"])), *d))
+            norm = (_ball(d[0]) ** 2 + _ball(d[1]) ** 2).sqrt()
+            size = arb(float(thruster["force"])) / norm
+            self.force.append([_ball(x) * size / arb(float(craft["mass"])) for x in d])
+            scale = Fraction(float(thruster["force"])) ** 2 / (d[0] ** 2 + d[1] ** 2)
+            levers.append((p[0] * d[1] - p[1] * d[0], scale))
+        # Squares of torques are rational, so that equal ones are equal without rounding.
+        squares = {moment**2 * scale for moment, scale in levers if moment}
+        if len(squares) != 1:
+            raise Refused("its thrusters have different torques.")
+        self.lever = [(moment > 0) - (moment < 0) for moment, _ in levers]
+        torque = _ball(squares.pop()).sqrt()
+        self.step = torque * self.period / arb(float(inertia))
+
+    def union(self, cells: Sequence[Any]) -> Any:
+        inside = np.zeros((self.rings, self.sectors, 2 * self.side), dtype=bool)
+        for cell in cells:
+            a, b, c, d, e, f = cell
+            good = 0 <= a < b <= self.rings and 0 <= c < d <= self.sectors
+            # A sector of at most half a circle lies in the box that is used for it.
+            if not (good and -self.side <= e < f <= self.side and 2 * (d - c) <= self.sectors):
+                raise Refused(f"{cell} is no cell of its grid.")
+            inside[a:b, c:d, e + self.side : f + self.side] = True
+        return inside
+
+    def check_start(self, start: Mapping[str, float], inside: Any) -> None:
+        """Refuse cells that do not contain all states up to a speed and a spin."""
+        rings = _ceil(arb(start["speed"]) / self.speed * self.rings)
+        layers = _ceil(arb(start["spin"]) / (self.step * self.low) * self.fine)
+        # Rest is a start: the ring and the layers that hold it always belong to the cover.
+        ring, layer = max(rings, 1), max(layers, 1)
+        if ring > self.rings or layer > self.side:
+            raise Refused("its starts are beyond its limits.")
+        if not inside[:ring, :, self.side - layer : self.side + layer].all():
+            raise Refused("its cells do not contain all starts.")
+
+    def sector(self, cell: Any) -> tuple[Any, Any, Any, Any]:
+        """Slowest, fastest, middle and half of the directions, which are parts of pi."""
+        r0, r1 = (self.speed * k / self.rings for k in cell[:2])
+        return r0, r1, arb(cell[3] + cell[2]) / self.sectors, arb(cell[3] - cell[2]) / self.sectors
+
+    def spins(self, cell: Any, more: Any = 0) -> Any:
+        """Ball of the spins of a cell and so many steps more, in steps of the nominal craft."""
+        ends = [arb(k) / self.fine + more for k in cell[4:]]
+        products = [x * factor for x in ends for factor in (self.low, self.high)]
+        return functools.reduce(lambda hull, ball: hull.union(ball), products)
+
+    def commands(self, cell: Any) -> list[tuple[int, ...]]:
+        """Every command that states of a cell may have, with errors of the readings."""
+        r0, r1, middle, half = self.sector(cell)
+        c, s = middle.cos_pi(), middle.sin_pi()
+        inner = r0 * half.cos_pi()
+        ahead, across = (r1 - inner) / 2, r1 * half.sin_pi()
+        spin = self.spins(cell) * self.step
+        centre = column([(r1 + inner) / 2 * c, (r1 + inner) / 2 * s, arb(spin.mid())])
+        spread = [[ahead * c, -across * s, 0], [ahead * s, across * c, 0], [0, 0, arb(spin.rad())]]
+        errors = [[self.reading[i] if i == k else 0 for k in range(3)] for i in range(3)]
+        both = side_by_side(arb_mat(spread), arb_mat(errors))
+        self.layers[1](centre, both)
+        gain, offset, off = network_enclosure(self.layers[0], centre, both)
+        values = (gain * centre + offset).entries()
+        reach = [a + b + _LOGIT for a, b in zip(absolute_row_sums(gain * both), off, strict=True)]
+        choices = [
+            (1,) if m > r else (0,) if m < -r else (0, 1)
+            for m, r in zip(values, reach, strict=True)
+        ]
+        return list(itertools.product(*choices))
+
+    def image(self, cell: Any, commands: Sequence[int]) -> _Image:
+        """Cells that a cell is moved into by a command, and how fast states are on the way."""
+        r0, r1, middle, half = self.sector(cell)
+        spin = self.spins(cell)
+        jump = self._jump(commands)
+        turn = self.period * self.step * self.spins(cell, arb(jump) / 2) / arb.pi()
+        force = self._pull(commands)
+        size = _length(force)
+        fastest = None
+        if _opposed(self.directions, commands):
+            # A craft that coasts, whatever it spins: speed and direction in W stay.
+            rings = cell[0], cell[1]
+            begin, end = middle - half - turn, middle + half - turn
+        else:
+            *push, off = self._impulse(force, spin, jump)
+            c, s = middle.cos_pi(), middle.sin_pi()
+            ahead = c * push[0] + s * push[1] + off
+            across = c * push[1] - s * push[0] + off
+            x = (r0 * half.cos_pi() + ahead).union(r1 + ahead)
+            y = (r1 * half.sin_pi()) * arb(0, 1) + across
+            least = arb(_least(x) ** 2 + _least(y) ** 2).sqrt()
+            most = _length((x, y))
+            swiftest = self.step * (spin.abs_upper() + self.high * abs(jump))
+            sag = self.high * size * swiftest * self.period**2 / 8
+            fastest = _largest(most, r1) + sag
+            rings = (_floor(least / self.speed * self.rings), _ceil(most / self.speed * self.rings))
+            begin, end = self._directions(x, y, middle, turn)
+        first = _floor(begin * self.sectors / 2)
+        last = min(_ceil(end * self.sectors / 2), first + self.sectors)
+        layers = cell[4] + jump * self.fine, cell[5] + jump * self.fine
+        return _Image(rings, (first, last), layers, fastest)
+
+    def leaves(self, cell: Any, commands: Sequence[int], inside: Any) -> str:
+        """Why the image of a cell under a command is not inside, or ""."""
+        rings, sectors, layers, fastest = self.image(cell, commands)
+        if fastest is not None and not (fastest <= self.speed):
+            return "may pass the limit of the speed"
+        low, high = (k + self.side for k in layers)
+        if rings[0] < 0 or rings[1] > self.rings or low < 0 or high > 2 * self.side:
+            return "may leave the grid"
+        columns = [k % self.sectors for k in range(*sectors)]
+        if not inside[rings[0] : rings[1], columns, low:high].all():
+            return "may leave the cells"
+        return ""
+
+    def formulas(self) -> Formulas:
+        """Middles of the balls of network and motion, to be compared with a flight."""
+
+        def log_odds(states: np.ndarray) -> np.ndarray:
+            x = states
+            for weight, bias, kind, _ in self.layers[0]:
+                x = x @ _middles(weight).T + _middles(bias)[:, 0]
+                x = np.tanh(x) if kind else x
+            return x
+
+        def moved(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+            ends = []
+            step = float(self.step)
+            for (vx, vy, spin), command in zip(states, commands.astype(int).tolist(), strict=True):
+                nominal = arb(spin) / self.step
+                jump = self._jump(command)
+                (fx, fy), (c, s) = self._pull(command), self._turning(arb(nominal.mid()), jump)
+                ends.append(
+                    (
+                        vx + float(c * fx - s * fy),
+                        vy + float(s * fx + c * fy),
+                        spin + jump * step,
+                    )
+                )
+            return np.array(ends)
+
+        return Formulas(log_odds, moved, float(self.period_text))
+
+    def _jump(self, commands: Sequence[int]) -> int:
+        """Steps of spin that commands make."""
+        return sum(k * u for k, u in zip(self.lever, commands, strict=True))
+
+    def _pull(self, commands: Sequence[int]) -> list[Any]:
+        """Force over mass of commands."""
+        pairs = list(zip(self.force, commands, strict=True))
+        return [sum((f[i] * u for f, u in pairs), arb(0)) for i in (0, 1)]
+
+    def _impulse(self, force: Sequence[Any], spin: Any, jump: int) -> tuple[Any, Any, Any]:
+        """Velocity change, in B of the beginning of a period, and a ball of how far it is off."""
+        c, s = self._rotation(str(spin.mid().man_exp()), arb(spin.mid()), jump)
+        # Other spins and torques turn the force by other angles, which are integrated over the period.
+        spread = arb(spin.rad()) + abs(self.factor - 1).abs_upper() * abs(jump) / 2
+        size = _length(force)
+        x, y = c * force[0] - s * force[1], s * force[0] + c * force[1]
+        off = self.high * size * spread * self.step * self.period**2 / 2
+        off += abs(self.factor - 1).abs_upper() * _length((x, y))
+        return x, y, arb(0, off.abs_upper())
+
+    def _rotation(self, key: str, spin: Any, jump: int) -> tuple[Any, Any]:
+        """`_turning` of a spin with this key, which many cells share."""
+        if (key, jump) not in self._integrals:
+            self._integrals[key, jump] = self._turning(spin, jump)
+        return self._integrals[key, jump]
+
+    def _turning(self, spin: Any, jump: int) -> tuple[Any, Any]:
+        """Integrals of cosine and sine of the angle that the nominal craft has turned by."""
+        turn = self.step * self.period
+
+        def integral(function: Callable[[Any], Any]) -> Any:
+            whole = acb.integral(
+                lambda x, _: function(turn * x * (spin + jump * x / 2)),
+                0,
+                1,
+                abs_tol=_TOLERANCE,
+                rel_tol=_TOLERANCE,
+            )
+            return whole.real * self.period
+
+        return integral(lambda a: a.cos()), integral(lambda a: a.sin())
+
+    def _directions(self, x: Any, y: Any, middle: Any, turn: Any) -> tuple[Any, Any]:
+        """Directions of a box along a middle direction, less a turn, in parts of pi."""
+        if x.contains(0) and y.contains(0):
+            return arb(0), arb(2)
+        straight = arb.atan2(arb(y.mid()), arb(x.mid()))
+        c, s = straight.cos(), straight.sin()
+        corners = itertools.product((x.lower(), x.upper()), (y.lower(), y.upper()))
+        angles = [arb.atan2(c * arb(b) - s * arb(a), c * arb(a) + s * arb(b)) for a, b in corners]
+        whole = functools.reduce(lambda hull, ball: hull.union(ball), angles)
+        whole = (whole + straight) / arb.pi() + middle - turn
+        return arb(whole.lower()), arb(whole.upper())
+
+
+def _opposed(thrusters: Sequence[Any], commands: Sequence[int]) -> bool:
+    """Whether the open ones of thrusters (force, direction) push in pairs of opposite directions."""
+    rest = [thruster for thruster, u in zip(thrusters, commands, strict=True) if u]
+    while rest:
+        force, x, y = rest.pop()
+        if (force, -x, -y) not in rest:
+            return False
+        rest.remove((force, -x, -y))
+    return True
+
+
+def _length(vector: Sequence[Any]) -> Any:
+    """Upper bound of a length; a bound of a square below zero would have no root."""
+    return sum((arb(x.abs_upper()) ** 2 for x in vector), arb(0)).sqrt()
+
+
+def _ball(value: Fraction) -> Any:
+    return arb(value.numerator) / arb(value.denominator)
+
+
+def _least(x: Any) -> Any:
+    return arb(0) if x.contains(0) else arb(x.abs_lower())
+
+
+def _largest(a: Any, b: Any) -> Any:
+    return a.union(b).upper()
+
+
+def _floor(x: Any) -> int:
+    return int(x.lower().floor().unique_fmpz())
+
+
+def _ceil(x: Any) -> int:
+    return int(x.upper().ceil().unique_fmpz())
+
+
+def _middles(matrix: Any) -> np.ndarray:
+    """Middles of the balls of a matrix."""
+    return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
+
+
+def _network(network: Network, thrusters: int) -> tuple[Any, Any]:
+    """Layers from velocity and spin to log-odds, and a check that no column is clipped."""
+
+    def tensor(name: str) -> np.ndarray:
+        return network.tensors[name].double().numpy()
+
+    mean, variance = tensor("features_extractor.mean"), tensor("features_extractor.variance")
+    # Columns in B with the goal at rest: velocity, spin, task flag 2, velocity to gain, and two of zeros.
+    weights = np.zeros((8, 3))
+    weights[0, 0] = weights[1, 1] = weights[2, 2] = 1.0
+    weights[4, 0] = weights[5, 1] = -1.0
+    scale = [1 / (arb(float(x)) + arb("0.000001")).sqrt() for x in variance]
+    fixed = [arb(0)] * 3 + [arb(2)] + [arb(0)] * 4
+    shift = column([(f - arb(float(m))) * s for f, m, s in zip(fixed, mean, scale, strict=True)])
+    columns = arb_mat(
+        [[s * x for x in row] for s, row in zip(scale, weights.tolist(), strict=True)]
+    )
+
+    def check(centre: Any, spread: Any) -> None:
+        values = (columns * centre + shift).entries()
+        for value, reach in zip(values, absolute_row_sums(columns * spread), strict=True):
+            if not abs(value) + reach < _CLIP:
+                raise Refused("a column is clipped.")
+
+    layers = []
+    numbers = sorted({int(n.split(".")[-2]) for n in network.tensors if ".trunk." in n})
+    for k, number in enumerate(numbers):
+        weight = matrix(tensor(f"features_extractor.trunk.{number}.weight"))
+        bias = matrix(tensor(f"features_extractor.trunk.{number}.bias")[:, None])
+        if k == 0:
+            weight, bias = weight * columns, weight * shift + bias
+        layers.append((weight, bias, "Tanh"))
+    # Log-odds of opening a thruster: its second output less its first one.
+    weight, bias = tensor("action_net.weight"), tensor("action_net.bias")
+    if len(bias) != 2 * thrusters:
+        raise Refused("its commands are not on/off.")
+    layers.append(
+        (
+            matrix(weight[1::2]) - matrix(weight[::2]),
+            matrix((bias[1::2])[:, None]) - matrix(bias[::2][:, None]),
+            "",
+        )
+    )
+    return with_sizes(layers), check

@@ -1,0 +1,428 @@
+"""``rans prove``: proofs about closed loops of networks and agents, and the check of their certificates."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import shlex
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from rans.cli.numbers import named_numbers
+from rans.cli.options import Former
+from rans.errors import ConfigError, is_installed, require
+from rans.files import read_bytes
+from rans.terminal import Terminal, progress
+
+if TYPE_CHECKING:
+    from rans_proof.trap_certificate import TrapCertificate
+    from rans_proof.verdicts import Verdict
+
+_CHUNK = 4
+"""Cells that a process checks between two reports, some seconds."""
+_SAMPLE = 16
+"""Cells of an agent's certificate that are checked at once when it is proved, in about a second."""
+_SMALLEST = 1.0 / 512
+"""Part of the range of a start, below which a network's cells are not split with --resolution 1."""
+
+
+@dataclass(frozen=True)
+class Prove:
+    """Prove that an agent or a network keeps a property from every start, or find a flight that breaks it.
+
+    The set of starts is split into cells, each of which is proved as a whole. The exit code is 0 if the property
+    is proved everywhere. The certificate is a file of the cells; --check judges one in ball arithmetic, by a
+    program that shares no code with the prover.
+    """
+
+    group = "Judge"
+    guide = "docs/proofs.md"
+    divides_work = True
+    examples = (
+        "rans prove pretrained:track-velocity-2d --property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15",
+        "rans prove network.onnx --problem docking.toml",
+        "rans prove network.onnx --check docking.certificate.json",
+    )
+
+    agent: Annotated[str | None, Positional, arg(metavar="AGENT")] = None
+    """An on/off agent that tracks velocities in the plane, whose goal is at rest: a run folder or
+    pretrained:NAME; or FILE.onnx, a network that takes the state and gives the commands."""
+    property: Annotated[str | None, arg(metavar="speed=M/S,spin=RAD/S")] = None
+    """Limits that every flight of the agent keeps for ever."""
+    start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S")] = None
+    """Starts of the agent: every state up to this speed and this spin."""
+    off: Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S")] = ""
+    """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and the delay of
+    all thrusters, which is one constant, the same to open and to shut; by default 0."""
+    resolution: int = 1
+    """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
+    are 1/512 of the range of a start by default."""
+    problem: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Plant, starts and property, a TOML file; see docs/proofs.md. With --check the certificate must be of it."""
+    output: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
+    check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
+    """Certificate to check; nothing is proved then."""
+    onnx: Annotated[Path | None, Former("name the file without it")] = None
+    """Network that takes the state and gives the commands."""
+    smallest: Annotated[
+        float | None, Former("write --resolution N, which splits down to 1/(512 N)")
+    ] = None
+    """Part of the range of a start, below which cells are not split."""
+    cells: Annotated[int, Former("leave it out: cells are split where that is necessary")] = 4
+    """Number of cells along each state to begin with, for up to four states; with more states it is 1."""
+    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
+    """Processes of --check; by default one per processor."""
+    device: Annotated[
+        str, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
+    ] = "auto"
+    """auto (a GPU if there is one), cpu or cuda."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans list AGENTS",)
+
+    def run(self) -> int:
+        """Prove or check, and print the result."""
+        if self.onnx is None and self.agent is not None and self.agent.endswith(".onnx"):
+            return replace(self, agent=None, onnx=Path(self.agent)).run()
+        if not 1 <= self.resolution <= 8:
+            raise ConfigError(f"--resolution must be from 1 to 8, got {self.resolution}.")
+        if (self.agent is None) == (self.onnx is None):
+            raise ConfigError("name an agent, or the file of a network that ends in .onnx.")
+        if self.agent is not None and self.check is not None:
+            return self._check_trap(self.agent, self.check)
+        if self.agent is not None:
+            return self._trap(self.agent)
+        if self.problem is None and self.check is None:
+            raise ConfigError("name a --problem to prove, or a certificate to --check.")
+        return self._check(self.check) if self.check is not None else self._prove()
+
+    def _trap(self, agent: str) -> int:
+        """Prove a trapping set."""
+        from rans.evaluation.fly.agent import load_policy
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.fast.learn.run_folder import RunFolder
+        from rans_proof import trap as traps
+        from rans_proof.trap_certificate import LARGEST
+
+        # Which agents can be proved is said before anything is asked for.
+        contestant = ContestantName.parse(agent)
+        folder = contestant.folder
+        task = RunFolder(folder).config().task
+        if task != "track-velocity":
+            raise ConfigError(
+                f"{agent} flies {task}, and no proof is known for that: rans prove proves on/off agents that track "
+                "velocities in the plane, such as track-velocity-2d, and networks in ONNX files with a --problem."
+            )
+        run = load_policy(folder)
+        files = _files(folder)
+        loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+        # Property, starts and errors.
+        if self.property is None or self.start is None:
+            raise ConfigError(
+                "name the --property to keep and the starts, --from, of an agent, as in "
+                "--property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15."
+            )
+        keep = named_numbers(self.property, ("speed", "spin"), "--property", are_all_needed=True)
+        start = named_numbers(self.start, ("speed", "spin"), "--from", are_all_needed=True)
+        off = named_numbers(self.off, ("mass", "thrust", "velocity", "spin", "delay"), "--off")
+        for key, limit in keep.items():
+            if not 0.0 < limit <= 10.0:
+                raise ConfigError(
+                    f"--property {key} must be above 0 and at most 10, got {limit:g}."
+                )
+            if not 0.0 <= start[key] <= limit:
+                raise ConfigError(
+                    f"--from {key} must be from 0 to the {limit:g} of --property, got {start[key]:g}."
+                )
+        begun = time.monotonic()
+        terminal = Terminal()
+        limits = keep["speed"], keep["spin"]
+        begin = start["speed"], start["spin"]
+        uncertainty = traps.Uncertainty(**off)
+        # A flight that breaks the property is found sooner than a proof.
+        broken = traps.broken_flight(loop, limits, begin, uncertainty)
+        if broken is not None:
+            state, speed, spin = broken
+            flown = "" if any(off.values()) else _flown(agent, state)
+            terminal.say(
+                f"False: the flight from {np.round(state[:2], 5).tolist()} m/s in the body frame and the spin "
+                f"{state[2]:.5f} rad/s reaches {speed:.4g} m/s and {spin:.4g} rad/s.{flown}"
+            )
+            return 1
+        # The largest set of cells that no flight leaves; the property is proved if all starts lie in it.
+        with progress() as bars:
+            task = bars.add_task("proving", total=None)
+            trap = traps.trapping_set(
+                loop,
+                *limits,
+                uncertainty,
+                traps.GRID.finer(self.resolution),
+                report=lambda done, left: bars.update(task, completed=done, total=done + left),
+            )
+        seconds = time.monotonic() - begun
+        if not trap.contains(loop, *begin):
+            largest = traps.largest_start(trap, loop, start["spin"])
+            terminal.say(
+                f"Open: neither proved nor refuted, after {seconds:.1f} s. With this spin starts up to "
+                f"{largest:.4g} m/s are proved. A finer --resolution, or wider limits, may prove it."
+            )
+            return 1
+        # The certificate, beside the agent or, of a shipped one, in the current folder.
+        shipped = contestant.kind == "pretrained"
+        default_file = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
+        output = self.output or default_file
+        certificate = traps.write_trap(trap, keep["spin"], begin, files, output)
+        # A part of the check, which finds an agent that prover and checker take for different ones.
+        how = "not checked"
+        if is_installed("flint"):
+            count = min(_SAMPLE, len(trap.cells))
+            some = np.random.default_rng(0).choice(len(trap.cells), count, replace=False)
+            _, refusal = _trapped(
+                None, read_bytes(output, LARGEST), files, some.tolist(), is_flown=True
+            )
+            if refusal:
+                terminal.say(
+                    f"Not proved: the checker refuses {output}: {refusal} Please report it."
+                )
+                return 1
+            how = f"{count} of them checked"
+        _record(certificate, "proved")
+        terminal.say(
+            f"Proved: {folder.name} on {run.craft.name}, {certificate.theorem}. {len(trap.cells):,} cells, "
+            f"{how}, {seconds:.1f} s. The certificate is {output} (SHA-256 {certificate.sha256[:16]})."
+        )
+        terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
+        return 0
+
+    def _check_trap(self, agent: str, certificate: Path) -> int:
+        """Check the certificate of a trapping set."""
+        require("flint")
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans_proof.trap_certificate import LARGEST, read_certificate
+
+        # The certificate, the agent and the cover, before other processes begin with the cells.
+        folder = ContestantName.parse(agent).folder
+        content, files = read_bytes(certificate, LARGEST), _files(folder)
+        _, refusal = _trapped(None, content, files, [], is_flown=True)
+        if refusal:
+            Terminal().say(f"Refused: {refusal}")
+            return 1
+        table = read_certificate(content, certificate)
+        count = len(table.cells)
+        chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
+        jobs = [(content, files, list(chunk)) for chunk in chunks]
+        statement = f" Proved: {folder.name}, {table.theorem}."
+        code = self._judged(_trapped, jobs, count, 64, statement)
+        if code == 0:
+            _record(table, "checked")
+        return code
+
+    def _prove(self) -> int:
+        """Prove a property of a network with the plant of a problem's file."""
+        from rans.fast.device import torch_device
+        from rans_proof.certificate import write_certificate
+        from rans_proof.network import LARGEST, network_of
+        from rans_proof.problem import read_problem
+        from rans_proof.prove import lowest_margins, prove
+
+        assert self.problem is not None
+        assert self.onnx is not None
+        smallest = _SMALLEST / self.resolution if self.smallest is None else self.smallest
+        if not (1 <= self.cells <= 1000 and 0.0 < smallest <= 1.0):
+            raise ConfigError(
+                "--cells must be from 1 to 1000 and --smallest above 0 and at most 1, got "
+                f"{self.cells} and {smallest:g}."
+            )
+        # Prove: cells are split until each holds or a flight breaks the property.
+        problem = read_problem(self.problem)
+        content = read_bytes(self.onnx, LARGEST)
+        layers = network_of(content, self.onnx, (problem.lower, problem.upper))
+        output = self.output or self.problem.with_suffix(".certificate.json")
+        begun = time.monotonic()
+        terminal = Terminal()
+        with progress() as bars:
+            task = bars.add_task("proving", total=None)
+            proof = prove(
+                problem,
+                layers,
+                torch_device(self.device),
+                smallest,
+                [self.cells if problem.states <= 4 else 1] * problem.states,
+                lambda done, left: bars.update(task, completed=done, total=done + left),
+            )
+        seconds = time.monotonic() - begun
+        # False, open or proved; only a proof has a certificate.
+        if proof.counterexample is not None:
+            start = np.round(proof.counterexample, 6).tolist()
+            least = lowest_margins(problem, layers, proof.counterexample[None])[0]
+            terminal.say(
+                f"False: the flight from {start} breaks the property by {-least:.3g}, after {seconds:.1f} s of "
+                "search."
+            )
+            return 1
+        if not proof.is_whole:
+            terminal.say(
+                f"Open: {100 * proof.volume:.2f} % of the starts' volume is proved, and {len(proof.open_low):,} "
+                f"cells of the smallest size are neither proved nor refuted, after {seconds:.1f} s. A larger "
+                "--resolution may prove them."
+            )
+            return 1
+        digest = write_certificate(proof, content, output)
+        terminal.say(
+            f"Proved: {problem.name}, from every start and at all times to {problem.steps * problem.period:g} s; "
+            f"{len(proof.low):,} cells, least margin {proof.margins.min():.3g}, {seconds:.1f} s. The certificate "
+            f"is {output} (SHA-256 {digest[:16]})."
+        )
+        terminal.suggest(shlex.join(["rans", "prove", str(self.onnx), "--check", str(output)]))
+        return 0
+
+    def _check(self, certificate: Path) -> int:
+        """Check the certificate of a network."""
+        require("onnx")
+        require("flint")
+        from rans_proof.balls import Refused
+        from rans_proof.certificate import LARGEST
+        from rans_proof.check_file import claim_of, difference, problem_table, statement
+        from rans_proof.network import LARGEST as LARGEST_NETWORK
+        from rans_proof.problem import read_problem
+
+        assert self.onnx is not None
+        contents = read_bytes(certificate, LARGEST), read_bytes(self.onnx, LARGEST_NETWORK)
+        differing = ""
+        try:
+            claim = claim_of(contents[0])
+            if self.problem is not None:
+                differing = difference(
+                    claim.problem, problem_table(read_problem(self.problem).text)
+                )
+        except Refused as refusal:
+            Terminal().say(f"Refused: {refusal}")
+            return 1
+        if differing:
+            Terminal().say(
+                f"Refused: it is of another problem than {self.problem}, by {differing}."
+            )
+            return 1
+        count = len(claim.cells)
+        chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
+        return self._judged(
+            _checked,
+            [(*contents, list(chunk)) for chunk in chunks],
+            count,
+            _CHUNK,
+            f"\nProved of {self.onnx} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
+            + statement(claim.problem),
+        )
+
+    def _judged(
+        self,
+        judge: Callable[..., Any],
+        jobs: list[Any],
+        count: int,
+        chunk: int,
+        statement: str = "",
+    ) -> int:
+        """Judge cells in several processes, and print the result, with the statement that is proved."""
+        from rans.processes import Workers, nothing
+
+        begun = time.monotonic()
+        least = math.inf
+        with progress() as bars:
+            task = bars.add_task("checking", total=count)
+            answers = Workers(nothing, (), self.workers, "checked a certificate")
+            for _, (margin, refusal) in answers.finished(judge, jobs):
+                if refusal:
+                    Terminal().say(f"Refused: {refusal}")
+                    return 1
+                least = min(least, margin)
+                bars.advance(task, chunk)
+        margins = f", and the least margin is {least:.3g}" if np.isfinite(least) else ""
+        Terminal().say(
+            f"Accepted: {count:,} cells cover the starts{margins}, in ball arithmetic; "
+            f"{time.monotonic() - begun:.1f} s.{statement}"
+        )
+        return 0
+
+
+def _flown(agent: str, start: np.ndarray) -> str:
+    """What a flight from a velocity and a spin reaches in the fast engine, and in Drake if it is installed."""
+    from rans.api.agent import load_agent
+    from rans.api.limits import state
+
+    pilot = load_agent(agent)
+    at_rest = state((0.0, 0.0))
+    first = state((0.0, 0.0), 0.0, start[:2].tolist(), float(start[2]))
+    results = ""
+    for name in ("fast", "drake") if importlib.util.find_spec("pydrake") else ("fast",):
+        states = pilot.fly(engine=name, start=first, goal=at_rest).states
+        speed = np.hypot(states.v.x, states.v.y).max()
+        spin = np.abs(states.w).max()
+        engine = "Drake" if name == "drake" else "the fast engine"
+        results += f" In {engine} it reaches {speed:.4g} m/s and {spin:.4g} rad/s."
+    return results
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    """Files of an agent that a certificate is about."""
+    from rans_proof.trap_certificate import FILES
+
+    return {name: read_bytes(folder / name, 2**28) for name in FILES}
+
+
+def _record(certificate: TrapCertificate, verdict: Verdict) -> None:
+    """Keep a verdict for pages and contracts, and say so if that is impossible."""
+    from rans_proof.verdicts import record
+
+    if not record(certificate, verdict):
+        Terminal().say(
+            "The verdict cannot be written below XDG_STATE_HOME, or ~/.local/state: reports will call the "
+            "certificate a claim."
+        )
+
+
+def _trapped(
+    _: None,
+    certificate: bytes,
+    files: dict[str, bytes],
+    cells: list[int],
+    is_flown: bool = False,
+) -> tuple[float, str]:
+    """Infinity, as a trapping set has no margins, and why its certificate is refused, or ""."""
+    from rans_proof.check_trap import check_trap
+
+    def judge() -> float:
+        check_trap(certificate, files, cells, is_flown)
+        return math.inf
+
+    return _verdict(judge)
+
+
+def _checked(_: None, certificate: bytes, network: bytes, cells: list[int]) -> tuple[float, str]:
+    """Least margin of some cells, and why the certificate is refused, or ""."""
+    from rans_proof.check import check
+
+    return _verdict(lambda: check(certificate, network, only=cells))
+
+
+def _verdict(judge: Callable[[], float]) -> tuple[float, str]:
+    """The margin that a judge of a certificate computes, and why it refuses the certificate, or ""."""
+    from rans_proof.balls import Refused
+
+    try:
+        return judge(), ""
+    except Refused as refusal:
+        return 0.0, str(refusal)
+    except (
+        *(ValueError, LookupError, TypeError, AttributeError),
+        *(ArithmeticError, RecursionError, MemoryError),
+    ) as error:
+        # What a damaged file raises where a judge does not expect it.
+        return 0.0, f"it is damaged: {type(error).__name__} {error}"

@@ -1,0 +1,53 @@
+"""What a report and a contract say of a run's certificate."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rans.errors import ConfigError
+from rans.show.pages.page import Finding, Section, Table
+from rans_proof.proved import FILE, proved
+
+
+def proof_section(run: Path, _: Mapping[str, Any]) -> Section:
+    """Section of the certificate of a trapping set: proved and checked on this computer, or only claimed."""
+    try:
+        proof = proved(run)
+    except ConfigError as error:  # the rest of the run is not the worse for it
+        return Section("Proof", findings=[Finding(str(error), False)])
+    rows = [
+        ["verdict", proof.heading],
+        ["cells", f"{proof.cells:,}"],
+        ["may be off", proof.errors],
+        ["certificate, SHA-256", proof.sha256],
+    ]
+    finding = Finding(f"The certificate is of another agent: its {proof.differs} differs.", False)
+    summary = []
+    if not proof.differs:
+        finding = Finding(proof.sentence, True if proof.verdict == "checked" else None)
+        summary = [("proof", proof.heading)]
+    command = shlex.join(["rans", "prove", str(run), "--check", str(run / "proof.json")])
+    text = f"Judge the certificate with {command}."
+    tables = [Table(("", "value"), rows)]
+    return Section("Proof", text, tables, findings=[finding], summary=summary)
+
+
+def proof_entry(run: Path) -> dict[str, Any]:
+    """What a contract says of a run's certificate: "proved" if that was done here, or "claimed"; {}: none.
+
+    Raises:
+        ConfigError: the certificate is damaged.
+    """
+    if not (run / FILE).exists() or (proof := proved(run)).differs:
+        return {}
+    entry = {
+        "property": proof.sentence,
+        "errors": proof.errors,
+        "cells": proof.cells,
+        "sha256": proof.sha256,
+        "meaning": "of the certificate, which rans prove --check judges; here: where the export was made",
+    }
+    return {"proved" if proof.verdict else "claimed": entry}

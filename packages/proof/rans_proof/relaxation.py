@@ -1,0 +1,161 @@
+"""Linear enclosures of activations and of whole networks over zonotopes, batched in torch.
+
+A zonotope is {c + G s + r t: s in [-1, 1]^m, t in [-1, 1]^n, element by element}. Over it an activation lies
+between two parallel lines (Singh et al., "Fast and effective robustness certification", 2018), so the network
+between two parallel planes of the state. Every result is widened by a bound of its rounding: a sum of N products in
+double precision errs by at most N u / (1 - N u) times the sum of their absolute values, with u = 2^-53 (Higham,
+"Accuracy and stability of numerical algorithms", 3.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+_UNIT = 2.0**-53
+"""Unit roundoff of double precision."""
+_ULPS = 8.0
+"""Errors of tanh, in units in the last place; of libraries in use they are below 2."""
+
+
+class Zonotope(NamedTuple):
+    """Sets of states, B of them."""
+
+    centre: Tensor
+    """(B, n)."""
+    generators: Tensor
+    """(B, n, m)."""
+    box: Tensor
+    """(B, n) radii of a box that is added."""
+
+    @property
+    def radius(self) -> Tensor:
+        """(B, n) half widths of the smallest boxes around the sets."""
+        return self.generators.abs().sum(dim=2) + self.box
+
+    @property
+    def size(self) -> Tensor:
+        """(B, n) largest absolute value of each coordinate."""
+        return self.centre.abs() + self.radius
+
+    def highest(self, direction: Tensor) -> Tensor:
+        """(B, k) largest values of linear functions (B or 1, k, n), rounded up."""
+        value = direction @ self.centre[:, :, None]
+        spread = (direction @ self.generators).abs().sum(dim=2, keepdim=True)
+        spread = spread + direction.abs() @ self.box[:, :, None]
+        count = self.centre.shape[1] + self.generators.shape[2] + 4
+        error = 4.0 * count * _UNIT * (direction.abs() @ self.size[:, :, None])
+        return (value + spread + error)[:, :, 0]
+
+
+class Planes(NamedTuple):
+    """Enclosure of a network over a zonotope: outputs lie in gain x + offset +- error."""
+
+    gain: Tensor
+    """(B, p, n)."""
+    offset: Tensor
+    """(B, p)."""
+    error: Tensor
+    """(B, p)."""
+
+
+class TorchLayer(NamedTuple):
+    """Layer of `rans_proof.network` as tensors."""
+
+    weight: Tensor
+    bias: Tensor
+    activation: str
+
+
+def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, Tensor, Tensor]:
+    """Slope, offset and error of lines around an activation on [low, high].
+
+    The slope is that of the chord. A function minus a line is extreme at the ends or where the slopes are equal: of
+    tanh where tanh^2 = 1 - slope. An error of the point where they are equal hardly changes the value there. A
+    rectifier minus a line is extreme at the ends or at 0.
+    """
+    if activation == "relu":
+        slope = ((high.relu() - low.relu()) / (high - low).clamp(min=1e-9)).clamp(0.0, 1.0)
+        places = (low, high, torch.zeros_like(low).clamp(min=low, max=high))
+        corners = torch.stack([z.relu() - slope * z for z in places])
+        lowest, highest = corners.amin(dim=0), corners.amax(dim=0)
+        rounding = 4.0 * _ULPS * _UNIT * torch.maximum(low.abs(), high.abs())
+        return slope, 0.5 * (highest + lowest), 0.5 * (highest - lowest) + rounding
+    scale = 1.0 if activation == "tanh" else 0.5  # sigmoid(z) = 1/2 + tanh(z / 2) / 2
+    low = scale * low
+    high = scale * high
+    width = (high - low).clamp(min=1e-9)
+    slope = ((torch.tanh(high) - torch.tanh(low)) / width).clamp(0.0, 1.0)
+    point = torch.atanh(torch.sqrt(1.0 - slope).clamp(max=1.0 - 1e-16))
+    places = (low, high, point.clamp(min=low, max=high), (-point).clamp(min=low, max=high))
+    corners = torch.stack([torch.tanh(z) - slope * z for z in places])
+    lowest = corners.amin(dim=0)
+    highest = corners.amax(dim=0)
+    size = 1.0 + slope * torch.maximum(low.abs(), high.abs())
+    error = 0.5 * (highest - lowest) + 4.0 * _ULPS * _UNIT * size
+    offset = 0.5 * (highest + lowest)
+    if activation == "tanh":
+        return slope, offset, error
+    return 0.25 * slope, 0.5 + 0.5 * offset, 0.5 * error + _ULPS * _UNIT
+
+
+def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
+    """Planes around a network over zonotopes.
+
+    Errors of an activation stay linear until they reach the output, so that those of several layers may cancel.
+    """
+    count, width = states.centre.shape
+    eye = torch.eye(width, dtype=states.centre.dtype, device=states.centre.device)
+    gain = eye.expand(count, -1, -1)  # (B, n, units): one product then serves all sets
+    offset = torch.zeros_like(states.centre)
+    slopes: list[Tensor] = []
+    errors: list[Tensor] = []
+    size = states.size  # bound of the absolute values that are summed, for rounding
+    rounding = torch.zeros_like(states.centre)
+    depth = 0
+    for number, (weight, bias, activation) in enumerate(layers):
+        depth += weight.shape[1] + 4
+        gain = gain @ weight.T
+        offset = offset @ weight.T + bias
+        size = size @ weight.abs().T + bias.abs()
+        rounding = rounding @ weight.abs().T + 2.0 * depth * _UNIT * size
+        error = rounding + _passed(layers, slopes, errors, number)
+        if not activation:
+            return Planes(gain.mT, offset, error)
+        middle = _rows(gain, states.centre) + offset
+        spread = (states.generators.mT @ gain).abs().sum(dim=1)
+        spread = spread + _rows(gain.abs(), states.box) + error
+        slope, shift, half = parallel_lines(middle - spread, middle + spread, activation)
+        slopes.append(slope)
+        errors.append(half)
+        gain = gain * slope[:, None, :]
+        offset = slope * offset + shift
+        rounding = slope * rounding
+        size = slope * size + shift.abs() + half
+    error = rounding + slopes[-1] * _passed(layers, slopes, errors, len(layers) - 1) + errors[-1]
+    return Planes(gain.mT, offset, error + 4.0 * depth * _UNIT * size)
+
+
+def _rows(gain: Tensor, values: Tensor) -> Tensor:
+    """Products (B, units) of a gain (B, n, units) and values (B, n)."""
+    return (values[:, None, :] @ gain)[:, 0]
+
+
+def _passed(
+    layers: Sequence[TorchLayer], slopes: Sequence[Tensor], errors: Sequence[Tensor], number: int
+) -> Tensor:
+    """What errors of earlier activations add up to at the sums of a layer, (B, units)."""
+    if number == 0:
+        return torch.zeros(
+            (1, len(layers[0].bias)), dtype=torch.float64, device=layers[0].bias.device
+        )
+    weight = layers[number].weight
+    total = errors[number - 1] @ weight.abs().T
+    back = weight
+    for k in reversed(range(number - 1)):
+        back = (back * slopes[k + 1][:, None, :]) @ layers[k + 1].weight
+        total = total + (back.abs() @ errors[k][:, :, None])[:, :, 0]
+    return total

@@ -1,0 +1,265 @@
+"""The check of certificates in ball arithmetic, which planted errors must not pass."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_proof.certificate import write_certificate
+from rans_proof.network import Layer, read_network
+from rans_proof.problem import problem_of
+from rans_proof.prove import prove
+
+from rans.cli import main
+from tests.support.small_networks import damping, layers, written
+
+onnx = pytest.importorskip("onnx")
+DOCKING = """
+name = "small docking"
+period = 1.0
+steps = 8
+commands = 2
+derivative = [
+  "x2", "x3",
+  "0.000003 * x0 + 0.002 * x3 + 0.08 * u0",
+  "-0.002 * x2 + 0.08 * u1",
+]
+[start]
+lower = [70.0, 70.0, -0.1, -0.1]
+upper = [90.0, 90.0, 0.1, 0.1]
+[keep.speed_limit]
+position = [0, 1]
+velocity = [2, 3]
+base = 0.2
+slope = 0.002
+"""
+HOLDING = """
+name = "hold outside of a ball"
+period = 5.0
+steps = 12
+commands = 2
+derivative = ["x2", "x3", "0.002 * x3 + 0.02 * u0", "-0.002 * x2 + 0.02 * u1"]
+[start]
+lower = [-20.0, -90.0, -0.3, 0.1]
+upper = [20.0, -80.0, 0.3, 0.3]
+[keep.keep_out]
+position = [0, 1]
+radius = 50.0
+"""
+SETTLING = """
+name = "a mass on a line comes to rest"
+period = 0.5
+steps = 40
+commands = 1
+derivative = ["x1", "u0"]
+[start]
+lower = [-1.0, -0.2]
+upper = [1.0, 0.2]
+[keep.avoid]
+lower = [2.0, -9.0]
+upper = [9.0, 9.0]
+"""
+
+
+def test_flights_end_in_a_box(tmp_path: Path) -> None:
+    """u = tanh(-0.3 x - v) brings x = 1 to rest: 20 s later it is near 0, and 2 s later it is not."""
+    network = written([Layer(np.array([[-0.3, -1.0]]), np.zeros(1), "tanh")], tmp_path / "net.onnx")
+    layers = read_network(network)
+    end = "[end]\nlower = [-0.5, -0.1]\nupper = [0.5, 0.1]\n"
+    problem = problem_of(SETTLING + end)
+    proof = prove(problem, layers)
+    assert proof.is_whole
+    assert problem.end is not None
+    ends = np.array([[-0.5, 0.0], [0.3, 0.05], [0.0, -0.11]])
+    np.testing.assert_allclose(problem.end.margins(ends), [0.0, 0.05, -0.01], atol=1e-12)
+    # The checker finds the same, and refuses the same cells for a box that flights miss, and for a shorter time.
+    write_certificate(proof, network.read_bytes(), tmp_path / "end.json")
+    content, file = (tmp_path / "end.json").read_text(), network.read_bytes()
+    assert verdict(content.encode(), file) == pytest.approx(proof.margins.min(), abs=1e-9)
+    from rans_proof.balls import Refused
+
+    for old, new in (("-0.5, -0.1", "0.2, -0.1"), ("steps = 40", "steps = 4")):
+        assert old in content
+        with pytest.raises(Refused, match="margin"):
+            verdict(content.replace(old, new).encode(), file)
+    assert not prove(problem_of((SETTLING + end).replace("= 40", "= 4")), layers).is_whole
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("proof")
+    network = written(damping(4, (2, 3), 3), folder / "net.onnx")
+    (folder / "docking.toml").write_text(DOCKING)
+    arguments = ["prove", str(network), "--problem", str(folder / "docking.toml")]
+    assert main([*arguments, "--cells", "2"]) == 0
+    return network, folder / "docking.certificate.json"
+
+
+def verdict(certificate: bytes, network: bytes) -> float:
+    pytest.importorskip("flint")
+    from rans_proof.check import check
+
+    return check(certificate, network)
+
+
+def test_the_checker_agrees(
+    certificate: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    network, file = certificate
+    table = json.loads(file.read_bytes())
+    found = verdict(file.read_bytes(), network.read_bytes())
+    # Both bound the same flights; polygons of 64 and of 48 sides differ by 0.1 % of a speed of 0.4 m/s.
+    assert found == pytest.approx(min(table["margins"]), abs=1e-3)
+    assert main(["prove", str(network), "--check", str(file), "--workers", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("Accepted: ")
+    # What is proved, from the certificate: start, time and limit.
+    for text in (
+        "x0 in [70, 90]",
+        "x3 in [-0.1, 0.1]",
+        "to 8 s",
+        "|(x2, x3)| <= 0.2 + 0.002 |(x0, x1)|",
+    ):
+        assert text in " ".join(printed.split())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [
+        ("base = 0.2", "base = 0.21", "keep"),
+        ("steps = 8", "steps = 7", "steps"),
+        ("upper = [90.0", "upper = [89.0", "start"),
+        ("0.002 * x3", "0.002 * x2", "derivative"),
+        ("steps", "# a comment\nsteps", ""),
+    ],
+)
+def test_a_certificate_of_another_problem_is_refused(
+    old: str,
+    new: str,
+    name: str,
+    certificate: tuple[Path, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("flint")
+    network, file = certificate
+    problem = tmp_path / "other.toml"
+    assert old in DOCKING
+    problem.write_text(DOCKING.replace(old, new))
+    arguments = ["prove", str(network), "--check", str(file), "--problem", str(problem)]
+    assert main([*arguments, "--workers", "1"]) == bool(name)
+    if name:
+        printed = capsys.readouterr().out
+        assert printed.startswith("Refused: ")
+        assert printed.strip().endswith(f"by {name}.")
+
+
+def test_the_command_judges_a_certificate_without_cells(
+    certificate: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("flint")
+    network, file = certificate
+    table = {**json.loads(file.read_bytes()), "cells": []}
+    (tmp_path / "empty.json").write_text(json.dumps(table))
+    check = ["--check", str(tmp_path / "empty.json"), "--workers", "1"]
+    assert main(["prove", str(network), *check]) == 1
+    assert capsys.readouterr().out.startswith("Refused: ")
+
+
+def _changed_network(content: bytes, table: dict[str, Any]) -> bytes:
+    model = onnx.load_model_from_string(content)
+    for one in model.graph.initializer:
+        if one.name == "b0":
+            values = onnx.numpy_helper.to_array(one).copy()
+            values[0] += 1e-6
+            one.CopyFrom(onnx.numpy_helper.from_array(values, "b0"))
+    return model.SerializeToString()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        "bias",
+        "missing",
+        "no cells",
+        "falling limit",
+        "smaller",
+        "larger start",
+        "false",
+        "faster",
+        "infinite",
+        "huge",
+        "no time",
+    ],
+)
+def test_planted_errors_are_refused(error: str, certificate: tuple[Path, Path]) -> None:
+    pytest.importorskip("flint")
+    from rans_proof.check import Refused
+
+    network, file = certificate
+    content = network.read_bytes()
+    table = json.loads(file.read_bytes())
+    match error:
+        case "bias":
+            content = _changed_network(content, table)
+        case "missing":
+            del table["cells"][3]
+        case "no cells":
+            table["cells"] = []
+        case "falling limit":  # distances are bounded from below, which serves limits that grow
+            table["problem"] = table["problem"].replace(
+                "base = 0.2\nslope = 0.002", "base = 10.0\nslope = -0.002"
+            )
+            assert "-0.002\n" in table["problem"]
+        case "smaller":
+            table["cells"][0][1][2] = float(np.nextafter(table["cells"][0][1][2], -1.0))
+        case "larger start":
+            table["problem"] = table["problem"].replace("upper = [90.0,", "upper = [90.000001,")
+        case "false":  # a property that does not hold
+            table["problem"] = table["problem"].replace("base = 0.2", "base = -0.2")
+        case (
+            "infinite" | "huge"
+        ):  # one cell that covers everything; sums of infinities are no numbers
+            size = float("inf") if error == "infinite" else 1e200
+            table["cells"] = [[[-size] * 4, [size] * 4]]
+        case "no time":
+            table["problem"] = table["problem"].replace("steps = 8", "steps = 0")
+        case "faster":  # a set that is too large for its margin
+            table["problem"] = table["problem"].replace("0.1, 0.1]", "0.9, 0.9]")
+            table["cells"] = [[low, [*high[:2], 0.9, 0.9]] for low, high in table["cells"]]
+    with pytest.raises(Refused):
+        verdict(json.dumps(table).encode(), content)
+
+
+@pytest.mark.parametrize(("radius", "passes"), [(75.0, True), (79.0, False)])
+def test_the_checker_knows_the_ball(radius: float, passes: bool, tmp_path: Path) -> None:
+    """Flights brake from 0.3 m/s, 80 m away: at the nearest they come to 77 m."""
+    network = written(damping(4, (2, 3), 3), tmp_path / "net.onnx")
+    problem = problem_of(HOLDING.replace("50.0", "70.0"))
+    write_certificate(
+        prove(problem, read_network(network)), network.read_bytes(), tmp_path / "ball.json"
+    )
+    table = json.loads((tmp_path / "ball.json").read_text())
+    content = json.dumps(table).replace("radius = 70.0", f"radius = {radius}").encode()
+    if passes:
+        assert verdict(content, network.read_bytes()) > 0.0
+        return
+    from rans_proof.balls import Refused
+
+    with pytest.raises(Refused, match="margin"):
+        verdict(content, network.read_bytes())
+
+
+def test_the_checker_agrees_about_rectifiers(tmp_path: Path) -> None:
+    """Rectifiers below a last layer of tanh, whose commands push a craft at the limit of its speed."""
+    hidden, last = layers([4, 8, 2], 5, scale=0.05)
+    both = [Layer(hidden.weight, hidden.bias, "relu"), last]
+    network = written(both, tmp_path / "net.onnx")
+    proof = prove(problem_of(HOLDING), read_network(network))
+    assert proof.is_whole
+    write_certificate(proof, network.read_bytes(), tmp_path / "ball.json")
+    found = verdict((tmp_path / "ball.json").read_bytes(), network.read_bytes())
+    assert found == pytest.approx(proof.margins.min(), rel=1e-6)

@@ -1,0 +1,277 @@
+"""The checker of trapping sets is sound: simulations lie inside its sets, and planted errors are found by that."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from rans_proof import check_trap
+
+from tests.support.planted import planted
+from tests.support.trap_harness import Case, Findings, random_case, violations
+
+SEEDS = range(12)
+
+
+def found(module: ModuleType, seeds: range = SEEDS) -> list[str]:
+    """Where a checker is unsound, up to the first case in which it is."""
+    for seed in seeds:
+        case = random_case(seed)
+        broken = violations(module, case).broken + cover_errors(module, case)
+        if broken:
+            return broken
+    return []
+
+
+def test_simulations_lie_inside_the_checkers_sets() -> None:
+    assert found(check_trap, SEEDS[:2]) == []
+
+
+@pytest.mark.slow
+def test_more_simulations_lie_inside_the_checkers_sets() -> None:
+    assert found(check_trap, range(2, 20)) == []
+
+
+@pytest.mark.slow
+def test_the_checkers_sets_are_tight() -> None:
+    """A set of everything would be sound too. Simulations of 24 states of a cell miss a part of its image."""
+    every: list[Findings] = [violations(check_trap, random_case(seed)) for seed in SEEDS]
+    bounds = {
+        "rings": (1.1, 1.5),
+        "turns": (1.1, 2.5),
+        "speeds": (1.1, 1.6),
+        "commands": (1.5, 16.0),  # of 16 at most
+    }
+    for name, (usual, largest) in bounds.items():
+        values = np.concatenate([getattr(findings, name) for findings in every])
+        assert np.median(values) < usual, name
+        assert np.quantile(values, 0.99) < largest, name
+
+
+def cover_errors(module: ModuleType, case: Case) -> list[str]:
+    """Accepted sets that lack one cell with a start, and sets of all cells with starts that are refused."""
+    grid = case.table.grid
+    off = case.table.uncertainty
+    loop = case.loop(module)
+    low = (1 - off["thrust"]) / (1 + off["mass"])
+    random = np.random.default_rng(7)
+    errors = []
+    for speed, spin in ((0.0, 0.0), (0.05, 0.0), (0.0, 0.2), (0.0500001, 0.2000001), (0.11, 0.03)):
+        # A cell holds a start if its slowest state is slower; the weakest craft has the thinnest layers.
+        ring = np.arange(grid["rings"]) / grid["rings"] * case.table.keep["speed"]
+        edges = np.arange(-grid["layers"], grid["layers"] + 1) * case.step * low / grid["fine"]
+        nearest = np.minimum(np.abs(edges[:-1]), np.abs(edges[1:]))
+        needed = np.zeros((grid["rings"], grid["sectors"], 2 * grid["layers"]), dtype=bool)
+        slow, still = ring < speed * (1 + 1e-12), nearest < spin * (1 + 1e-12)
+        slow[0] = True
+        still[grid["layers"] - 1 : grid["layers"] + 1] = True
+        needed[np.ix_(slow, np.ones(grid["sectors"], dtype=bool), still)] = True
+        start = {"speed": speed, "spin": spin}
+        if not accepts(module, loop, start, needed):
+            errors.append(f"all cells that hold a start up to {start} are refused")
+        cells = np.argwhere(needed)
+        corners = cells[[0, -1]]  # where cells that are looked for begin and end
+        for cell in np.concatenate((cells[random.integers(len(cells), size=12)], corners)):
+            gap = needed.copy()
+            gap[tuple(cell)] = False
+            if accepts(module, loop, start, gap):
+                errors.append(f"the cell {cell} that holds a start up to {start} is missed")
+    return errors
+
+
+def accepts(module: ModuleType, loop: object, start: dict[str, float], inside: np.ndarray) -> bool:
+    try:
+        loop.check_start(start, inside)  # type: ignore[attr-defined]
+    except module.Refused:
+        return False
+    return True
+
+
+def test_an_image_is_looked_up_where_it_is() -> None:
+    """A set of the image alone is enough, and without any one of its cells it is not."""
+    assert lookup_errors(check_trap) == []
+
+
+LOOKED_UP = [
+    *((0, 1, 22, 24, -2, 0), (2, 3, 0, 1, 0, 1), (4, 6, 5, 7, 1, 2)),
+    *((1, 2, 3, 4, -12, -11), (1, 2, 3, 4, 11, 12)),  # from which a pulse leaves the layers
+    *((10, 11, k, k + 1, -12, -11) for k in range(0, 24, 3)),  # where the speed is near its limit
+]
+
+
+def lookup_errors(module: ModuleType) -> list[str]:
+    """Sets without a cell of an image that are accepted, and the image itself where it is refused."""
+    errors = []
+    for seed in SEEDS[:6]:
+        case = random_case(seed)
+        loop, grid = case.loop(module), case.table.grid
+        shape = (grid["rings"], grid["sectors"], 2 * grid["layers"])
+        for cell in LOOKED_UP:
+            for command in itertools.islice(itertools.product((0, 1), repeat=3), 8):
+                command = (*command, *(0,) * (len(case.lever) - 3))
+                image = loop.image(cell, command)
+                layers = [k + grid["layers"] for k in image.layers]
+                beyond = image.rings[1] > shape[0] or layers[0] < 0 or layers[1] > shape[2]
+                if beyond or (image.fastest is not None and not image.fastest <= 0.15):
+                    if not loop.leaves(cell, command, np.ones(shape, dtype=bool)):
+                        errors.append(f"{cell} under {command} leaves the grid")
+                    continue
+                inside = np.zeros(shape, dtype=bool)
+                columns = [k % shape[1] for k in range(*image.sectors)]
+                cells = [*itertools.product(range(*image.rings), columns, range(*layers))]
+                for each in cells:
+                    inside[each] = True
+                if loop.leaves(cell, command, inside):
+                    errors.append(f"the image of {cell} under {command} is refused")
+                for each in (cells[0], cells[-1], cells[len(cells) // 2]):
+                    inside[each] = False
+                    if not loop.leaves(cell, command, inside):
+                        errors.append(f"{cell} under {command} leaves the cells")
+                    inside[each] = True
+    return errors
+
+
+PLANTED: dict[str, tuple[str, str]] = {
+    # Of the attack: errors that survived the tests before.
+    "the turn of a whole jump": ("self.spins(cell, arb(jump) / 2)", "self.spins(cell, arb(jump))"),
+    "a delay without the turn": ("self.high * pull + self.speed * fastest)", "self.high * pull)"),
+    "the impulse's error of thrust is lost": (
+        "        off += abs(self.factor - 1).abs_upper() * _length((x, y))\n",
+        "",
+    ),
+    "the chord is no bound": ("+ sag\n", "\n"),
+    "the sag is a tenth": ("self.period**2 / 8", "self.period**2 / 80"),
+    "a polygon inside the circle": (
+        "(r1 - inner) / 2, r1 *",
+        "(r1 * half.cos_pi() - inner) / 2, r1 *",
+    ),
+    "a polygon inside the circle of an image": (
+        "union(r1 + ahead)",
+        "union(r1 * half.cos_pi() + ahead)",
+    ),
+    "weights are transposed": (
+        'weight = matrix(tensor(f"features_extractor.trunk.{number}.weight"))',
+        'weight = matrix(tensor(f"features_extractor.trunk.{number}.weight").T if k else '
+        'tensor(f"features_extractor.trunk.{number}.weight"))',
+    ),
+    "a gap at the rim of the starts": (
+        'rings = _ceil(arb(start["speed"])',
+        'rings = _floor(arb(start["speed"])',
+    ),
+    "a gap at the largest spin": (
+        'layers = _ceil(arb(start["spin"])',
+        'layers = _floor(arb(start["spin"])',
+    ),
+    "no gap at rest is one": ("max(rings, 1), max(layers, 1)", "rings, layers"),
+    "starts of positive spin only": (
+        "self.side - layer : self.side + layer]",
+        "self.side : self.side + layer]",
+    ),
+    "layers of the strongest craft": ("/ (self.step * self.low) *", "/ (self.step * self.high) *"),
+    # Others.
+    "a delay without the pull": ("late * (self.high * pull + ", "late * ("),
+    "a delay without its change of spin": (
+        'off["spin"] + late * self.high * jump * self.step / self.period',
+        'off["spin"]',
+    ),
+    "errors of readings are lost": (
+        "side_by_side(arb_mat(spread), arb_mat(errors))",
+        "arb_mat(spread)",
+    ),
+    "the nominal spin only": ("for factor in (self.low, self.high)", "for factor in (1,)"),
+    "the image turns the other way": (
+        "middle - turn\n        return",
+        "middle + turn\n        return",
+    ),
+    "a craft that coasts does not turn": (
+        "middle - half - turn, middle + half - turn",
+        "middle - half, middle + half",
+    ),
+    "pairs of unequal forces coast": (
+        'append((Fraction(float(thruster["force"])), *d))',
+        "append((Fraction(1), *d))",
+    ),
+    "layers jump the other way": ("cell[4] + jump * self.fine", "cell[4] - jump * self.fine"),
+    "spins of a cell turn the force equally": ("spread = arb(spin.rad()) + ", "spread = "),
+    "the last ring is rounded down": ("_ceil(most / self.speed", "_floor(most / self.speed"),
+    "the first ring is rounded up": ("(_floor(least / self.speed", "(_ceil(least / self.speed"),
+    "the last sector is rounded down": ("last = min(_ceil(end", "last = min(_floor(end"),
+    "no direction of rest": ("if x.contains(0) and y.contains(0):", "if False:"),
+    "the slower edge of a ring": (
+        "x = (r0 * half.cos_pi() + ahead)",
+        "x = (r1 * half.cos_pi() + ahead)",
+    ),
+    "sectors have no width": (
+        "y = (r1 * half.sin_pi()) * arb(0, 1)",
+        "y = (r0 * half.sin_pi()) * arb(0, 1)",
+    ),
+    "the speed at the ends of a period only": (
+        "fastest = _largest(most, r1) + sag",
+        "fastest = most",
+    ),
+    "an impulse in the frame of its end": (
+        "c * force[0] - s * force[1], s * force[0] + c",
+        "c * force[0] + s * force[1], -s * force[0] + c",
+    ),
+    "half of the torque's turn": ("spin + jump * x / 2", "spin + jump * x"),
+    "mass is not in the factor": ('(1 - off["thrust"]) / (1 + off["mass"])', '(1 - off["thrust"])'),
+    "thrust is not in the factor": (
+        '(1 + off["thrust"]) / (1 - off["mass"])',
+        '1 / (1 - off["mass"])',
+    ),
+    "directions are not normalised": (
+        'arb(float(thruster["force"])) / norm',
+        'arb(float(thruster["force"]))',
+    ),
+    "torques of the other sign": ("(moment > 0) - (moment < 0)", "(moment < 0) - (moment > 0)"),
+    "the first bias is lost": ("weight * shift + bias", "weight * shift"),
+    "statistics are not subtracted": ("(f - arb(float(m))) * s", "f * s"),
+    "the other output opens": (
+        "matrix(weight[1::2]) - matrix(weight[::2])",
+        "matrix(weight[::2]) - matrix(weight[1::2])",
+    ),
+    "the velocity to gain has the other sign": (
+        "weights[4, 0] = weights[5, 1] = -1.0",
+        "weights[4, 0] = weights[5, 1] = 1.0",
+    ),
+    "standard deviations without their floor": ('arb("0.000001")', "arb(0)"),
+    "an undecided thruster is shut": ("else (0, 1)\n", "else (0,)\n"),
+    "a bound of one side": ("(1,) if m > r", "(1,) if m > -r"),
+}
+"""Errors that make the checker unsound: a text of its source, and what stands in its place."""
+
+
+def with_error(old: str, new: str) -> ModuleType:
+    """The checker with a text of its source in the place of another."""
+    name = check_trap.__name__
+    return planted([name], (name, old, new))[name]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", PLANTED)
+def test_a_checker_with_a_planted_error_is_found(error: str) -> None:
+    assert found(with_error(*PLANTED[error]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("low < 0 or high", "high"),
+        (
+            "if not inside[rings[0] : rings[1], columns, low:high].all()",
+            "if not inside[rings[0] : rings[1], columns, low:high].any()",
+        ),
+        ("range(*sectors)]", "range(sectors[0], sectors[1] - 1)]"),
+        ("if fastest is not None and not (fastest <= self.speed):", "if False:"),
+    ],
+)
+def test_a_lookup_with_a_planted_error_is_found(old: str, new: str) -> None:
+    module = with_error(old, new)
+    with contextlib.suppress(IndexError):  # beyond the grid
+        assert lookup_errors(module)

@@ -1,0 +1,167 @@
+"""Prover and checker read a network as ONNX Runtime computes it, or refuse it.
+
+Each has two lines of defence, its reader and a comparison, and each line is tested without the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_proof import network
+
+from rans.errors import ConfigError
+from tests.support.graphs import WEIGHT, forged, graph, ordinary, step
+from tests.support.planted import planted
+
+pytest.importorskip("onnx")
+pytest.importorskip("flint")
+runtime = pytest.importorskip("onnxruntime")
+
+from rans_proof import check_network  # noqa: E402
+from rans_proof.balls import Refused  # noqa: E402
+
+STATES = 3.0 * np.random.default_rng(3).normal(size=(40, 2)).astype(np.float32)
+READERS: dict[str, tuple[Any, Callable[[Any, bytes], np.ndarray], type[Exception]]] = {}
+
+
+def of_runtime(content: bytes) -> np.ndarray:
+    """What ONNX Runtime answers to the states, one at a time."""
+    session = runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    (taken,) = [entry for entry in session.get_inputs() if entry.name == "x"]
+    shape = [axis if isinstance(axis, int) else 1 for axis in taken.shape]
+    states = STATES.astype(np.float64 if taken.type == "tensor(double)" else np.float32)
+    return np.stack([session.run(None, {"x": x.reshape(shape)})[0].ravel() for x in states])
+
+
+def of_prover(module: Any, content: bytes) -> np.ndarray:
+    layers = module.network_of(content, "net.onnx")
+    assert all(layer.activation for layer in layers[:-1])
+    return module.apply(layers, STATES.astype(float))
+
+
+def of_checker(module: Any, content: bytes) -> np.ndarray:
+    bends: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+        "": lambda z: z,
+        "Tanh": np.tanh,
+        "Relu": lambda z: z * (z > 0),
+        "Sigmoid": lambda z: 1.0 / (1.0 + np.exp(-z)),
+    }
+    x = STATES.astype(float).T
+    layers = module.layers_of.__wrapped__(content, (-1.0, -1.0), (1.0, 1.0))
+    assert all(
+        kind for _, _, kind, _ in layers[:-1]
+    )  # enclosures end at a layer that does not bend
+    for weight, bias, kind, _ in layers:
+        table, shift = (np.array(m.tolist(), dtype=float) for m in (weight, bias))
+        x = bends[kind](table @ x + shift)
+    return x.T
+
+
+READERS["prover"] = network, of_prover, ConfigError
+READERS["checker"] = check_network, of_checker, Refused
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("form", ordinary())
+def test_ordinary_graphs_are_read_as_they_run(
+    form: str, reader: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, answers, _ = READERS[reader]
+    content = ordinary()[form]
+    true = of_runtime(content)
+    # Single precision errs by 1e-7 of sums below 100.
+    np.testing.assert_allclose(answers(module, content), true, atol=2e-5)
+    monkeypatch.setattr(module, "_compare", lambda *_: None)
+    np.testing.assert_allclose(answers(module, content), true, atol=2e-5)
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("form", forged())
+def test_forged_graphs_are_refused_by_the_reader_alone(
+    form: str, reader: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    module, answers, refusal = READERS[reader]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "weights.bin").write_bytes(WEIGHT.tobytes())  # of the graph that keeps them there
+    monkeypatch.setattr(module, "_compare", lambda *_: None)
+    with pytest.raises(refusal) as caught:
+        answers(module, forged()[form])
+    assert "\n" not in str(caught.value)
+
+
+MISREAD = {
+    "prover": [
+        ("product and sum", "self._affine(table.T, ", "self._affine(table, "),
+        ("general product", 'settings["transB"] else operands[0].T', 'settings["transB"] else operands[0]'),
+        ("alpha", 'settings["alpha"] * table', "table"),
+        ("beta", 'settings["beta"] * _broadcast', "_broadcast"),
+        ("constant less it", "sign = -1.0 if position else 1.0", "sign = 1.0"),
+        ("less a constant", "-sign * self._spread", "sign * self._spread"),
+        ("scaled", "self._affine(self._spread(operands[0]), np", "self._affine(np.ones(2), np"),
+        ("divided", "self._affine(1.0 / divisor", "self._affine(divisor"),
+        ("convolution", "            shift = operands[1]\n", ""),
+        ("activations", "np.maximum(x, 0.0)", "np.abs(x)"),
+        ("sum after an activation", "return [*self._layers, Layer", "return self._layers or [Layer"),
+    ],
+    "checker": [
+        ("product and sum", "(matrix(table).transpose(), ", "(matrix(table), "),
+        ("general product", "        table = table.T\n", "        pass\n"),
+        ("alpha", "matrix(table) * arb(alpha)", "matrix(table)"),
+        ("beta", " * arb(beta)", ""),
+        ("constant less it", "[-x for x in same]", "same"),
+        ("less a constant", "((same, -column) if", "((same, column) if"),
+        ("scaled", "return shape, (values, zeros)", "return shape, (same, zeros)"),
+        ("divided", "[1 / x for x in values]", "values"),
+        ("convolution", "bias = constants[1] if len(constants) == 2 else np", "bias = np"),
+        ("activations", '"Relu": lambda z: z * (z > 0)', '"Relu": lambda z: z'),
+        ("product and sum", "times(factor, bias) + shift", "times(factor, bias)"),
+    ],
+}  # fmt: skip
+"""Errors of reading, each with a graph that it reads wrongly."""
+
+
+@pytest.mark.parametrize(
+    ("reader", "form", "old", "new"),
+    [(reader, *error) for reader, errors in MISREAD.items() for error in errors],
+)
+def test_what_is_misread_is_refused_by_the_comparison(
+    reader: str, form: str, old: str, new: str
+) -> None:
+    module, answers, refusal = READERS[reader]
+    wrong = planted([module.__name__], (module.__name__, old, new))[module.__name__]
+    with pytest.raises(refusal, match=r"ONNX Runtime computes|onnx\.reference than"):
+        answers(wrong, ordinary()[form])
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_weights_too_large_for_single_precision_are_refused(reader: str) -> None:
+    """The exact network answers W x; in single precision 1e9 + 1 is 1e9."""
+    module, answers, refusal = READERS[reader]
+    content = graph(
+        [step("Gemm", "x W c", "m"), step("Add", "m d", "n"), step("Tanh", "n", "y")],
+        c=np.full(2, 1e9),
+        d=np.full(2, -1e9),
+    )
+    with pytest.raises(refusal):
+        answers(module, content)
+
+
+def test_networks_of_other_sizes_than_the_starts_are_refused() -> None:
+    content = ordinary()["general product"]
+    ends = (-1.0,) * 3, (1.0,) * 3
+    with pytest.raises(ConfigError, match="3 states"):
+        network.network_of(content, "net.onnx", ends)
+    with pytest.raises(Refused, match="3 states"):
+        check_network.layers_of(content, *ends)
+
+
+@pytest.mark.parametrize("content", [b"", b"junk", b"\x08\x07" * 40, bytes(range(256))])
+def test_junk_is_a_sentence(content: bytes) -> None:
+    for module, answers, refusal in READERS.values():
+        with pytest.raises(refusal) as caught:
+            answers(module, content)
+        assert "\n" not in str(caught.value)

@@ -1,0 +1,239 @@
+"""Proofs against simulated flights, ball arithmetic and planted errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rans_proof.command import Prove
+from rans_proof.network import Layer, read_network
+from rans_proof.problem import SpeedLimit, Within, problem_of, read_problem
+from rans_proof.prove import ClosedLoop, lowest_margins, prove
+
+from rans.errors import ConfigError
+from tests.support.processes import ROOT
+from tests.support.small_networks import damping, layers
+
+DOCKING = """
+name = "small docking"
+period = 1.0
+steps = 8
+commands = 2
+derivative = [
+  "x2", "x3",
+  "0.000003 * x0 + 0.002 * x3 + 0.08 * u0",
+  "-0.002 * x2 + 0.08 * u1",
+]
+[start]
+lower = [70.0, 70.0, -0.1, -0.1]
+upper = [90.0, 90.0, 0.1, 0.1]
+[keep.speed_limit]
+position = [0, 1]
+velocity = [2, 3]
+base = 0.2
+slope = 0.002
+"""
+SPINNING = """
+name = "spin of an asymmetric body"
+period = 0.1
+steps = 10
+commands = 3
+derivative = ["0.25 * (u0 + x1 * x2)", "0.5 * (u1 - 3 * x0 * x2)", "u2 + 2 * x0 * x1"]
+[start]
+lower = [0.30, -0.20, 0.10]
+upper = [0.31, -0.19, 0.11]
+[keep.avoid]
+lower = [-1.0, 0.5, -1.0]
+upper = [1.0, 1.0, 1.0]
+"""
+INSIDE = (
+    SPINNING.split("[keep")[0]
+    + """
+[keep.within]
+lower = [0.0, -1.0, 0.0]
+upper = [0.9, 0.4, 2.4]
+"""
+)
+HOLDING = """
+name = "hold outside of a ball"
+period = 5.0
+steps = 12
+commands = 2
+derivative = ["x2", "x3", "0.002 * x3 + 0.02 * u0", "-0.002 * x2 + 0.02 * u1"]
+[start]
+lower = [-20.0, -90.0, -0.3, 0.1]
+upper = [20.0, -80.0, 0.3, 0.3]
+[keep.keep_out]
+position = [0, 1]
+radius = 50.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "network"),
+    [
+        (DOCKING, damping(4, (2, 3), 3)),
+        (DOCKING, layers([4, 8, 2], 5, scale=0.01)),
+        (SPINNING, layers([3, 8, 8, 3], 4, "sigmoid")),
+        (INSIDE, layers([3, 8, 8, 3], 4, "sigmoid")),
+        (HOLDING, damping(4, (2, 3), 3)),
+        (HOLDING, layers([4, 8, 2], 5, "relu", scale=0.01)),
+    ],
+    ids=["brakes", "pushes", "spins", "stays in", "stays out", "drifts"],
+)
+def test_no_flight_has_less_than_its_cells_margin(text: str, network: list[Layer]) -> None:
+    """Margins of flights by Runge-Kutta, whose own error is far below the distance seen here."""
+    problem = problem_of(text)
+    low, high = np.array([problem.lower]), np.array([problem.upper])
+    random = np.random.default_rng(0)
+    loop = ClosedLoop(problem, network, torch.device("cpu"))
+    for parts in (1, 4):
+        half = (high - low) / 2.0 / parts
+        middle = (low + high) / 2.0
+        cell = middle - half, middle + half
+        margin = loop.margins(*cell)[0][0]
+        start = random.uniform(*cell, (500, problem.states))
+        start[::3] = np.where(random.random(start[::3].shape) < 0.5, *cell)
+        assert margin <= lowest_margins(problem, network, start).min()
+
+
+def test_between_instants_too() -> None:
+    """A swing over one long period, whose ends are outside the box that it enters."""
+    problem = problem_of(
+        'name = "swing"\nperiod = 3.0\nsteps = 1\ncommands = 1\n'
+        'derivative = ["x1", "-1 * x0 + 0 * u0"]\n'
+        "[start]\nlower = [0.0, 1.0]\nupper = [0.0, 1.0]\n"
+        "[keep.avoid]\nlower = [0.9, -2.0]\nupper = [2.0, 2.0]\n"
+    )
+    # x0 = sin t: 0 at the start and 0.14 at the end, and 1 in between, which is inside the box.
+    loop = ClosedLoop(problem, layers([2, 2, 1], 0), torch.device("cpu"))
+    assert loop.margins(np.array([[0.0, 1.0]]), np.array([[0.0, 1.0]]))[0][0] < 0.0
+
+
+def test_the_hold_agent_stays_for_ever() -> None:
+    """The box in which its flights end is one that it comes back to, so that the ball is never entered."""
+    folder = ROOT / "examples/proofs"
+    far, near = (read_problem(folder / f"hold-agent{name}.toml") for name in ("", "-near"))
+    assert far.end == near.end == Within(near.lower, near.upper)
+    assert far.keep == near.keep
+    assert far.derivative == near.derivative
+    assert far.period == near.period
+    assert prove(near, read_network(folder / "hold-agent.onnx")).is_whole
+
+
+def test_what_is_false_ends_with_a_flight_that_breaks_it() -> None:
+    problem = problem_of(DOCKING.replace("base = 0.2", "base = -0.01"))
+    push = [Layer(np.zeros((2, 4)), np.array([5.0, 5.0]), "tanh")]
+    proof = prove(problem, push)
+    assert proof.counterexample is not None
+    assert lowest_margins(problem, push, proof.counterexample[None])[0] < 0.0
+    assert not proof.is_whole
+
+
+def test_a_proof_with_open_cells_is_not_whole() -> None:
+    """A property that flights keep by less than the margin of a cell is too low by.
+
+    Cells that may not be split stay open: with the proved ones they fill the start set, and none of them has a
+    margin. With more to spare the proof is whole.
+    """
+    problem = problem_of(DOCKING)
+    network = damping(4, (2, 3), 3)
+    low, high = (np.array([x]) for x in (problem.lower, problem.upper))
+    loop = ClosedLoop(problem, network, torch.device("cpu"))
+    coarse = float(loop.margins(low, high)[0][0])
+    random = np.random.default_rng(2)
+    start = np.where(random.random((2000, problem.states)) < 0.5, low, high)
+    true = float(lowest_margins(problem, network, start).min())
+    spare = 0.5 * (coarse + true)
+    assert isinstance(problem.keep, SpeedLimit)
+    tight = replace(problem, keep=replace(problem.keep, base=problem.keep.base - spare))
+    for smallest, proved in ((1.0, 0), (0.25, 24)):
+        proof = prove(tight, network, smallest=smallest)
+        assert len(proof.low) == proved
+        assert proof.counterexample is None
+        assert not proof.is_whole
+        assert proof.volume < 1.0
+        sides = proof.open_high - proof.open_low
+        open_part = float((sides / (high - low)).prod(axis=1).sum())
+        assert open_part + proof.volume == pytest.approx(1.0)
+        loop = ClosedLoop(tight, network, torch.device("cpu"))
+        assert (loop.margins(proof.open_low, proof.open_high)[0] <= 0.0).all()
+    assert prove(problem, network).is_whole
+
+
+@pytest.mark.parametrize(("name", "parts"), [("docking-agent", 4), ("hold-agent", 8)])
+def test_the_agents_of_the_page_keep_their_property(name: str, parts: int) -> None:
+    """A random cell, 30 periods long, and flights from it, of which none has less than its margin."""
+    folder = ROOT / "examples/proofs"
+    problem = replace(read_problem(folder / f"{name}.toml"), steps=30, end=None)
+    network = read_network(folder / f"{name}.onnx")
+    low, high = np.array(problem.lower), np.array(problem.upper)
+    random = np.random.default_rng(5)
+    corner = random.integers(0, parts, (1, problem.states)) / parts
+    ends = low + (high - low) * corner, low + (high - low) * (corner + 1.0 / parts)
+    margins = ClosedLoop(problem, network, torch.device("cpu")).margins(*ends)[0]
+    assert margins.min() > 0.0
+    for margin, begin, end in zip(margins, *ends, strict=True):
+        start = random.uniform(begin, end, (50, problem.states))
+        assert margin <= lowest_margins(problem, network, start).min()
+
+
+def test_the_pose_agent_stays_for_ever() -> None:
+    """It comes back to the box of its starts, and the limits of 5 cm and 5 degrees are around it."""
+    problem = read_problem(ROOT / "examples/proofs/pose-agent.toml")
+    network = read_network(ROOT / "examples/proofs/pose-agent.onnx")
+    assert problem.end == Within(problem.lower, problem.upper)
+    assert isinstance(problem.keep, Within)
+    assert np.linalg.norm(problem.keep.upper[:2]) <= 0.05
+    assert problem.keep.upper[4] <= np.deg2rad(5.0)
+    start = np.random.default_rng(4).uniform(problem.lower, problem.upper, (200, 6))
+    least = lowest_margins(problem, network, start).min()
+    assert least > 0.0
+    # A part of the proof; all of it takes two seconds.
+    short = replace(problem, steps=4, end=None)
+    loop = ClosedLoop(short, network, torch.device("cpu"))
+    margin = loop.margins(np.array([problem.lower]), np.array([problem.upper]))[0][0]
+    assert 0.0 < margin <= lowest_margins(short, network, start).min()
+
+
+@pytest.mark.slow
+def test_the_pose_agent_is_proved() -> None:
+    problem = read_problem(ROOT / "examples/proofs/pose-agent.toml")
+    assert prove(problem, read_network(ROOT / "examples/proofs/pose-agent.onnx")).is_whole
+
+
+def test_the_hold_agent_from_ahead_is_refuted() -> None:
+    """Its guidance knows nothing of the ball, which is then on its way."""
+    folder = ROOT / "examples/proofs"
+    problem = read_problem(folder / "hold-agent.toml")
+    ahead = replace(
+        problem, steps=60, end=None, lower=(-5, 150, -5, 0, 0, 0), upper=(5, 160, 5, 0, 0, 0)
+    )
+    network = read_network(folder / "hold-agent.onnx")
+    proof = prove(ahead, network)
+    assert proof.counterexample is not None
+    assert lowest_margins(ahead, network, proof.counterexample[None])[0] < 0.0
+
+
+@pytest.mark.slow
+def test_flights_of_the_docking_agent_keep_the_limit() -> None:
+    folder = ROOT / "examples/proofs"
+    problem = read_problem(folder / "docking-agent.toml")
+    network = read_network(folder / "docking-agent.onnx")
+    assert prove(problem, network, first=[4, 4, 4, 4]).is_whole
+    start = np.random.default_rng(6).uniform(problem.lower, problem.upper, (20_000, 4))
+    assert lowest_margins(problem, network, start).min() > 0.0
+
+
+@pytest.mark.parametrize("sizes", [(4, 3), (4, 1), (3, 2), (5, 2)])
+def test_a_network_of_another_size_is_refused(sizes: tuple[int, int]) -> None:
+    with pytest.raises(ConfigError, match="4 states and 2 commands"):
+        prove(problem_of(DOCKING), layers(sizes, 0))
+
+
+def test_cells_without_a_size_are_refused() -> None:
+    with pytest.raises(ConfigError, match="--smallest above 0 and at most 1, got 4 and 0"):
+        Prove(problem=Path("pose.toml"), onnx=Path("pose.onnx"), smallest=0.0).run()
