@@ -93,9 +93,9 @@ from rans.cli import main
 for line in (
     "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
-    "export run --output agent --episodes 4 --margins 0",
-    "export run --format numpy --output numpy --episodes 4 --margins 0",
-    "export run --format c --output c --episodes 4 --margins 0",
+    "export run --output agent --episodes 4",
+    "export run --format numpy --output numpy --episodes 4",
+    "export run --format c --output c --episodes 4",
     "view run --play --save page.html",
     "evaluate lqr:go-to-pose-2d --episodes 2",
 ):
@@ -150,7 +150,7 @@ from rans.processes import beside
 for line in (
     "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
-    "export run --output agent --episodes 4 --margins 0",
+    "export run --output agent --episodes 4",
 ):
     assert main(line.split()) == 0, line
 
@@ -201,9 +201,9 @@ MISSING = [
         ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),
         ("clarabel", "optimal dock"),
         ("numba", "optimal go-to-pose --certify"),
-        ("onnx", "export go-to-pose-2d --format onnx --output out --margins 0"),
+        ("onnx", "export go-to-pose-2d --format onnx --output out"),
         ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
-        ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out --margins 0"),
+        ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out"),
         ("rans_agents", "evaluate pretrained:dock-port-2d --episodes 2"),
         ("rans_agents", "view go-to-pose-2d-robust"),
         ("rans_agents", "list go-to-pose-2d-robust"),

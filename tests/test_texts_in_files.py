@@ -129,7 +129,7 @@ MORE = [
     command("compare run --with lqr --episodes 2 --certified 0"),
     command("view run --save page.html"),
     command("stress run --only latency --episodes 2"),
-    command("assure run --episodes 2 --worst 0"),
+    command("assure run --episodes 2"),
     command("follow run"),
     command("export run --output shipped"),
     command("fly run --bus udp --seconds 0.1"),

@@ -284,7 +284,7 @@ def join_spacecraft(
     return Draft(parse_spacecraft(text, craft.name), text)
 
 
-def check_target(file: Path, overwrite: bool) -> None:
+def check_target(file: Path, overwrite: bool = False) -> None:
     """Refuse (`ConfigError`) what is no spacecraft file's name, or exists."""
     if file.suffix != ".toml":
         raise ConfigError(
@@ -293,7 +293,7 @@ def check_target(file: Path, overwrite: bool) -> None:
     check_free(file, overwrite)
 
 
-def check_free(file: Path, overwrite: bool) -> None:
+def check_free(file: Path, overwrite: bool = False) -> None:
     """Refuse (`ConfigError`) a file that exists, unless it may be overwritten."""
     if file.exists() and not overwrite:
         raise ConfigError(f"{file} exists: name another file, or delete it first.")

@@ -244,7 +244,10 @@ def _parse(arguments: list[str]) -> Any:
         arguments = [arguments[0], *in_present_words(arguments[0], arguments[1:])]
         check_options(arguments[0], commands[arguments[0]], arguments[1:])
         warn_of_former(arguments[0], commands[arguments[0]], arguments[1:])
-        arguments = with_numbers_named(arguments)
+        arguments = [
+            arguments[0],
+            *with_numbers_named(commands[arguments[0]], arguments[1:]),
+        ]
         parse = partial(
             tyro.cli,
             commands[arguments[0]],

@@ -11,7 +11,6 @@ from tyro.conf import Positional, arg
 
 from rans.api import laboratory
 from rans.api.names import load_spacecraft
-from rans.cli.options import Former
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.terminal import Terminal, table, writing_at_end
@@ -20,10 +19,6 @@ if TYPE_CHECKING:
     from validation.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
-
-
-_SHORT = 4
-"""Number of columns of the table that are printed without ``--full``."""
 
 
 @dataclass(frozen=True)
@@ -50,25 +45,6 @@ class Benchmark:
     """Rough figures in seconds: one small batch, few repeats, nothing compiled on a CPU."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """JSON file to write all values to, warm-up times and notes too, with a figure next to it."""
-    spacecraft: Annotated[tuple[str, ...], Former("name them after the command")] = ()
-    """Names of spacecraft, or TOML files."""
-    device: Annotated[
-        str | None, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
-    ] = None
-    """cpu or cuda; by default a GPU if there is one."""
-    num_envs: Annotated[
-        tuple[int, ...],
-        Former("leave it out, or call rans.benchmark(..., num_envs=...) in Python"),
-    ] = ()
-    """Batch sizes; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
-    peer_folder: Annotated[Path | None, Former("set XDG_CACHE_HOME")] = None
-    """Folder of the environments of other packages."""
-    full: Annotated[bool, Former("write --output FILE, which has everything")] = False
-    """Also print warm-up times and notes."""
-    task: Annotated[str, Former("leave it out, or call rans.benchmark(task=...) in Python")] = (
-        "go-to-pose"
-    )
-    """Task to step and to train."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -83,7 +59,7 @@ class Benchmark:
             if self.output.suffix != ".json":
                 raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
             ready_folder(self.output.parent)
-        device = chosen_device(self.device, self.quick)
+        device = chosen_device(None, self.quick)
         console = Terminal()
         measured: list[Measurement] = []
         peers: list[tuple[PeerResult, list[Ratio]]] = []
@@ -95,9 +71,9 @@ class Benchmark:
     def _measure(self, console: Terminal, device: str, result: list[Measurement]) -> None:
         from rans.api.speed import measured
 
-        crafts = [load_spacecraft(name) for name in self.spacecraft or self.crafts]
+        crafts = [load_spacecraft(name) for name in self.crafts]
         with console.status("measuring ...") as status:
-            for measurement in measured(crafts, self.task, self.num_envs, device, self.quick):
+            for measurement in measured(crafts, "go-to-pose", (), device, self.quick):
                 result.append(measurement)
                 status.update(f"measured {measurement.name}")
 
@@ -111,11 +87,10 @@ class Benchmark:
 
         if not self.peers:
             return
-        folder = self.peer_folder or default_folder()
         with console.status("measuring peers ...") as status:
             for peer, ratios in compare_peers(
                 effort(device, self.quick),
-                folder,
+                default_folder(),
                 self.quick,
                 lambda name: status.update(
                     f"measuring {name}, and ours; it may have to be installed ..."
@@ -151,11 +126,8 @@ class Benchmark:
                 [(_digits(r.value), r.name, r.note) for r in (*ratios, *bound_ratios)],
             )
         )
-        columns = ("", "measurement", "value", "unit", "warm-up", "note")
-        column_count = len(columns) if self.full else _SHORT
-        console.print(
-            table("", columns[:column_count], (_measured(m)[:column_count] for m in measured))
-        )
+        columns = ("", "measurement", "value", "unit")
+        console.print(table("", columns, (_measured(m) for m in measured)))
         if peers:
             console.print(
                 table(
@@ -206,7 +178,7 @@ def _hardware(about: dict[str, str]) -> str:
 
 def _measured(m: Measurement) -> tuple[str, ...]:
     value = "-" if m.value is None else _digits(m.value)
-    return m.kind, m.name, value, m.unit, f"{m.warm_up:.1f} s" if m.warm_up else "", m.note
+    return m.kind, m.name, value, m.unit
 
 
 def _digits(value: float) -> str:

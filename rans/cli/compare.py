@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import Former, Trust
+from rans.cli.options import NumberOf, Trust
 from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from rans.tasks import Task
 
 
+_POSITIONS = 9
+"""Positions of a trade-off, with both ends, on the curve of an agent."""
 _SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
 STARTS = 16, 1
@@ -112,12 +114,9 @@ class Compare:
     scores."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
     """Least margin that the safety filter keeps."""
-    positions: Annotated[int, Former("leave it out: the curve of an agent has 9 points")] = 9
-    """Number of values of the trade-off input at which such an agent flies, evenly from 0 to 1: enough for a smooth
-    curve, and few enough to fly in the time of the other contestants."""
-    budget: Annotated[float, Former("write --front SECONDS")] = 300.0
+    budget: Annotated[float, NumberOf("--front")] = 300.0
     """Seconds of processor time for bounds of the front."""
 
     def following(self) -> tuple[str, ...]:
@@ -133,7 +132,7 @@ class Compare:
 
         self._check()
         named = [
-            trade_off_positions(spec, self.positions) if self.front else [spec]
+            trade_off_positions(spec, _POSITIONS) if self.front else [spec]
             for spec in self.contestants
         ]
         # The first contestant sets task, craft, starts and conditions for all.
@@ -280,10 +279,6 @@ class Compare:
             CONTROLLERS[typed(name)]  # reject a wrong name before the flights
         if self._certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
-        if self.positions < 2:
-            raise ConfigError(
-                f"--positions must be >= 2, the ends of the trade-off, got {self.positions}."
-            )
         if not self.budget >= 0:
             raise ConfigError(f"--front takes processor time >= 0 s, got {self.budget}.")
         check_count("--episodes", self._episodes)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.cli.options import Former, Trust
+from rans.cli.options import NumberOf, Trust
 from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import is_installed
 from rans.files import (
@@ -100,14 +100,8 @@ class Evaluate:
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
     """Least margin that the safety filter keeps."""
-    spacecraft: Annotated[str | None, Former("write it after the name: lqr:TASK-2d@SPACECRAFT")] = (
-        None
-    )
-    """Spacecraft for an agent for any craft."""
-    plain: Annotated[bool, Former("fly at most 65,536 episodes, which are never compiled")] = False
-    """Do not compile the flights."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -115,13 +109,11 @@ class Evaluate:
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
-        from rans.evaluation.fly.contestants import judged_separately, with_spacecraft
+        from rans.evaluation.fly.contestants import judged_separately
 
         check_count("--episodes", self.episodes)
-        whole = with_spacecraft(self.contestant, self.spacecraft)
         passed = [
-            replace(self, contestant=spec, spacecraft=None).judge()
-            for spec in judged_separately(whole)
+            replace(self, contestant=spec).judge() for spec in judged_separately(self.contestant)
         ]
         return 0 if all(passed) else 1
 
@@ -211,9 +203,7 @@ class Evaluate:
         assert isinstance(run.controller, Agent)
         # Flights are judged as they fly; none is stored.
         device = torch_device()
-        flights = Flights(
-            run.controller.network, run.judged, device, listed=_LISTED, plain=self.plain
-        )
+        flights = Flights(run.controller.network, run.judged, device, listed=_LISTED)
         with progress() as bars:
             step = stages(bars)("fast engine", self.episodes)
             statistics = flights.fly(0, self.episodes, self.seed, step)

@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.cli.options import Former
 from rans.errors import ConfigError, brief, require
 from rans.files import read_json
 from rans.pretrained import pretrained_folder, pretrained_names
@@ -52,14 +51,6 @@ class Export:
     """Number of evaluation flights for the model card. A quarter as many fly at each latency, mass and sensor noise
     around the conditions of the training, from which the contract states the intervals in which the agent solves
     its task; with fewer than 256 episodes it states none."""
-    margins: Annotated[int | None, Former("give --episodes four times as many")] = None
-    """Number of flights at each latency, mass and sensor noise; 0: the contract has no intervals."""
-    spacecraft: Annotated[
-        str | None, Former("write it after the name: any-craft-2d@SPACECRAFT")
-    ] = None
-    """Spacecraft for which an agent for any craft is exported."""
-    guard: Annotated[bool, Former("leave it out: exported files have no safety filter")] = False
-    """Not available: the contract names the filter, and `rans fly` on the folder applies it."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -71,16 +62,9 @@ class Export:
         from rans.deploy.foreign import write_foreign_export
         from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.contestant_name import ContestantName
-        from rans.evaluation.fly.contestants import with_spacecraft
 
-        if self.guard:
-            raise ConfigError(
-                "exported files contain the agent without a safety filter, which predicts the motion with RANS. "
-                "Export as numpy without --guard and fly the folder by rans fly FOLDER --trust --guard; in "
-                "Python, rans.guard.safety_filter(setup).admitted filters any command."
-            )
         check_count("--episodes", self.episodes)
-        name = ContestantName.parse(with_spacecraft(self.run_folder, self.spacecraft))
+        name = ContestantName.parse(self.run_folder)
         is_foreign = name.kind == "policy"
         folder = name.policy_file if is_foreign else name.folder
         if folder is None and name.name.startswith("onnx:"):
@@ -97,12 +81,8 @@ class Export:
             )
         if self.format == "rans" and not is_foreign and _comes_with_rans(folder):
             raise ConfigError(f"{folder.name} comes with RANS in this format already, in {folder}.")
-        margins = self.margins
-        if margins is None:
-            # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.
-            margins = self.episodes // 4 if self.episodes >= 256 else 0
-        if margins:
-            check_count("--margins", margins)
+        # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.
+        margins = self.episodes // 4 if self.episodes >= 256 else 0
         # Before minutes of flights.
         if self.format in _PACKAGES:
             require(_PACKAGES[self.format])

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from rans.cli.options import Former
 from rans.errors import ConfigError, brief, meant
 from rans.terminal import Terminal
 
@@ -70,14 +69,6 @@ class Init:
     valves divide a control period), least (shortest pulse in counts, or least level of a throttle as a share of
     full force), most (largest level), radius (m, for drawings), thrust_sharing (none, or split: the open
     thrusters share the supply of one)."""
-    picture: Annotated[
-        Path | None, Former("write `rans list FILE.toml --picture FILE`, which draws anywhere")
-    ] = None
-    """File of the drawing (.svg, .png or .pdf); None: next to the TOML file, as .svg."""
-    batch: Annotated[bool, Former("leave it out and write `< /dev/null` after the command")] = False
-    """Ask nothing."""
-    overwrite: Annotated[bool, Former("delete the file first")] = False
-    """Overwrite existing files."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -91,17 +82,17 @@ class Init:
             raise ConfigError(
                 f"name the file to write, such as mine.toml, got {str(self.file)!r}, which is a folder."
             )
-        picture = self.picture or self.file.with_suffix(".svg")
-        check_target(self.file, self.overwrite)
-        check_free(picture, self.overwrite)
-        asks = not self.batch and sys.stdin is not None and sys.stdin.isatty()
+        picture = self.file.with_suffix(".svg")
+        check_target(self.file)
+        check_free(picture)
+        asks = sys.stdin is not None and sys.stdin.isatty()
         try:
             draft = self._asked() if asks else self._drafted({})
         except EOFError as error:
             raise ConfigError(
                 "the input ended before the last answer: nothing was written."
             ) from error
-        draft.write(self.file, picture, overwrite=self.overwrite)
+        draft.write(self.file, picture)
         self._show(draft, picture)
         return 0
 

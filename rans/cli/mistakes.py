@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from tyro.conf import Positional
 
-from rans.cli.options import former, option_name
+from rans.cli.options import former, number_of, option_name
 from rans.errors import ConfigError, brief, meant
 from rans.files import read_text
 from rans.structure import LARGEST_TOML, read_toml
@@ -108,7 +108,9 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
         command: its class.
         words: that follow the name of the command.
     """
-    flags = dict(_flags(command))
+    hints = get_type_hints(command, include_extras=True)
+    typed = [field for field, hint in hints.items() if not number_of(hint)]
+    flags = dict(_flags(command, typed))
     _check_words(name, command, words)
     if name in _TAKE_A_TASK and words:
         _check_is_task(name, words[0])
@@ -125,8 +127,7 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
             )
         if not flag.startswith("--") or flag in flags or flag.startswith("--tyro-"):
             continue
-        hints = get_type_hints(command, include_extras=True)
-        offered = dict(_flags(command, [f for f in hints if former(hints[f]) is None]))
+        offered = dict(_flags(command, [f for f in typed if former(hints[f]) is None]))
         hint = _hint(name, flag.removeprefix("--"), value, offered)
         raise ConfigError(
             f"`rans {name}` has no option {brief(word.partition('=')[0])[1:-1]}{hint}; "

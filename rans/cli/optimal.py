@@ -15,7 +15,7 @@ import tyro
 from rans.api.names import load_spacecraft
 from rans.cli import check_count
 from rans.cli.numbers import named_numbers
-from rans.cli.options import Former
+from rans.cli.options import NumberOf
 from rans.cli.states import OwnState, read_zones, written_endpoints
 from rans.errors import ConfigError, require
 from rans.files import distinct, ready_folder, write_json, write_text
@@ -34,6 +34,11 @@ if TYPE_CHECKING:
     from rans.optimal.trajectory.objectives import Objective
     from rans.tasks import Land
     from rans.tasks.orbital import OrbitalMission
+
+_CONTROL_PERIOD = 0.2
+"""Time that a command is held, s; for a least time it is computed."""
+_INTERVALS = 50
+"""Control periods of a least time: over 10 s they are as long as the others."""
 
 
 @dataclass(frozen=True)
@@ -98,29 +103,8 @@ class Optimal:
     every machine answers the same; less than the 20 by default gives wider gaps."""
     output: Path | None = None
     """Folder to write into; by default runs/optimal-TASK-SPACECRAFT-OBJECTIVE."""
-    certify_seconds: Annotated[float, Former("write --certify NUMBER")] = 20.0
+    certify_seconds: Annotated[float, NumberOf("--certify")] = 20.0
     """Work for each question of the certificate."""
-    intervals: Annotated[int, Former("leave it out: a least time has 50 control periods")] = 50
-    """Number of control periods, for time: over 10 s they are as long as the default control period."""
-    guesses: Annotated[
-        int | None, Former("leave it out, or call rans.optimal_trajectory(guesses=...) in Python")
-    ] = None
-    """Number of initial guesses; the best solution counts. None: 1; 3 for time in space, for tasks that leave the
-    attitude free (in space 5) or with zones."""
-    most_speed: Annotated[float | None, Former("write --limits speed=NUMBER")] = None
-    """Largest speed of the trajectory, m/s."""
-    most_spin: Annotated[float | None, Former("write --limits spin=NUMBER")] = None
-    """Largest angular speed of the trajectory, rad/s."""
-    agents: Annotated[tuple[str, ...], Former("name them after the task")] = ()
-    """Agents to compare with the bound of a mission on an orbit."""
-    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
-    """Number of processes; by default one per processor."""
-    control_period: Annotated[
-        float, Former("leave it out, or call rans.optimal_trajectory(control_period=...) in Python")
-    ] = 0.2
-    """Time that a command is held, s; for time it is computed."""
-    seed: Annotated[int, Former("leave it out, or name a --start and a --goal")] = EVALUATION_SEED
-    """Seed of starts and goals."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -148,13 +132,10 @@ class Optimal:
             return self._land(craft, cast("Land", task))
         # Objective, starts, limits and initial guesses.
         self._refuse_unused()
-        objective = objective_of(
-            self.objective, self.horizon, self.control_period, ending, self.intervals
-        )
+        objective = objective_of(self.objective, self.horizon, _CONTROL_PERIOD, ending, _INTERVALS)
         starts = self._starts(task, craft)
         limits = self._limits(craft.dimension)
-        usual = max(usual_guesses(craft, task, objective), 3 if self.zones else 1)
-        guesses = usual if self.guesses is None else self.guesses
+        guesses = max(usual_guesses(craft, task, objective), 3 if self.zones else 1)
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         # Before anything is written: what would stop the trajectories or their bounds.
         check_aims(craft, task)
@@ -166,7 +147,7 @@ class Optimal:
             if not self.certify:
                 raise
             reason = str(error)
-        if self.certify and not no_certificate(craft, aims(task), self.control_period):
+        if self.certify and not no_certificate(craft, aims(task), _CONTROL_PERIOD):
             require("numba")
         about: dict[str, Any] = {
             "task": self.task,
@@ -174,7 +155,7 @@ class Optimal:
             "objective": objective.name,
             "measure": objective.measure,
             "ending": objective.ending,
-            "seed": None if self.start else self.seed,
+            "seed": None if self.start else EVALUATION_SEED,
             "limits": None if limits is None else asdict(limits),
         }
         if reason:
@@ -184,7 +165,7 @@ class Optimal:
         answers = self._with_progress(
             "optimal trajectories",
             lambda step: optima(
-                craft, task, objective, starts, guesses, self.workers, step, limits=limits
+                craft, task, objective, starts, guesses, progress=step, limits=limits
             ),
         )
         Terminal().print(
@@ -253,14 +234,14 @@ class Optimal:
         """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
         from rans.evaluation.compare.transfers import contestants_of, judged_transfers
 
-        self._refuse_all_but("spacecraft", "horizon", "episodes", "seed", "contestants", "agents")
+        self._refuse_all_but("spacecraft", "horizon", "episodes", "contestants")
         deadline = task.deadline[1] if self.horizon is None else self.horizon
         folder = ready_folder(self.output or Path("runs") / f"optimal-{distinct(self.task)}")
-        makers = contestants_of(craft, task, (*self.contestants, *self.agents))
+        makers = contestants_of(craft, task, self.contestants)
         table = self._with_progress(
             "bounds",
             lambda step: judged_transfers(
-                craft, task, makers, deadline, self.seed, self.episodes, progress=step
+                craft, task, makers, deadline, EVALUATION_SEED, self.episodes, progress=step
             ),
         )
         Terminal().show(
@@ -279,7 +260,7 @@ class Optimal:
 
     def _land(self, craft: Spacecraft, task: Land) -> int:
         """Compute landings by convex programming; only starts and ending can be chosen."""
-        self._refuse_all_but("spacecraft", "ending", "episodes", "start", "goal", "seed")
+        self._refuse_all_but("spacecraft", "ending", "episodes", "start", "goal")
         from rans.evaluation.compare.landings import (
             landing_table,
             landings,
@@ -308,7 +289,7 @@ class Optimal:
             "task": self.task,
             "spacecraft": craft.name,
             "ending": self.ending or "set",
-            "seed": None if self.start else self.seed,
+            "seed": None if self.start else EVALUATION_SEED,
         }
         write_landings(folder, about, answers)
         lost = sum(not answer.good for answer in answers)
@@ -319,8 +300,7 @@ class Optimal:
         return 1 if lost else 0
 
     def _check(self) -> None:
-        for name in ("episodes", "guesses", "intervals", "workers"):
-            check_count(f"--{name}", getattr(self, name))
+        check_count("--episodes", self.episodes)
         if not self.certify_seconds > 0:
             raise ConfigError(f"--certify takes work > 0, got {self.certify_seconds:g}.")
         if self.certify and self.objective not in ("fuel", "time"):
@@ -330,17 +310,11 @@ class Optimal:
         """Reject (`ConfigError`) options that an ordinary task does not use with the others."""
         default = {field.name: field.default for field in fields(self)}
         missions = "are for missions on an orbit (dock, hold, rendezvous)"
-        unused = {"contestants": missions, "agents": missions}
+        unused = {"contestants": missions}
         if not self.certify:
             unused["certify_seconds"] = "needs --certify"
-        if self.objective != "time":
-            unused["intervals"] = f"is for --objective time, and this is {self.objective}"
         if self.start:
             unused["episodes"] = "is for starts of a seed, and --start is one"
-        if self.start and self.goal:
-            unused["seed"] = "is for starts of a seed"
-        if self.objective == "time" and not self.certify:
-            unused["control_period"] = "is computed for --objective time, but for its --certify"
         for name, reason in unused.items():
             if getattr(self, name) != default[name]:
                 option = "agents" if name == "contestants" else f"--{name.replace('_', '-')}"
@@ -351,11 +325,11 @@ class Optimal:
         unused = [
             f"--{field.name.replace('_', '-')}"
             for field in fields(self)
-            if field.name not in (*used, "task", "output", "workers")
+            if field.name not in (*used, "task", "output")
             and getattr(self, field.name) != field.default
         ]
         if unused:
-            listed = [name for name in used if name not in ("contestants", "agents")]
+            listed = [name for name in used if name != "contestants"]
             options = ", ".join(f"--{name.replace('_', '-')}" for name in listed)
             raise ConfigError(
                 f"{', '.join(unused)} would change nothing for {self.task}, which takes {options} and --output."
@@ -363,8 +337,8 @@ class Optimal:
 
     def _starts(self, task: Task, craft: Spacecraft) -> Scenario:
         """Scenarios of the seed, or the start and goal of the options."""
-        own = written_endpoints(self.start, self.goal, task, craft.dimension, self.seed)
-        sampled = scenarios(task, craft, self.seed, 1 if self.start else self.episodes)
+        own = written_endpoints(self.start, self.goal, task, craft.dimension, EVALUATION_SEED)
+        sampled = scenarios(task, craft, EVALUATION_SEED, 1 if self.start else self.episodes)
         return sampled if own is None else own.applied(sampled)
 
     def _limits(self, dimension: int) -> PathLimits | None:
@@ -376,14 +350,14 @@ class Optimal:
         limits = named_numbers(self.limits, ("speed", "spin"), "--limits")
         zones = self.zones
         return PathLimits(
-            limits.get("speed", self.most_speed),
-            limits.get("spin", self.most_spin),
+            limits.get("speed"),
+            limits.get("spin"),
             tuple(read_zones(zones, dimension, "--zones")),
         )
 
     @property
     def _is_limited(self) -> bool:
-        return bool(self.limits or self.zones or self.most_speed or self.most_spin)
+        return bool(self.limits or self.zones)
 
     def _add_bounds(
         self,
@@ -403,7 +377,7 @@ class Optimal:
         from rans.scenario import each
         from rans.tasks.goal_set import aims
 
-        period = self.control_period
+        period = _CONTROL_PERIOD
         effort = SearchEffort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
         # Bounds are for the goal set, so only trajectories that end in it are comparable.
@@ -425,9 +399,7 @@ class Optimal:
                 with progress() as bars:
                     step = stages(bars)("bounds", len(questions))
                     answers_by_number.update(
-                        bounds.bounds_in_parallel(
-                            questions, range(len(questions)), self.workers, step
-                        )
+                        bounds.bounds_in_parallel(questions, range(len(questions)), progress=step)
                     )
             finally:
                 sorted_answers = [answers_by_number[number] for number in sorted(answers_by_number)]

@@ -27,6 +27,14 @@ class Former:
 
 
 @dataclass(frozen=True)
+class NumberOf:
+    """Annotation of a command's field whose number stands after another option, as in `--guard 0.01`."""
+
+    option: str
+    """The option before the number."""
+
+
+@dataclass(frozen=True)
 class _Everywhere:
     """Annotation of a command's field whose option every command takes, so that its help is in one place."""
 
@@ -43,13 +51,6 @@ EVERYWHERE = {
     "--gpus": "Train, sweep or assure in one process a GPU of this machine: all, or a number.",
 }
 """Options of every command with their help."""
-_WITH_NUMBER = {
-    "--guard": "--guard-slack",
-    "--front": "--budget",
-    "--certify": "--certify-seconds",
-}
-"""Options after which a number may stand, with the names of the fields for it."""
-
 
 FORMER_WORDS: dict[str, dict[str, str]] = {
     "assure": {"--plan": "--episodes 0"},
@@ -127,7 +128,7 @@ def former(hint: Any) -> Former | None:
 def is_in_help(hint: Any) -> bool:
     """Whether the help of a command has the option of a field, by its type hint."""
     return not any(
-        isinstance(annotation, (Former, _Everywhere)) for annotation in _annotations(hint)
+        isinstance(annotation, (Former, NumberOf, _Everywhere)) for annotation in _annotations(hint)
     )
 
 
@@ -171,10 +172,6 @@ def _present_too(advice: str, arguments: Sequence[str]) -> str:
             # One entry of several, such as --set mass=VALUE.
             if any(text.partition("=")[0] == value for text in values):
                 return f"{option} {value}="
-        elif option in _WITH_NUMBER:
-            # The option alone goes with its former number.
-            if any(map(_is_number, values)):
-                return f"{option} NUMBER"
         else:
             return option
     return ""
@@ -184,11 +181,19 @@ def _is_value(word: str) -> bool:
     return not word.startswith("--")
 
 
-def with_numbers_named(arguments: Sequence[str]) -> list[str]:
-    """Arguments in which numbers after such options have options of their own."""
+def number_of(hint: Any) -> str:
+    """Option after which the number of a field stands, by its type hint; "" for a field with an option."""
+    options = (a.option for a in _annotations(hint) if isinstance(a, NumberOf))
+    return next(options, "")
+
+
+def with_numbers_named(command: type, arguments: Sequence[str]) -> list[str]:
+    """Arguments of a command in which numbers after other options (`NumberOf`) have options of their own."""
+    hints = get_type_hints(command, include_extras=True)
+    names = {number_of(hint): option_name(field, hint) for field, hint in hints.items()}
     result: list[str] = []
     for before, word in zip(["", *arguments], arguments, strict=False):
-        option = _WITH_NUMBER.get(before)
+        option = names.get(before) if before else None
         result.append(f"{option}={word}" if option and _is_number(word) else word)
     return result
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 import shlex
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from rans.cli import check_count
-from rans.cli.options import Former
 from rans.errors import ConfigError
 from rans.files import command_line, ready_folder
 from rans.registry import typed
@@ -21,6 +18,14 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
     from rans.model.timing import Timing
     from rans.tasks import Task
+
+_CANDIDATES = 300
+"""Settings that fly, unless the time ends before."""
+_STARTS = 256
+"""Starts that each of them flies from."""
+_PRICE = 0.01
+"""Price of impulse, s per N s. The cost of a candidate is the mean of the settling time and the time first in the
+goal set, plus the impulse of the episode times this price."""
 
 
 @dataclass(frozen=True)
@@ -47,28 +52,6 @@ class Tune:
     seconds: float = math.inf
     """Processor time after which no further candidate is flown; use the same for every controller to give all
     an equal budget."""
-    like: Annotated[str | None, Former("name the contestant after the controller")] = None
-    """Contestant whose task, starts, spacecraft and control period are taken."""
-    task: Annotated[str | None, Former("write CONTROLLER:TASK-2d")] = None
-    """Task to tune it for."""
-    spacecraft: Annotated[str | None, Former("write CONTROLLER:TASK-2d@SPACECRAFT")] = None
-    """Spacecraft to tune it for."""
-    price: Annotated[float, Former("leave it out, or call rans.tune(price=...) in Python")] = 0.01
-    """Price of impulse, s per N s. The cost of a candidate is the mean of the settling time and the time first
-    in the goal set, plus the impulse of the episode times this price."""
-    starts: Annotated[int, Former("leave it out, or call rans.tune(..., starts=...) in Python")] = (
-        256
-    )
-    """Number of flights of each candidate."""
-    candidates: Annotated[
-        int,
-        Former("limit the search by --seconds, or call rans.tune(..., candidates=...) in Python"),
-    ] = 300
-    """Number of settings to try, the default ones included."""
-    output: Annotated[
-        Path | None, Former("copy the file that is written under runs/controllers")
-    ] = None
-    """File of the result."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -84,14 +67,12 @@ class Tune:
         from rans.randomization.conditions_file import conditions_label
         from rans.tasks import TASKS
 
-        check_count("--candidates", self.candidates)
-        check_count("--starts", self.starts)
-        # Task, spacecraft and control period: of the name, of options, or of a contestant.
+        # Task, spacecraft and control period: of the name, or of a contestant.
         name, setup_text = _parts(self.controller)
         _check_is_controller(name)
         within = ranges(typed(name))
-        like = self.like or self.contestant
-        if like is not None and (setup_text or self.task or self.spacecraft):
+        like = self.contestant
+        if like is not None and setup_text:
             raise ConfigError(
                 f"{like} has a task and a spacecraft of its own: name the controller alone, {name}."
             )
@@ -99,9 +80,9 @@ class Tune:
             task, craft, timing = _of_contestant(self.controller)
             again = ["rans", "evaluate", self.controller]
         elif like is None:
-            named = self.task or "go-to-pose"
-            task = TASKS[typed(named)]()
-            spacecraft = self.spacecraft or task.spacecraft or "floating-platform"
+            named = "go-to-pose"
+            task = TASKS[named]()
+            spacecraft = task.spacecraft or "floating-platform"
             craft = load_spacecraft(spacecraft)
             timing = task.timing
             again = [
@@ -117,19 +98,17 @@ class Tune:
         label = conditions_label(self.conditions, world) if self.conditions and world else ""
         conditions = None if world is None else world.or_none
         setup = Setup(craft, task.for_evaluation(), timing, conditions)
-        file = self.output or OWN / file_name(name, craft, task, label if conditions else "")
+        file = OWN / file_name(name, craft, task, label if conditions else "")
         ready_folder(file.parent)
-        in_use = (
-            None if self.output else tuned(name, setup)
-        )  # reject a damaged file before the search
+        in_use = tuned(name, setup)  # reject a damaged file before the search
         with progress() as bars:
-            step = stages(bars)(f"tuning {name}", self.candidates)
+            step = stages(bars)(f"tuning {name}", _CANDIDATES)
             result = tuned_settings(
                 name,
                 setup,
-                self.candidates,
-                self.starts,
-                self.price,
+                _CANDIDATES,
+                _STARTS,
+                _PRICE,
                 command_line(),
                 step,
                 self.seconds,
@@ -151,7 +130,7 @@ class Tune:
             else f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
             "cost no more on the same starts."
         )
-        if result.candidates < self.candidates and result.seconds < self.seconds:
+        if result.candidates < _CANDIDATES and result.seconds < self.seconds:
             raise KeyboardInterrupt
         Terminal().suggest(shlex.join(again))
         return 0

@@ -12,7 +12,6 @@ from tyro.conf import Positional, arg
 
 from rans.api import laboratory
 from rans.api.names import load_conditions, load_spacecraft
-from rans.cli.options import Former
 from rans.errors import require
 from rans.files import ready_folder
 from rans.terminal import Terminal, progress, stages, verdict
@@ -43,18 +42,10 @@ class Validate:
     """Print every check, as with `--layer`, and not one line for each layer."""
     output: Path | None = None
     """Folder for validation.json and validation.html."""
-    spacecraft: Annotated[str | None, Former("name it after the command")] = None
-    """Name of a spacecraft, or a TOML file."""
-    seed: Annotated[int, Former("leave it out, or call rans.validate(..., seed=...) in Python")] = 0
-    """Seed of the random states and commands."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (
-            shlex.join(
-                ["rans", "train", "go-to-pose", "--spacecraft", self.spacecraft or self.craft]
-            ),
-        )
+        return (shlex.join(["rans", "train", "go-to-pose", "--spacecraft", self.craft]),)
 
     def run(self) -> int:
         """Print a table of layers or checks."""
@@ -62,14 +53,13 @@ class Validate:
         from validation.study.study import study
 
         console = Terminal()
-        craft = self.spacecraft or self.craft
         if self.output is not None:
             require("matplotlib")  # before minutes of checks
             ready_folder(self.output)
         with progress() as bars:
             report = study(
-                load_spacecraft(craft),
-                self.seed,
+                load_spacecraft(self.craft),
+                0,
                 self.quick,
                 self.layer,
                 stages(bars),
@@ -91,7 +81,7 @@ class Validate:
             from validation.study.page import page
 
             report.write(self.output / "validation.json")
-            page(report, craft, self.conditions).write(self.output / "validation.html")
+            page(report, self.craft, self.conditions).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
         nothing = not total and report.skipped
         if nothing:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import Former, Trust
+from rans.cli.options import NumberOf, Trust
 from rans.cli.states import OwnState, OwnZones, written_endpoints
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
@@ -76,7 +76,7 @@ class View:
     delay and noise, switch to the next contestant, pause, step, go back."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
     """Least margin that the safety filter keeps."""
 
     def following(self) -> tuple[str, ...]:

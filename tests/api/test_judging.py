@@ -130,8 +130,6 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
             "2",
             "--only",
             "latency",
-            "--workers",
-            "1",
             "--trust",
         ],
         [
@@ -142,8 +140,6 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
             "2",
             "--only",
             "latency",
-            "--workers",
-            "1",
             "--trust",
         ],
         ["view", "pretrained:go-to-pose-2d", "{}", "--save", "view.html", "--trust"],

@@ -164,10 +164,6 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             ["go-to-pose-2d-trade-off#"],
             "go-to-pose-2d-trade-off has a trade-off: fix it, as in go-to-pose-2d-trade-off#0.5",
         ),
-        (
-            ["lqr:go-to-pose-2d", "--front", "--positions", "1"],
-            "--positions must be >= 2, the ends of the trade-off",
-        ),
         (["lqr:go-to-pose-2d", "--front", "nan"], "--front takes processor time >= 0 s, got nan"),
     ],
 )
@@ -249,8 +245,6 @@ def test_front_of_an_agent_with_a_trade_off(
         str(run),
         "lqr:go-to-pose-2d",
         "--front",
-        "--positions",
-        "3",
         "--with",
         "lqr",
         "--episodes",

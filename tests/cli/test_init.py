@@ -200,7 +200,6 @@ def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
     Path("mine.svg").write_text("mine")
     assert batch("--from", "atmos") == 2
     assert "mine.svg exists" in capsys.readouterr().err
-    assert batch("--from", "atmos", "--overwrite") == 0
     assert main(["init", "mine.txt", "--from", "atmos"]) == 2
     assert "must end in .toml" in capsys.readouterr().err
 

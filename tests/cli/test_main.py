@@ -36,7 +36,7 @@ OPTIONS = [
     "--set",
     "--device",
     "--resume",
-    "--num-envs",
+    "--pisode",
     "--picture",
     "--quick",
     "--help",
@@ -106,7 +106,6 @@ def test_letters_that_the_output_does_not_know() -> None:
         (["sweep", "--seeds"], "a whole number"),
         (["assure", "x", "--failure-below"], "a number"),
         (["compare", "x", "--certified"], "a whole number"),
-        (["benchmark", "--num-envs", "16"], "a whole number"),
     ],
 )
 def test_what_is_no_number(

@@ -86,7 +86,7 @@ from rans.structure import structure
         ("sweep go-to-pose --set ppo.gamma=0.9 0.99", "--set ppo.gamma=0.9,0.99"),
         ("train go-to-pose --set seed=1 gamma", "write --set before each change"),
         ("view x --play=yes", "--play takes no value"),
-        ("assure x --confidence 95%", "Did you mean 0.95?"),
+        ("assure x --failure-below 0.1%", "Did you mean 0.001?"),
         ("evaluate go-to-pose-2d --conditions latency=0.03", "write the line into a file"),
     ],
 )

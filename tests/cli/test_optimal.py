@@ -15,10 +15,25 @@ from rans.optimal.certificate.problem import SearchEffort
 
 
 def run(*arguments: str) -> int:
-    return main(["optimal", *arguments, "--workers", "1"])
+    return main(["optimal", *arguments])
 
 
-def test_writes_what_it_found(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+@pytest.fixture(autouse=True)
+def _one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others would take seconds to start."""
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
+
+
+@pytest.fixture
+def long_periods(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands are held for 0.5 s, so that a trajectory has fewer of them."""
+    monkeypatch.setattr("rans.cli.optimal._CONTROL_PERIOD", 0.5)
+
+
+def test_writes_what_it_found(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rans.cli.optimal._INTERVALS", 12)
     assert (
         run(
             "go-to-position",
@@ -26,8 +41,6 @@ def test_writes_what_it_found(capsys: pytest.CaptureFixture[str], tmp_path: Path
             "2",
             "--objective",
             "time",
-            "--intervals",
-            "12",
             "--output",
             str(tmp_path),
         )
@@ -47,6 +60,7 @@ def test_writes_what_it_found(capsys: pytest.CaptureFixture[str], tmp_path: Path
         ("reward", "minus return"),
     ],
 )
+@pytest.mark.usefixtures("long_periods")
 def test_objectives(tmp_path: Path, objective: str, measure: str) -> None:
     assert (
         run(
@@ -57,8 +71,6 @@ def test_objectives(tmp_path: Path, objective: str, measure: str) -> None:
             objective,
             "--horizon",
             "4",
-            "--control-period",
-            "0.5",
             "--output",
             str(tmp_path),
         )
@@ -180,6 +192,7 @@ def test_mistakes_are_one_sentence(
     assert error.count("\n") == 1
 
 
+@pytest.mark.usefixtures("long_periods")
 def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,36 +200,30 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
     asked: list[Any] = []
     monkeypatch.setattr(
         "rans.evaluation.compare.bounds.bounds_in_parallel",
-        lambda *given: asked.append(given) or (),
+        lambda *given, **_: asked.append(given) or (),
     )
-    options = [
-        "--episodes=1",
-        "--guesses=2",
-        "--horizon=8",
-        "--control-period=0.5",
-        "--certify",
-        "3.5",
-        "--seed=4",
-    ]
+    monkeypatch.setattr("rans.optimal.trajectory.transcription.usual_guesses", lambda *_: 2)
+    options = ["--episodes=1", "--horizon=8", "--certify", "3.5"]
     assert run("go-to-position", *options, "--output", str(tmp_path)) == 0
     written = json.loads((tmp_path / "optimal.json").read_text())
-    assert (written["starts"][0]["attempts"], written["seed"]) == (2, 4)
-    [([question], starts, workers, _)] = asked
+    assert (written["starts"][0]["attempts"], written["seed"]) == (2, 2023)
+    [([question], starts)] = asked
     assert (question.effort, question.horizon, question.period) == (SearchEffort(3.5), 8.0, 0.5)
-    assert (list(starts), workers) == ([0], 1)
+    assert list(starts) == [0]
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("long_periods")
 def test_an_interrupt_keeps_the_bounds_that_are_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Ctrl-C after the first of two bounds."""
 
-    def first_alone(*_: Any) -> Iterator[tuple[int, Bound]]:
+    def first_alone(*_: Any, **__: Any) -> Iterator[tuple[int, Bound]]:
         yield 0, Bound(0, 6.0, 1.5)
         raise KeyboardInterrupt
 
-    common = ("go-to-pose", "--episodes=2", "--horizon=6", "--control-period=0.5")
+    common = ("go-to-pose", "--episodes=2", "--horizon=6")
     monkeypatch.setattr("rans.evaluation.compare.bounds.bounds_in_parallel", first_alone)
     assert run(*common, "--certify", "--output", str(tmp_path)) == 130
     written = json.loads((tmp_path / "optimal.json").read_text())
@@ -225,13 +232,11 @@ def test_an_interrupt_keeps_the_bounds_that_are_finished(
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("long_periods")
 def test_a_start_and_limits_of_ones_own(tmp_path: Path) -> None:
     """From 1 m away at 0.2 m/s at most; rows of the table are instants, with the start first."""
     own = ("--start", "-1", "0", "0.5rad", "--goal", "0", "0.5", "0", "--limits", "speed=0.2")
-    found = run(
-        "go-to-pose", *own, "--horizon", "8", "--control-period", "0.5", "--output", str(tmp_path)
-    )
-    assert found == 0
+    assert run("go-to-pose", *own, "--horizon", "8", "--output", str(tmp_path)) == 0
     with (tmp_path / "optimal.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 17

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import _parse, main
+from rans.cli.compare import Compare
 from rans.cli.options import in_present_words, with_numbers_named
 from rans.errors import ConfigError
 from tests.support.command_runs import tiny
@@ -81,20 +82,19 @@ def test_words_that_are_no_former_options_stay() -> None:
 
 
 def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
-    assert with_numbers_named(["--guard", "0.01", "--seed", "3"]) == [
+    assert with_numbers_named(Compare, ["--guard", "0.01", "--seed", "3"]) == [
         "--guard",
         "--guard-slack=0.01",
         "--seed",
         "3",
     ]
-    assert with_numbers_named(["--guard", "runs/first"]) == ["--guard", "runs/first"]
+    assert with_numbers_named(Compare, ["--guard", "runs/first"]) == ["--guard", "runs/first"]
 
 
 @pytest.mark.parametrize(
     ("command", "former"),
     [
         ("optimal go-to-pose --zones 1,1,0.3 --keep-out 1,1,0.2", "--keep-out"),
-        ("compare go-to-pose-2d --guard 0.01 --guard-slack 0.2", "--guard-slack"),
         ("init mine --set size=0.3 mass=3 --mass=4", "--mass"),
     ],
 )
@@ -105,7 +105,9 @@ def test_a_former_option_beside_its_present_one_is_refused(
     assert f"leave {former} out" in capsys.readouterr().err
 
 
-def test_a_former_number_goes_with_the_option_that_it_belongs_to() -> None:
-    with pytest.warns(DeprecationWarning, match="write --guard NUMBER"):
-        command = _parse(["compare", "go-to-pose-2d", "--guard", "--guard-slack", "0.2"])
+def test_a_number_has_no_option_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    """It goes with the option before it, and is read nowhere else."""
+    command = _parse(["compare", "go-to-pose-2d", "--guard", "0.2"])
     assert (command.guard, command.guard_slack) == (True, 0.2)
+    assert main(["compare", "go-to-pose-2d", "--guard", "--guard-slack", "0.2"]) == 2
+    assert "has no option --guard-slack" in capsys.readouterr().err

@@ -16,24 +16,20 @@ from rans.model.timing import Timing
 from rans.tasks import TASKS
 
 
+@pytest.fixture(autouse=True)
+def _few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search of seconds, in an empty folder."""
+    monkeypatch.setattr("rans.cli.tune._CANDIDATES", 1)
+    monkeypatch.setattr("rans.cli.tune._STARTS", 2)
+
+
 @pytest.mark.slow
 def test_what_is_tuned_flies_from_then_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert (
-        main(
-            [
-                "tune",
-                "lqr:track-velocity-2d@atmos",
-                "--candidates",
-                "2",
-                "--starts",
-                "2",
-            ]
-        )
-        == 0
-    )
+    monkeypatch.setattr("rans.cli.tune._CANDIDATES", 2)
+    assert main(["tune", "lqr:track-velocity-2d@atmos"]) == 0
     said = capsys.readouterr().out
     file = OWN / "lqr-track-velocity-atmos.json"
     assert f"Written to {file}." in said
@@ -43,12 +39,15 @@ def test_what_is_tuned_flies_from_then_on(
     assert simple_controller("lqr", contest).tuning.startswith("tuned: 2 settings on 2 starts")
 
 
-def test_tunes_for_the_setup_of_a_contestant(tmp_path: Path) -> None:
+def test_tunes_for_the_setup_of_a_contestant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An agent of a CubeSat flies at 1 Hz, where its task alone would be at 5 Hz."""
-    file = tmp_path / "tuned.json"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rans.cli.tune._STARTS", 1)
     like = "pretrained:go-to-pose-3d-afrl-12kg"
-    few = ["--candidates", "1", "--starts", "1", "--output", str(file)]
-    assert main(["tune", "lqr", like, *few]) == 0
+    assert main(["tune", "lqr", like]) == 0
+    [file] = OWN.iterdir()
     result = Tuned.read(file)
     assert result.control_period == 1.0
     assert result.fits("lqr", contestant(like).judged)
@@ -58,10 +57,11 @@ def test_tunes_for_the_setup_of_a_contestant(tmp_path: Path) -> None:
 def test_a_worse_result_replaces_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As of a search that was stopped early, or on fewer starts; a file of its own is another matter."""
+    """As of a search that was stopped early, or on fewer starts."""
     monkeypatch.chdir(tmp_path)
-    tune = ["tune", "lqr:track-velocity-2d@atmos", "--starts", "2"]
-    assert main([*tune, "--candidates", "4"]) == 0
+    tune = ["tune", "lqr:track-velocity-2d@atmos"]
+    monkeypatch.setattr("rans.cli.tune._CANDIDATES", 4)
+    assert main(tune) == 0
     file = OWN / "lqr-track-velocity-atmos.json"
     good = file.read_text()
     file.write_text(
@@ -69,15 +69,17 @@ def test_a_worse_result_replaces_nothing(
     )  # as if far better settings had been found
     kept = file.read_text()
     capsys.readouterr()
-    assert main([*tune, "--candidates", "1"]) == 0
+    monkeypatch.setattr("rans.cli.tune._CANDIDATES", 1)
+    assert main(tune) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "Not written: the settings in use, tuned: 4 settings on 2 starts" in said
     assert "were found on more starts" in said
     assert file.read_text() == kept
-    assert main([*tune, "--candidates", "1", "--output", "mine.json"]) == 0
-    assert main([*tune[:-1], "1", "--candidates", "1"]) == 0
+    monkeypatch.setattr("rans.cli.tune._STARTS", 1)
+    assert main(tune) == 0
     assert file.read_text() == kept
-    assert main([*tune[:-1], "3", "--candidates", "1"]) == 0
+    monkeypatch.setattr("rans.cli.tune._STARTS", 3)
+    assert main(tune) == 0
     assert '"starts": 3' in file.read_text()
 
 
@@ -96,14 +98,11 @@ def test_what_is_damaged_is_told_before_anything_is_flown(
     ("arguments", "sentence"),
     [
         (["pid"], "no controller named 'pid'"),
-        (["lqr", "--candidates", "0"], "--candidates must be >= 1"),
-        (["lqr", "--starts", "0"], "--starts must be >= 1"),
         (["lqr:hover-2d"], "hover"),
         (
             ["lqr:go-to-pose-2d", "pretrained:go-to-pose-2d"],
             "name the controller alone, lqr",
         ),
-        (["lqr", "--output", "/dev/null/x"], "cannot write"),
     ],
 )
 def test_mistakes_end_in_a_sentence(

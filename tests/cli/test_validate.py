@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import pytest
 
+import rans
 import validation.study.study
 from rans.cli import main
 from rans.model.actuators import Actuators, Pulsed
@@ -45,7 +46,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
         lambda craft, seed, states, _, conditions: Scope(craft, seed, states, 1, conditions),
     )
     folder = tmp_path / "checked"
-    code = main(["validate", "--quick", "--seed", "7", "--output", str(folder)])
+    code = main(["validate", "--quick", "--output", str(folder)])
     printed = capsys.readouterr().out
     assert code == 0, printed
     (thrusters,) = [line for line in printed.splitlines() if "thrusters" in line]
@@ -53,19 +54,16 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     read = json.loads((folder / "validation.json").read_text("utf-8"))
     assert read["passed"]
     assert read["settings"]["spacecraft"] == "floating-platform"
-    assert read["settings"]["seed"] == 7
+    assert read["settings"]["seed"] == 0
     assert str(len(read["checks"])) in printed
     page = (folder / "validation.html").read_text("utf-8")
     assert "Everything checked has passed" in page
-    assert "rans validate floating-platform --seed 7 --quick --layer accelerations" in page
+    assert "rans validate floating-platform --quick --layer accelerations" in page
     assert page.count("<figure") == 1
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
 
     alone = tmp_path / "alone"
-    assert (
-        main(["validate", "--quick", "--seed", "7", "--layer", "bang-bang", "--output", str(alone)])
-        == 0
-    )
+    assert main(["validate", "--quick", "--layer", "bang-bang", "--output", str(alone)]) == 0
     again = json.loads((alone / "validation.json").read_text("utf-8"))["checks"]
     assert again == [check for check in read["checks"] if check["layer"] == "bang-bang"]
     assert len(again) == 4
@@ -86,10 +84,15 @@ def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) 
     assert not all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
 
 
-def test_a_seed_below_zero_is_refused(capsys) -> None:
-    """As `rans train` does: one rule for all commands."""
-    assert main(["validate", "--quick", "--layer", "commands", "--seed", "-1"]) == 2
-    assert "--seed must be a whole number >= 0, got -1." in capsys.readouterr().err
+def test_checks_of_another_seed_are_repeated_by_the_function() -> None:
+    """The command has no seed: its line would repeat other checks."""
+    from validation.study.page import _command
+
+    study = rans.validate(quick=True, layer="thrusters", seed=7)
+    again = _command(study, "floating-platform", None, "thrusters")
+    repeated = eval(again, {"rans": rans})
+    assert (repeated.settings["seed"], repeated.settings["quick"]) == (7, True)
+    assert repeated.checks == study.checks
 
 
 def test_an_unknown_layer_is_one_sentence(capsys) -> None:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.cli.export import Export
 from rans.deploy.contract import (
     FLIGHTS,
     PAIRED,
@@ -26,7 +25,6 @@ from rans.deploy.contract import (
 )
 from rans.deploy.robot.twin import Craft, TwinPlan
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.agent_files.agent import read_policy
@@ -329,13 +327,6 @@ def test_a_contract_tells_which_way_a_wheel_turns_the_craft() -> None:
     assert twin.motion.spin[2] == pytest.approx(
         -wheel["max_torque"] * wheel["axis"][2] / craft.inertia[2][2] * 0.01, rel=1e-6
     )
-
-
-def test_a_filter_is_not_exported(tmp_path: Path) -> None:
-    output = tmp_path / "agent"
-    with pytest.raises(ConfigError, match="rans fly FOLDER --trust --guard"):
-        Export("avoid-2d", output, "numpy", guard=True).run()
-    assert not output.exists()
 
 
 @pytest.mark.slow

@@ -39,9 +39,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pretrained") / "small-pose-2d"
-    assert (
-        main(f"export {run} --format sb3 --output {folder} --episodes 16 --margins 0".split()) == 0
-    )
+    assert main(f"export {run} --format sb3 --output {folder} --episodes 16".split()) == 0
     return folder
 
 
@@ -151,8 +149,6 @@ def test_what_comes_with_the_package_leaves_for_sb3(tmp_path: Path) -> None:
                 "sb3",
                 "--output",
                 str(folder),
-                "--margins",
-                "0",
             ]
         )
         == 0
@@ -170,12 +166,7 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
     run: Path, shipped: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "small"
-    assert (
-        main(
-            ["export", str(shipped), "--format", "rans", "--output", str(folder), "--margins", "0"]
-        )
-        == 0
-    )
+    assert main(["export", str(shipped), "--format", "rans", "--output", str(folder)]) == 0
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
     expected = load_policy(run).controller.act(None, None, observations)
     np.testing.assert_array_equal(

@@ -237,7 +237,7 @@ def test_the_slack_of_the_filter_is_an_argument_wherever_the_filter_is() -> None
         rans.evaluate(agent, episodes=6, guard=True, guard_slack=margin)["interventions"].value
         > less
     )
-    with pytest.raises(ConfigError, match="--guard-slack is the slack"):
+    with pytest.raises(ConfigError, match="guard_slack is the least margin"):
         rans.evaluate(agent, episodes=1, guard_slack=margin)
 
 

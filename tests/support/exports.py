@@ -17,7 +17,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 
-FAST = ["export", "pretrained:go-to-pose-2d-fast", "--margins", "0", "--format"]
+FAST = ["export", "pretrained:go-to-pose-2d-fast", "--format"]
 
 
 @cache

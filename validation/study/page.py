@@ -92,11 +92,20 @@ def page(study: Study, spacecraft: str, conditions: str | None = None) -> Page:
 
 
 def _command(study: Study, spacecraft: str, conditions: str | None, layer: str = "") -> str:
+    named = conditions if layer in ("", "conditions") else None
+    if study.settings["seed"]:  # which only the function has
+        values = {
+            "quick": study.settings["quick"] or None,
+            "layer": layer or None,
+            "conditions": named,
+            "seed": study.settings["seed"],
+        }
+        given = [f"{name}={value!r}" for name, value in values.items() if value is not None]
+        return f"rans.validate({', '.join([repr(spacecraft), *given])})"
     words = ["rans", "validate", spacecraft]
-    words += ["--seed", str(seed)] if (seed := study.settings["seed"]) else []
     words += ["--quick"] if study.settings["quick"] else []
     words += ["--layer", layer] if layer else []
-    words += ["--conditions", conditions] if conditions and layer in ("", "conditions") else []
+    words += ["--conditions", named] if named else []
     return shlex.join(words)
 
 

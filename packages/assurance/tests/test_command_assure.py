@@ -26,14 +26,14 @@ LAB = ["--conditions", "lab"]
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    # Each failed flight that is repeated takes a second of Drake.
+    monkeypatch.setattr("rans_assurance.commands.assure._WORST", 0)
 
 
 def test_conditions_of_one_name_have_files_apart() -> None:
     Path("lab.toml").write_text("[body]\nmass = 1.2\n")
     for given in ("lab", "lab.toml"):
-        assert (
-            main(["assure", AGENT, "--conditions", given, "--episodes", "8", "--worst", "0"]) == 0
-        )
+        assert main(["assure", AGENT, "--conditions", given, "--episodes", "8"]) == 0
     written = Path("runs/evaluations/pretrained-go-to-pose-2d").glob("assurance*.json")
     assert len(list(written)) == 2
 
@@ -42,7 +42,8 @@ def test_conditions_of_one_name_have_files_apart() -> None:
 def test_numbers_a_page_and_commands_that_show_failures_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["assure", AGENT, *LAB, "--episodes", "60", "--worst", "1"]
+    command = ["assure", AGENT, *LAB, "--episodes", "60"]
+    monkeypatch.setattr("rans_assurance.commands.assure._WORST", 1)
     monkeypatch.setattr(sys, "argv", ["rans", *command])
     assert main(command) == 0
     printed = capsys.readouterr().out
@@ -89,16 +90,17 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
         return part(self, first, count, seed)
 
     monkeypatch.setattr(Flights, "_part", interrupted)
-    command = ["assure", AGENT, "--episodes", "64", "--worst", "0", "--output", "here"]
+    command = ["assure", AGENT, "--episodes", "64", "--output", "here"]
     assert main(command) == 130
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 32
     told = capsys.readouterr()
     assert "Interrupted" in told.out
     assert "interrupted; what was written is kept" in told.err
     before = Path("here/assurance.json").read_bytes()
-    assert (
-        main([*command, "--episodes", "48", "--seed", "7"]) == 2
-    )  # flights that took long are not lost
+    seed = "rans_assurance.commands.assure.ASSURANCE_SEED"
+    with monkeypatch.context() as other:
+        other.setattr(seed, 7)
+        assert main([*command, "--episodes", "48"]) == 2  # flights that took long are not lost
     told = capsys.readouterr()
     assert "holds 32 of 64 flights of a campaign that was interrupted" in told.err
     assert "another one (by its seed, looks)" in told.err
@@ -110,8 +112,10 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64
     assert main([*command, "--episodes", "48"]) == 2
     assert "holds 64 of 64 flights of a campaign that was larger" in capsys.readouterr().err
-    assert main([*command, "--episodes", "48", "--restart"]) == 0
-    assert main([*command, "--episodes", "48", "--seed", "7"]) == 0  # no smaller: made anew
+    Path("here/assurance.json").unlink()
+    assert main([*command, "--episodes", "48"]) == 0
+    monkeypatch.setattr(seed, 7)
+    assert main([*command, "--episodes", "48"]) == 0  # no smaller: made anew
 
 
 def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -121,9 +125,12 @@ def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> N
     assert not Path("runs").exists()
 
 
-def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
-    short = ["--confidence", "0.6", "--worst", "0", "--episodes", "400"]
-    assert main(["assure", AGENT, *LAB, "--failure-below", "3e-3", *short]) == 1
+def test_a_bound_that_is_refuted_ends_with_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("rans_assurance.commands.assure._CONFIDENCE", 0.6)
+    short = ["--failure-below", "3e-3", "--episodes", "400"]
+    assert main(["assure", AGENT, *LAB, *short]) == 1
     assert "Refuted" in capsys.readouterr().out
 
 
@@ -161,8 +168,7 @@ import importlib.util
 find = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if sys.modules.get(name, 0) is None else find(name, *rest)
 from rans.cli import main
-sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "20",
-               "--worst", "1", "--output", sys.argv[2]]))
+sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "20", "--output", sys.argv[2]]))
 """
     done = subprocess.run(
         [sys.executable, "-c", code, AGENT, str(tmp_path)],

@@ -14,12 +14,14 @@ import rans_assurance.stress.run as run
 from rans.cli import main
 from tests.support.stress_runs import FIRST
 
-QUICK = ["--only", "latency", "--conditions", "perfect", "--workers", "1", "--episodes", "2"]
+QUICK = ["--only", "latency", "--conditions", "perfect", "--episodes", "2"]
 
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    # Other processes would take seconds to start.
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
 
 
 @pytest.mark.slow
@@ -27,7 +29,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(run, "failure_levels", lambda craft: [])
-    assert main(["stress", FIRST, "lqr", *QUICK, "--worst", "1", "--seed", "7"]) == 0
+    assert main(["stress", FIRST, "lqr", *QUICK]) == 0
     folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
     printed = capsys.readouterr().out
     read = json.loads((folder / "stress.json").read_text("utf-8"))
@@ -86,11 +88,6 @@ def test_interrupted_it_writes_what_was_flown(
         ([], "name at least one contestant"),
         (["runs/nobody"], "runs/nobody"),
         ([FIRST, "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
-        (
-            [FIRST, "--seed", "18446744073709551616"],
-            "rans: the seed must be a whole number of at most 64 bits",
-        ),
-        ([FIRST, "--worst", "-1"], "--worst must be >= 0, got -1"),
         ([FIRST, "lqrr"], "lqrr is not a run folder"),
         ([FIRST, "lqr:go-to-pose-3d"], "for the spacecraft free-flyer"),
         ([FIRST, "--only", "rain"], "there is no effect named 'rain'"),

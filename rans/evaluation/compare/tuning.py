@@ -61,7 +61,7 @@ def tuned_settings(
     if not seconds > 0:
         raise ConfigError(f"--seconds must be > 0 s of processor time, got {seconds}.")
     if not (math.isfinite(price) and price >= 0):
-        raise ConfigError(f"--price must be finite and >= 0 s per N s, got {price}.")
+        raise ConfigError(f"the price must be finite and >= 0 s per N s, got {price}.")
     maker = CONTROLLERS[name]
     craft, task, timing, _, _ = setup
     contest = Contest(craft, task, timing, TUNING_SEED, starts, conditions=setup.conditions)

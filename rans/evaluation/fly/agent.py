@@ -112,7 +112,9 @@ class LoadedRun(NamedTuple):
         if safe_coasts:
             raise ConfigError("--guard-coasts is for the coasts of a safety filter: add --guard.")
         if slack is not None:
-            raise ConfigError("--guard-slack is the slack of a safety filter: add --guard.")
+            raise ConfigError(
+                "guard_slack is the least margin of a safety filter: fly behind one, by guard=True."
+            )
         return self
 
 

@@ -118,8 +118,8 @@ def test_no_report_uses_its_starts() -> None:
     ("name", "price", "said"),
     [
         (f"{HERE}:Fixed", 0.0, "no settings that can be tuned; its class needs a `tunable`"),
-        ("lqr", -1.0, "--price must be finite and >= 0"),
-        ("lqr", float("nan"), "--price must be finite"),
+        ("lqr", -1.0, "price must be finite and >= 0"),
+        ("lqr", float("nan"), "price must be finite"),
     ],
 )
 def test_refuses_what_cannot_be_tuned(name: str, price: float, said: str) -> None:

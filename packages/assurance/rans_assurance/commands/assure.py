@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.cli.options import Former, Trust
+from rans.cli.options import Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from rans_assurance.assure.assurance import Assurance
 
 _EPISODES = 100_000
+_CONFIDENCE = 0.99
+_WORST = 4
+"""Failed flights of each kind that are repeated."""
 _MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
 _KEPT = 10.0
 """Seconds between two writes of the results so far."""
@@ -65,22 +68,6 @@ class Assure:
     """Folder of the results; by default that of the agent."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    restart: Annotated[bool, Former("delete the file of the campaign")] = False
-    """Discard an interrupted campaign and begin again."""
-    worst: Annotated[int, Former("leave it out: 4 of each kind are repeated")] = 4
-    """Failed flights of each kind to repeat in Drake: this many of the worst, and as many of the first."""
-    device: Annotated[
-        str, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
-    ] = "auto"
-    """auto (a GPU if there is one), cpu or cuda."""
-    seed: Annotated[int, Former("leave it out, or call rans.assure(..., seed=...) in Python")] = (
-        ASSURANCE_SEED
-    )
-    """Seed of starts, goals and conditions."""
-    confidence: Annotated[
-        float, Former("leave it out, or call rans.assure(..., confidence=...) in Python")
-    ] = 0.99
-    """Confidence of every bound."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -100,9 +87,8 @@ class Assure:
         is_plan = self.episodes == 0
         episode_count = self.episodes or None  # 0 asks for the plan with the default number
         check_count("--episodes", episode_count)
-        for name, value in (("--worst", self.worst), ("--rare", self.rare)):
-            if value < 0:
-                raise ConfigError(f"{name} must be >= 0, got {value}.")
+        if self.rare < 0:
+            raise ConfigError(f"--rare must be >= 0, got {self.rare}.")
         if self.rare:
             check_rare("--rare", self.rare)
         if self.search:
@@ -112,13 +98,13 @@ class Assure:
         episodes = (
             _EPISODES if episode_count is None and self.failure_below is None else episode_count
         )
-        planned = plan(self.confidence, episodes, self.failure_below)
+        planned = plan(_CONFIDENCE, episodes, self.failure_below)
         assurance = made(
             self.agent,
             self.conditions,
             conditions_if_named(self.conditions),
             planned,
-            self.seed,
+            ASSURANCE_SEED,
             command_line(),
             self.trust,
         )
@@ -133,8 +119,7 @@ class Assure:
             conditions = conditions_label(self.conditions, assurance.run.conditions or Conditions())
         names = "assurance", name.part, conditions
         file = inside(folder, f"{'-'.join(filter(None, names))}.json")
-        if not self.restart:
-            assurance.check_replaces_nothing(file)
+        assurance.check_replaces_nothing(file)
         first = self._fly(assurance, file)
         is_shown = self.failure_below is None or assurance.campaign.decision == "below"
         return 0 if is_shown or not first else 1
@@ -148,7 +133,7 @@ class Assure:
         from rans.fast.device import torch_device
         from rans.fast.distributed import join
 
-        device = torch_device(self.device)
+        device = torch_device()
         campaign = assurance.campaign
         written = time.monotonic()
         processes = join(device, apart=True)
@@ -166,13 +151,12 @@ class Assure:
             if campaign.flights:
                 _show(assurance, file)
 
-        if not self.restart:
-            assurance.go_on(file)
+        assurance.go_on(file)
         with writing_at_end(show), progress() as bars:
             stage = stages(bars)
             assurance.fly(device, stage, keep, processes)
             stage("failed flights again", None)
-            assurance.replay(self.worst, self.worst)
+            assurance.replay(_WORST, _WORST)
             if self.rare:
                 stage("rarer failures", None)
                 assurance.sample(self.rare, device)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.cli.options import Former
 from rans.files import ready_folder, write_json, write_text
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal
@@ -36,26 +35,6 @@ class Follow:
     along it is 0.25 m/s."""
     episodes: int = 16
     """Number of flights; each starts at rest near the first point of the path, with another attitude."""
-    seed: Annotated[int, Former("leave it out, or call rans.follow(..., seed=...) in Python")] = (
-        EVALUATION_SEED
-    )
-    """Seed of the starts."""
-    path: Annotated[str | None, Former("name it after the agent")] = None
-    """Path, by name or CSV file."""
-    speed: Annotated[
-        float, Former("leave it out, or call rans.follow(..., speed=...) in Python")
-    ] = 0.25
-    """Speed along the path, m/s."""
-    look_ahead: Annotated[
-        float, Former("leave it out, or call rans.follow(..., look_ahead=...) in Python")
-    ] = 0.25
-    """Look-ahead radius, m, of the paper's planner: the commanded velocity points to the farthest point of the path
-    within it."""
-    engine: Annotated[
-        Literal["fast", "drake"],
-        Former("leave it out, or call rans.follow(..., engine=...) in Python"),
-    ] = "fast"
-    """What computes the motion."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -71,22 +50,15 @@ class Follow:
         from rans_assurance.functions import follow
 
         check_count("--episodes", self.episodes)
-        path = self.path or self.course
-        planner = LookAhead(find_path(path), self.speed, self.look_ahead)
+        planner = LookAhead(find_path(self.course))
         contestant(self.contestant)  # reject a wrong name before a folder is created
         file = ready_folder(ContestantName.parse(self.contestant).output_folder)
         file = file / f"follow-{planner.path.label}.json"
         following = follow(
-            self.contestant,
-            path,
-            speed=self.speed,
-            look_ahead=self.look_ahead,
-            flights=self.episodes,
-            seed=self.seed,
-            engine=self.engine,
+            self.contestant, self.course, flights=self.episodes, seed=EVALUATION_SEED
         )
         Terminal().print(following.table())
-        write_json(file, following.to_json() | {"seed": self.seed})
+        write_json(file, following.to_json() | {"seed": EVALUATION_SEED})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))
         Terminal().say(f"Written to {file}.")
         return 0

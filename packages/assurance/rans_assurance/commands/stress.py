@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import Former, Trust
+from rans.cli.options import NumberOf, Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.registry import are_files_trusted
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _SHOWN = 5
 """Number of commands that the terminal lists."""
+_WORST = 3
+"""Number of worst episodes that the page lists for each contestant."""
 _SHIPPED = ("lab", "roboran", "orbit", "harsh")
 
 
@@ -63,20 +65,8 @@ class Stress:
     """Folder of the results; by default that of the first contestant."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
     """Least margin that the safety filter keeps."""
-    slow_episodes: Annotated[
-        int | None, Former("give --episodes eight times as many: slow controllers fly an eighth")
-    ] = None
-    """Number of flights of slow controllers."""
-    worst: Annotated[int, Former("leave it out: stress.html lists 3 for each contestant")] = 3
-    """Number of worst episodes to list for each contestant."""
-    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
-    """Processes; by default one per processor."""
-    seed: Annotated[int, Former("leave it out, or call rans.stress(..., seed=...) in Python")] = (
-        EVALUATION_SEED
-    )
-    """Seed of starts, goals and disturbances."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -92,16 +82,13 @@ class Stress:
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
-        for name in ("episodes", "slow_episodes", "workers"):
-            check_count(f"--{name.replace('_', '-')}", getattr(self, name))
-        if self.worst < 0:
-            raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
+        check_count("--episodes", self.episodes)
         # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide
-        slow = max(1, self.episodes // 8) if self.slow_episodes is None else self.slow_episodes
+        slow = max(1, self.episodes // 8)
         contest = contest_of(
             self.contestants[0],
             self.episodes,
-            self.seed,
+            EVALUATION_SEED,
             trust=self.trust,
             guard=self.guard,
             slack=self.guard_slack,
@@ -121,9 +108,9 @@ class Stress:
         inside(
             folder, "stress"
         )  # folder of the conditions: reject a symbolic link before the flights
-        report = StressReport(stress, folder, self.worst, command_line())
+        report = StressReport(stress, folder, _WORST, command_line())
         with writing_at_end(partial(_show, report)), progress() as bars:
-            stress.fly(stages(bars), self.workers)
+            stress.fly(stages(bars))
         return 1 if stress.failures else 0
 
 
