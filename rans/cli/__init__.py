@@ -216,7 +216,7 @@ def _parse(arguments: list[str]) -> Any:
         return replace(command, trust=True) if hasattr(command, "trust") else command
     from rans.cli.mistakes import COMMAND_NAMES, check_options
     from rans.cli.numbers import registry
-    from rans.cli.options import in_present_words, warn_of_former, with_numbers_named
+    from rans.cli.options import warn_of_former, with_numbers_named
 
     if arguments[0] == "help":
         arguments = [*arguments[1:], "--help"]
@@ -241,7 +241,6 @@ def _parse(arguments: list[str]) -> Any:
         print(overview(_ABOUT, commands))
         raise SystemExit(0)
     if arguments[0] in commands:  # messages then name the help of this command
-        arguments = [arguments[0], *in_present_words(arguments[0], arguments[1:])]
         check_options(arguments[0], commands[arguments[0]], arguments[1:])
         warn_of_former(arguments[0], commands[arguments[0]], arguments[1:])
         arguments = [

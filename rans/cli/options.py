@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 import warnings
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_origin, get_type_hints
@@ -51,71 +50,6 @@ EVERYWHERE = {
     "--gpus": "Train, sweep or assure in one process a GPU of this machine: all, or a number.",
 }
 """Options of every command with their help."""
-
-FORMER_WORDS: dict[str, dict[str, str]] = {
-    "assure": {"--plan": "--episodes 0"},
-    "follow": {"--flights N": "--episodes N"},
-    "init": {
-        f"--{key.replace('_', '-')} VALUE": f"--set {key}=VALUE"
-        for key in (
-            *("dimension", "mass", "inertia", "size", "name", "centre_of_mass", "actuators"),
-            *("counts", "least", "most", "radius", "thrust_sharing"),
-        )
-    },
-    "optimal": {"--keep-out X,Y,R": "--zones X,Y,R"},
-    "sweep": {
-        "--run FOLDER": "--output FOLDER",
-        "--config FILE": "FILE",
-        **{
-            f"--{key.replace('_', '-')} VALUE": f"--set {key}=VALUE"
-            for key in ("total_timesteps", "algorithm", "device", "spacecraft", "conditions")
-        },
-    },
-    "train": {
-        "--run FOLDER": "--output FOLDER",
-        "--config FILE": "FILE",
-        "--algorithm NAME": "--set algorithm=NAME",
-        "--guard": "--set guard=true",
-        "--plain": "--set plain=true",
-        "--terms": "--log terms",
-    },
-    "view": {
-        "--frames FILE.png": "--save FILE.png",
-        "--video FILE.mp4": "--save FILE.mp4",
-        "--page FILE.html": "--play --save FILE.html",
-    },
-}
-"""Former options of each command with their values, and the same in present words."""
-
-
-def in_present_words(name: str, arguments: Sequence[str]) -> list[str]:
-    """Arguments of a command, whose former options become present words, with a warning of each.
-
-    Raises:
-        ConfigError: a former option is among them with its present one, or with another former one of that.
-    """
-    table = {}
-    for text, words in FORMER_WORDS.get(name, {}).items():
-        option, _, value = text.partition(" ")
-        table[option] = value, words
-    result: list[str] = []
-    rest = deque(arguments)
-    while rest:
-        word = rest.popleft()
-        option, equals, own = word.partition("=")
-        value, words = table.get(option.replace("_", "-"), ("", ""))
-        if not words or (equals and not value) or (value and not equals and not rest):
-            result.append(word)
-            continue
-        if value and not equals:
-            own = rest.popleft()
-        is_option = words.startswith("--")
-        advice = f"write {words}" if is_option else f"write rans {name} {words}"
-        # Two former options may have become one, which takes one value.
-        _warn(name, option, advice, [*result, *rest])
-        present = [part.replace(value, own) if value else part for part in words.split()]
-        result = [*result, *present] if is_option else [*present, *result]
-    return result
 
 
 def former(hint: Any) -> Former | None:

@@ -110,7 +110,6 @@ def test_options_change_a_config() -> None:
         main(
             [
                 "train",
-                "--config",
                 "first/config.json",
                 *options,
                 "--set",
