@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
 from tyro.conf import Positional, arg
 
-from rans.cli.options import Former, Trust
+from rans.cli.options import Former, NumberOf, Trust
 from rans.cli.states import POSE, read_state, read_zones
 from rans.errors import ConfigError, RansDeprecationWarning, brief, positive
 from rans.renamed import DEPRECATED
@@ -67,7 +67,7 @@ class Fly:
     """New folder for the bag and the exported agent; by default runs/flights/AGENT-TIME."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, Former("write --guard NUMBER")] = None
+    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
     """Least margin that the safety filter keeps."""
     goal_velocity: Annotated[
         tuple[float, ...], Former("write v.x=, v.y=, w= after the pose of --goal")

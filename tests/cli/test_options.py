@@ -37,6 +37,11 @@ def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
     assert with_numbers_named(Compare, ["--guard", "runs/first"]) == ["--guard", "runs/first"]
 
 
+@pytest.mark.parametrize("command", ["compare", "evaluate", "fly", "view"])
+def test_every_guard_takes_a_number(command: str) -> None:
+    assert _parse([command, "avoid-2d", "--guard", "0.2"]).guard_slack == 0.2
+
+
 def test_a_number_has_no_option_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     """It goes with the option before it, and is read nowhere else."""
     command = _parse(["compare", "go-to-pose-2d", "--guard", "0.2"])
