@@ -125,7 +125,7 @@ def in_document(docs: Path) -> Table:
         "missions/dock.md",
         "python -m campaigns.dock_errors --docs docs",
         _HEADINGS,
-        [_cells(Row(**row)) for row in evidence["rows"]],
+        [_cells(Row.of(row, evidence)) for row in evidence["rows"]],
         f"Each row has {evidence['episodes']:,} starts; bounds are those of the first {evidence['bounded']}. "
         "The values are in [dock-errors.json](../validation/dock-errors.json).",
     )

@@ -22,6 +22,7 @@ from campaigns import standings
 from campaigns.command import ended
 from campaigns.markdown import Table
 from campaigns.ports import least_to_dock
+from campaigns.standings import compared, of_starts
 from campaigns.zones import least_to_stay
 from rans.errors import ConfigError, SolverFailed
 from rans.evaluation.compare.transfers import transfer_bounds
@@ -74,6 +75,9 @@ _VARIED: dict[str, dict[str, dict[str, Any]]] = {
 
 _WITHOUT_TRAINING = "avoid", "dock-port"
 """Missions that controllers without training fly too."""
+_PLANNED = {"hold": 4}
+"""Number of starts of convex guidance, where it plans for seconds in every period of the stay; else all that have
+bounds."""
 _PREDICTED = 8
 """Number of starts of MPC, which solves an optimal control problem in every period."""
 _LANDED: dict[str, dict[str, Any]] = {
@@ -111,6 +115,14 @@ class Row:
     """The largest of these ratios."""
     spent: float
     """Mean of those that won: N s, of landings kg."""
+    compared: int
+    """Number of starts of these ratios."""
+
+    @classmethod
+    def of(cls, row: dict[str, Any], evidence: dict[str, Any]) -> Row:
+        """A row of evidence in docs/validation."""
+        numbers = {key: float("nan" if row[key] is None else row[key]) for key in _NUMBERS}
+        return cls(**{**row, **numbers, "compared": compared(row, evidence)})
 
     def cells(self, unit: str) -> list[str]:
         """As text."""
@@ -121,7 +133,7 @@ class Row:
             f"{self.starts:,}",
             f"{100.0 * self.won:.1f}",
             f"{100.0 * self.violated:.1f}",
-            f"{self.ratio:.3f}" if known else "-",
+            of_starts(self.ratio, self.compared, self.starts) if known else "-",
             f"{self.worst:.3f}" if known else "-",
             f"{float(f'{self.spent:.3g}'):,g} {unit}" if np.isfinite(self.spent) else "-",
         ]
@@ -201,6 +213,7 @@ class Missions:
             condition = f"{deadline:,.0f} s"
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
+            planned = min(self.bounded, _PLANNED.get(self.mission, self.bounded))
             lower = np.full(self.episodes, np.nan)
             lower[: self.bounded] = [
                 answer.lower for answer in transfer_bounds(craft, task, few, deadline)
@@ -221,7 +234,7 @@ class Missions:
                     ),
                     "convex guidance": (
                         lambda task=task: ConvexGuidance(craft, task, task.timing),
-                        few,
+                        scenarios(task, craft, self.seed, planned),
                     ),
                     "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
                 }
@@ -370,15 +383,7 @@ def in_document(docs: Path, mission: str) -> Table:
     """The table of a mission's page, of the evidence in docs/validation."""
     name = f"mission-{mission}.json"
     evidence = read_json(docs / "validation" / name)
-    rows = [
-        Row(
-            **{
-                **row,
-                **{key: float(row[key] if row[key] is not None else "nan") for key in _NUMBERS},
-            }
-        )
-        for row in evidence["rows"]
-    ]
+    rows = [Row.of(row, evidence) for row in evidence["rows"]]
     return Table(
         f"missions/{mission}.md",
         _command(mission, evidence),
@@ -448,6 +453,7 @@ def row_of(condition: str, who: str, flight: Flight, spent: np.ndarray, lower: n
         float(ratios.mean()) if len(ratios) else float("nan"),
         float(ratios.max()) if len(ratios) else float("nan"),
         float(spent[won].mean()) if won.any() else float("nan"),
+        len(ratios),
     )
 
 

@@ -135,14 +135,14 @@ def in_document(docs: Path, mission: str) -> Table:
     }
     safety = {row["who"]: row for row in read_json(docs / "validation/passive-safety.json")["rows"]}
     of_safety = {who: safety[name] for who, name in asked.passive}
-    starts = read_json(docs / "validation" / f"mission-{mission}.json").get("episodes", "")
+    evidence = read_json(docs / "validation" / f"mission-{mission}.json")
     lines = [_bound(mission, asked, flown)]
     entries = [(_CHEAPEST, *_cheapest(flown, _optima(docs, mission)))]
     entries += [(what, who, flown.get(who)) for what, who in asked.rows]
     for what, who, row in entries:
         orbital = asked.rows is _ORBITAL and who in flown
         name = f"{who}, by {asked.condition}" if orbital else who
-        lines.append([what, name, *_cells(row, of_safety.get(who), starts, asked.unit)])
+        lines.append([what, name, *_cells(row, of_safety.get(who), evidence, asked.unit)])
     if _SAFE in of_safety:
         name = dict(asked.passive)[_SAFE].partition(", ")[2]
         row = of_safety[_SAFE]
@@ -164,6 +164,17 @@ def in_document(docs: Path, mission: str) -> Table:
         lines,
         "",
     )
+
+
+def compared(row: dict[str, Any], evidence: dict[str, Any]) -> int:
+    """Number of starts of a row's ratios to the bound; of older evidence, of those that had bounds."""
+    starts = row.get("starts", evidence["episodes"])
+    return int(row.get("compared", min(starts, evidence.get("bounded", starts))))
+
+
+def of_starts(ratio: float, compared: int, starts: int) -> str:
+    """A mean ratio, with the number of its starts where the row has more."""
+    return f"{ratio:.3f}" if compared == starts else f"{ratio:.3f} of {compared}"
 
 
 def _optima(docs: Path, mission: str) -> dict[str, Any]:
@@ -236,7 +247,7 @@ def _bound(mission: str, asked: Mission, flown: dict[str, Any]) -> list[str]:
     ]
 
 
-def _cells(row: Any, safety: Any, starts: Any, unit: str) -> list[str]:
+def _cells(row: Any, safety: Any, evidence: dict[str, Any], unit: str) -> list[str]:
     """Starts, won, over the bound, spent, time, margin and coasts of a contestant."""
     if row is None:
         return [*"-------"]
@@ -245,10 +256,11 @@ def _cells(row: Any, safety: Any, starts: Any, unit: str) -> list[str]:
     ratio = _ratio(row)
     median = f"{row['median']:,.0f}" if "median" in row else "-"
     rest = [median, "-", "-"] if safety is None else _safe(safety)
+    starts = row.get("starts", evidence["episodes"])
     return [
-        f"{row.get('starts', starts):,}",
+        f"{starts:,}",
         f"{100.0 * won:.1f}",
-        f"{ratio:.3f}" if ratio == ratio else "-",
+        of_starts(ratio, compared(row, evidence), starts) if ratio == ratio else "-",
         _spent(spent, unit),
         *rest,
     ]

@@ -1,4 +1,6 @@
-"""RANS's guidance in the scenarios and suites of V-BAR, scored by V-BAR: ``python -m campaigns.vbar``.
+"""Scenarios and suites of V-BAR, scored by V-BAR: ``python -m campaigns.vbar``.
+
+Transfers are RANS's guidance; corridor, turning port and departure are laws of this script.
 
 V-BAR (J. Hammoudeh, "Verified Benchmark for Autonomous Rendezvous", 2026) needs Python 3.12 or later, and is no
 dependency of RANS. In an environment of its own::

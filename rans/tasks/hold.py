@@ -78,6 +78,11 @@ class Hold(OrbitalMission):
         return CoastZone(self.keep_out) if self.orbit.is_steady else None
 
     @property
+    def stay_seconds(self) -> float:
+        """See `OrbitalMission.stay_seconds`."""
+        return self.hold_seconds
+
+    @property
     def goal_notes(self) -> tuple[str, ...]:
         """See `OrbitalMission.goal_notes`; the last is the time held."""
         return (*super().goal_notes, "time within the tolerances, s; -1 outside them")

@@ -314,6 +314,11 @@ class OrbitalMission(SingleTask):
             )
 
     @property
+    def stay_seconds(self) -> float:
+        """Time for which success asks the craft to stay within the tolerances after its arrival, s."""
+        return 0.0
+
+    @property
     def goal_notes(self) -> tuple[str, ...]:
         """Times left, and whether the mission has succeeded."""
         return (

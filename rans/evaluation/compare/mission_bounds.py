@@ -14,6 +14,7 @@ from rans.evaluation.compare.contest import Contest, Entry
 from rans.evaluation.measure.metrics import impulses, propellant_used
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
+from rans.optimal.convex.holding import least_to_hold
 from rans.optimal.convex.inspection import inspection_bound
 from rans.optimal.convex.landing import Descent, Lander, Landing, best_landing, landing
 from rans.optimal.convex.rendezvous import Meeting, rendezvous
@@ -274,7 +275,11 @@ def _deadline(contest: Contest, k: int) -> float:
 def _least(contest: Contest, k: int, deadline: float) -> float:
     start = contest.start(k)
     state = [float(np.squeeze(x)) for x in (*leaves(start.start.p), *leaves(start.start.v))]
+    meeting = _meeting(contest, start.goal)
+    task: Any = contest.task
     try:
-        return rendezvous(_meeting(contest, start.goal), np.array(state), deadline).lower
+        if task.stay_seconds:
+            return least_to_hold(meeting, np.array(state), deadline, task.stay_seconds)
+        return rendezvous(meeting, np.array(state), deadline).lower
     except SolverFailed:
         return float("inf")

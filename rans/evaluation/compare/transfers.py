@@ -19,6 +19,7 @@ from rans.optimal.control.convex_guidance import ConvexGuidance
 from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mission_guidance import MissionGuidance
+from rans.optimal.convex.holding import least_to_hold
 from rans.optimal.convex.rendezvous import (
     Answer,
     Meeting,
@@ -202,14 +203,21 @@ def transfer_bounds(
     deadline: float,
     progress: Progress | None = None,
 ) -> list[Answer]:
-    """Lower and upper bounds of the least impulse of every start; all have the same goal."""
+    """Lower and upper bounds of the least impulse of every start; all have the same goal.
+
+    Where a mission asks to stay, the lower bound has the stay; transfers and their upper bound arrive only.
+    """
     every = list(each(starts))
     meeting = Meeting.of(craft, task, every[0].goal)
     answers = []
     for scenario in every:
         if not task.drift.steady:
             meeting = Meeting.of(craft, task, scenario.goal)
-        answers.append(rendezvous(meeting, _state(scenario), deadline))
+        answer = rendezvous(meeting, _state(scenario), deadline)
+        if task.stay_seconds:
+            stay = least_to_hold(meeting, _state(scenario), deadline, task.stay_seconds)
+            answer = replace(answer, lower=max(answer.lower, stay))
+        answers.append(answer)
         if progress is not None:
             progress(1)
     return answers

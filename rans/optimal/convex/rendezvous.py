@@ -409,6 +409,43 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
     return away @ multiplier - constant + meeting.saved(multiplier, last)
 
 
+def _first_instants(last: int) -> list[int]:
+    """Checks at which bounds of all instants are sharp at first."""
+    return [int(check) for check in np.unique(np.linspace(last, 1, 24).astype(int))]
+
+
+def _sharpen(bounds: np.ndarray, meeting: Meeting, start: np.ndarray, check: int) -> None:
+    """Raise the bounds of all instants by what is proved of one."""
+    multiplier = prices_of_missing(meeting, start, check)
+    if multiplier is None:
+        bounds[check] = np.inf
+    else:
+        np.maximum(bounds, proof(meeting, start, len(bounds) - 1, multiplier), out=bounds)
+
+
+def instant_bounds(meeting: Meeting, start: np.ndarray, last: int) -> np.ndarray:
+    """Lower bounds (last + 1,) of the impulse of meeting at each check, N s; sharp at 24 of them."""
+    bounds = np.zeros(last + 1)
+    bounds[0] = np.inf
+    for check in _first_instants(last):
+        _sharpen(bounds, meeting, start, check)
+    return bounds
+
+
+def staying_prices(meeting: Meeting, start: np.ndarray, checks: np.ndarray) -> np.ndarray | None:
+    """(K, 2 d) multipliers of the states at checks (K,) at all of which a flight of least impulse meets.
+
+    None: it is proved that there is no such flight.
+
+    Raises:
+        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
+    """
+    rows = _Rows(meeting, start, int(checks[-1]))
+    for check in checks:
+        rows.be_within(int(check))
+    return rows.prices()
+
+
 _WITHIN = 0.002
 """Relative distance between the lower bound and a flight without limits at which a search ends."""
 _INSTANTS = 300
@@ -439,14 +476,10 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
 
     def sharpen(check: int) -> None:
         sharp.add(check)
-        multiplier = prices_of_missing(meeting, start, check)
-        if multiplier is None:
-            bounds[check] = np.inf
-        else:
-            np.maximum(bounds, proof(meeting, start, last, multiplier), out=bounds)
+        _sharpen(bounds, meeting, start, check)
 
-    for check in np.unique(np.linspace(last, 1, 24).astype(int)):
-        sharpen(int(check))
+    for check in _first_instants(last):
+        sharpen(check)
     for _ in range(_INSTANTS):
         # A flight at the best of the instants whose bound is sharp.
         sharpest = min(sharp, key=lambda check: bounds[check])
@@ -630,10 +663,14 @@ class _Rows:
 
     def arrive(self) -> None:
         """Be within both balls at the meeting."""
+        self.be_within(self.check)
+
+    def be_within(self, check: int) -> None:
+        """Be within both balls at a check."""
         meeting = self.meeting
         size = len(meeting.point)
-        effect = meeting.effect(self.check, self.periods)[:, self._used]
-        free = meeting.free(self._start, np.array([self.check]))[0]
+        effect = meeting.effect(check, self.periods)[:, self._used]
+        free = meeting.free(self._start, np.array([check]))[0]
         free[:size] -= meeting.point
         for part, radius in (
             (slice(0, size), meeting.position_tolerance),
@@ -683,6 +720,17 @@ class _Rows:
             abs(result.obj_val - result.obj_val_dual),
             max(result.r_prim, result.r_dual),
         )
+
+    def prices(self) -> np.ndarray | None:
+        """(K, 2 d) multipliers of the states of `be_within`; None: it is proved that no flight is there."""
+        price = np.tile(self.meeting.price, self.periods)[self._used]
+        result = self.program(price).solve(f"a stay until {self.check * self.meeting.interval:g} s")
+        if result is None:
+            return None
+        size = len(self.meeting.point)
+        # Every check has two cones, whose first rows are the radii.
+        dual = np.array(result.z)[2 * len(price) :].reshape(-1, 2, size + 1)
+        return -dual[:, :, 1:].reshape(len(dual), 2 * size)
 
     def program(self, price: np.ndarray) -> ConeProgram:
         """The program of commands that cost so much."""
