@@ -34,7 +34,7 @@ def pack_tensors(tree: Any) -> bytes:
     content = save(tensors, {_TABLE: table, _CHECKSUM: _checksum(table, tensors)})
     # The library writes the keys of metadata in another order in every call: equal agents shall be equal files.
     length = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + length])
+    header = parse_json(content[8 : 8 + length], "this header")
     header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
     text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 8)  # numbers begin at multiples of 8 bytes
