@@ -39,6 +39,7 @@ from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import GoToPose
 from tests.support.processes import ROOT
+from tests.support.sources import sources
 
 QUESTIONS = {
     "units": "Is the unit of each number stated or implied, and one that is stated compared?",
@@ -429,9 +430,7 @@ PARTS = {
 def readers() -> set[str]:
     """Functions of the package that are called read or load, and take a path or a file's content."""
     found = set()
-    for file in sorted(
-        [*(ROOT / "rans").rglob("*.py"), *(ROOT / "packages").glob("*/rans_*/**/*.py")]
-    ):
+    for _, file in sources():
         text = file.read_text("utf-8")
         if "def read_" not in text and "def load_" not in text:
             continue

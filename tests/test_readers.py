@@ -19,7 +19,7 @@ from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import code_of
 from rans.files import read_bytes, read_json, read_json_lines, read_text, write_json
 from rans.pretrained import pretrained_folder
-from tests.support.processes import ROOT
+from tests.support.sources import sources
 
 READERS = {
     "rans.files": "reads bytes, texts and JSON",
@@ -107,14 +107,6 @@ OWN = ("resources.files", "files(")
 """Whose texts are files of the package."""
 
 
-def modules() -> list[tuple[str, Path]]:
-    found = []
-    for file in sorted((ROOT / "rans").rglob("*.py")):
-        parts = file.relative_to(ROOT).with_suffix("").parts
-        found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), file))
-    return found
-
-
 def opens(text: str) -> list[str]:
     """Names in `CALLS` of all calls of a module that read what may be a stranger's."""
     if not any(f"{end}(" in text for end in ENDS):  # which saves most of the time
@@ -143,7 +135,7 @@ def opens(text: str) -> list[str]:
 
 def test_files_are_opened_by_the_readers_alone() -> None:
     used = set()
-    for name, file in modules():
+    for name, file in sources():
         if name in READERS:
             continue
         used |= {(name, call) for call in opens(file.read_text("utf-8"))}

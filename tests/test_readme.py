@@ -42,6 +42,7 @@ from rans.structure import structure
 from rans.tasks import TASKS, GoToPose, observation_columns
 from tests.support import plugins
 from tests.support.random_flights import Random
+from tests.support.sources import FOLDERS, sources
 
 plugins.register()
 
@@ -200,7 +201,7 @@ def commands_in_markup(text: str) -> set[str]:
 def commands() -> set[str]:
     """The commands of all pages, of templates of pages that RANS writes, and of their scripts."""
     found: set[str] = set()
-    for file in (ROOT / "rans").rglob("*"):
+    for file in (file for folder in FOLDERS for file in folder.rglob("*")):
         if file.suffix in (".j2", ".js", ".html"):
             found |= commands_in_markup(file.read_text("utf-8"))
     for page in PAGES:
@@ -312,7 +313,8 @@ def test_what_names_a_decision_leads_to_one() -> None:
     files = [
         ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "README.md", "SECURITY.md")
     ]
-    for folder in ("rans", "validation", "campaigns", "changelog", "docs", "tests", "examples"):
+    rooms = ("rans", "validation", "campaigns", "changelog", "docs", "tests", "examples")
+    for folder in (*rooms, "packages"):
         files += [
             file
             for end in ("md", "py", "toml")
@@ -513,7 +515,7 @@ OF_OTHERS = {"RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE", "DISPLAY", 
 
 def test_environment_variables_are_listed() -> None:
     """All that the sources read by name, except those of launchers."""
-    texts = [file.read_text("utf-8") for file in (ROOT / "rans").rglob("*.py")]
+    texts = [file.read_text("utf-8") for _, file in sources()]
     read = {
         name for text in texts for name in re.findall(r'environ(?:\.get\(|\[)"([A-Z_]+)"', text)
     }

@@ -10,11 +10,12 @@ import pytest
 import rans
 from rans.errors import RansDeprecationWarning
 from tests.support.processes import ROOT
+from tests.support.sources import sources
 
 
 def test_every_warning_has_a_class_of_rans() -> None:
     others, count = [], 0
-    for file in sorted((ROOT / "rans").rglob("*.py")):
+    for _, file in sources():
         text = file.read_text("utf-8")
         if "warn(" not in text:
             continue

@@ -1,0 +1,20 @@
+"""Source files of the core and of the packages, for tests of what holds in all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.support.processes import ROOT
+
+FOLDERS = [ROOT / "rans", *sorted((ROOT / "packages").glob("*/rans_*"))]
+"""Folders of modules that users install; each is imported by its name."""
+
+
+def sources() -> list[tuple[str, Path]]:
+    """Every module that users install: name and file."""
+    found = []
+    for folder in FOLDERS:
+        for file in sorted(folder.rglob("*.py")):
+            parts = file.relative_to(folder.parent).with_suffix("").parts
+            found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), file))
+    return found
