@@ -41,7 +41,7 @@ def test_help_fits_and_keeps_words_whole(
     texts = [about]
     if command:
         described = COMMANDS[command]
-        about = described.__doc__
+        about = described.__doc__ or ""
         texts = [about, *meanings(described).values()]
     assert " ".join(about.split()[:12]) in " ".join(printed.split())
     for whole in re.findall(r"`rans [^`]{1,20}`", " ".join(texts)):

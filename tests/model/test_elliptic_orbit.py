@@ -128,7 +128,7 @@ def test_a_pushed_and_turning_craft_moves_by_its_equations() -> None:
 
     def push(t: float) -> np.ndarray:
         # The inertial spin stays, and W turns on by the target's true anomaly.
-        now = brentq(lambda f: mean_anomaly(f, e) - mean_anomaly(true, e) - N * t, -1.0, 2.0)
+        now: Any = brentq(lambda f: mean_anomaly(f, e) - mean_anomaly(true, e) - N * t, -1.0, 2.0)
         angle = 0.4 + (spin + rate) * t - (now - true)
         thrust = 0.001 * np.array([math.cos(angle), math.sin(angle), 0.0])
         return (thrust + np.array([0.0003, 0.0002, 0.0])) / 5.0
