@@ -36,7 +36,7 @@ SHORT = Timing(episode_steps=40)
 SHORTEST = Timing(episode_steps=5)
 """Timing of flights of which every call of a function is noted, which takes ten times as long."""
 PACKAGE = Path(rans.__file__).parent
-STEP_FILES = 13
+STEP_FILES = 14
 """Of ours, that one step of an environment touches in plain mode."""
 LEARNER_FILES = 14
 """Of ours, that one iteration of PPO touches beside those of its steps and resets."""

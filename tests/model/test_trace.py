@@ -175,7 +175,7 @@ def test_what_a_step_moves() -> None:
 @pytest.mark.parametrize(
     ("craft", "single", "multi"),
     [
-        (PLATFORM, (222, 145), (290, 620)),
+        (PLATFORM, (222, 145), (337, 620)),
         (FLYER, (900, 430), (1030, 1405)),
     ],
     ids=["plane", "space"],
