@@ -166,10 +166,14 @@ def test_machine_code_estimates_the_same(name: str) -> None:
         torch.testing.assert_close(states[1], states[0], atol=1e-3, rtol=1e-3)
 
 
-def cubesat(dead: int | None) -> tuple[Flight, Adaptation]:
-    """Sixteen flights of cubesat-6u by the adapting agent, with a dead thruster or none, and its estimator."""
+def cubesat(dead: int | None, steps: int | None = None) -> tuple[Flight, Adaptation]:
+    """Sixteen flights of cubesat-6u by the adapting agent, with a dead thruster or none, and its estimator.
+
+    They last for so many steps, or for those that its own agent takes.
+    """
     specialist = contestant("go-to-pose-3d-cubesat-6u")
-    run = for_spacecraft(contestant("adaptive:any-craft-3d"), specialist.craft, specialist.timing)
+    timing = replace(specialist.timing, episode_steps=steps or specialist.timing.episode_steps)
+    run = for_spacecraft(contestant("adaptive:any-craft-3d"), specialist.craft, timing)
     conditions = Conditions()
     if dead is not None:
         conditions = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(dead,)))
@@ -179,6 +183,7 @@ def cubesat(dead: int | None) -> tuple[Flight, Adaptation]:
     return flight, run.controller.network.architecture.adaptation
 
 
+@pytest.mark.slow
 def test_momenta_of_wheels_are_those_of_the_engine() -> None:
     """The engine integrates the torques of wheels; the agent has their commands alone."""
     flight, own = cubesat(None)
@@ -196,7 +201,7 @@ def test_momenta_of_wheels_are_those_of_the_engine() -> None:
 
 
 def test_a_cubesat_checks_its_thrusters_first() -> None:
-    flight, _ = cubesat(None)
+    flight, _ = cubesat(None, 12)
     checks, flown = np.split(flight.commands, [8])
     assert (checks[:, :, :8].sum(axis=2) == 2.0).all()
     assert (checks[:, :, :8].sum(axis=0) == 2.0).all()

@@ -94,9 +94,13 @@ def beside(**others: tuple[float, float]) -> Comparison:
 def test_a_comparison_says_first_who_is_quicker_and_who_is_cheaper(
     others: dict[str, tuple[float, float]], sentence: str
 ) -> None:
-    found = beside(**others)
-    assert verdict(found) == sentence
-    assert page(found).hero.startswith(sentence)
+    assert verdict(beside(**others)) == sentence
+
+
+def test_the_page_of_a_comparison_says_it_first() -> None:
+    found = beside(x=(4.0, 2.0), y=(3.0, 1.0))
+    assert verdict(found)
+    assert page(found).hero.startswith(verdict(found))
 
 
 def test_an_advantage_from_a_few_starts_is_not_claimed() -> None:
