@@ -106,7 +106,7 @@ def test_an_unknown_layer_is_one_sentence(capsys) -> None:
 def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, capsys) -> None:
     """A flat plate off the triangle inequality by less than our check's 1e-9."""
     flat = replace(
-        load_spacecraft("floating-platform"),
+        load_spacecraft("free-flyer"),
         inertia=((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10))),
     )
     file = tmp_path / "flat.toml"
