@@ -24,8 +24,8 @@ override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-# Distributions of this repository beside rans itself.
-PARTS := -e ./agents $(addprefix -e ./,$(wildcard packages/*))
+# Distributions of this repository, which ask for one another; rans itself first, or pip looks for it elsewhere.
+PARTS := -e . -e ./agents $(addprefix -e ./,$(wildcard packages/*))
 DECLARED := agents/pyproject.toml $(wildcard packages/*/pyproject.toml)
 
 .PHONY: help setup demo test test-slow test-all suite lint style types docs release clean

@@ -33,6 +33,10 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+READERS = {"ccsds_ndm", "distributed", "mcap_ros2"}
+"""Libraries of the extra dev that only tests import."""
+
+
 class Module(pytest.Module):
     """A file of tests, passed over where a library that it needs is not installed.
 
@@ -50,7 +54,7 @@ class Module(pytest.Module):
                 missing = cause.module
             else:
                 missing = cause.name if isinstance(cause, ModuleNotFoundError) else None
-            if missing in EXTRAS:  # not one of its modules, which would be misspelt
+            if missing in {*EXTRAS, *READERS}:  # not one of its modules, which would be misspelt
                 pytest.skip(f"needs {missing}", allow_module_level=True)
             raise
 

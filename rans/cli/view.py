@@ -81,7 +81,10 @@ class View:
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "compare", *self.contestants]),)
+        first = self.contestants[
+            0
+        ]  # others may fly another task or craft, which a comparison refuses
+        return (shlex.join(["rans", "compare", first]),)
 
     def run(self) -> int:
         """Serve the page, or write the requested files."""

@@ -231,6 +231,7 @@ def test_front_of_an_agent_with_a_trade_off(
             (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)
         ),
     )
+    monkeypatch.setattr("rans.cli.compare._POSITIONS", 3)
     config = replace(
         CONFIG,
         task="go-to-pose-priced",
