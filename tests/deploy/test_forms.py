@@ -390,7 +390,7 @@ def test_a_shipped_agent_is_exported_by_name(
         "card.json",
     }
     assert checked(tmp_path / "mine") == (500, 500)
-    assert json.loads((tmp_path / "mine/card.json").read_text())["name"] == "mine"
+    assert json.loads((tmp_path / "mine/card.json").read_text())["name"] == "go-to-pose-2d-fast"
 
 
 def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
