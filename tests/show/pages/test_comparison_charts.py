@@ -77,7 +77,7 @@ def test_the_plane_counts_all_starts_where_no_bound_is_known() -> None:
     chart = plane_chart(comparison(relaxed=rows, curve=[entry()]))
     marks = drawn(chart)
     # 1 s, 2 s and never; 1 N s, 1 N s and never
-    assert marks["agent (2 of 3 arrive)"] == [(2.0, 1.0)]
+    assert marks["agent (2 of 3 get there)"] == [(2.0, 1.0)]
     # the greatest reward arrives nowhere: two points
     name = "relaxed thrust, exact goal (no controller, where found)"
     assert marks[name] == [(5.0, 8.0), (6.0, 2.0)]
