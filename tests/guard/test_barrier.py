@@ -167,7 +167,7 @@ def test_the_slack_is_set_by_whoever_flies() -> None:
     run = contestant("mission:dock")
     assert run.guarded(True, 0.05).guard == BarrierProgram(slack=0.05)
     assert run.guarded(True).guard == BarrierProgram()
-    with pytest.raises(ConfigError, match="add --guard"):
+    with pytest.raises(ConfigError, match="guard=True"):
         run.guarded(False, 0.05)
     with pytest.raises(ConfigError, match="finite number above 0"):
         run.guarded(True, 0.0)
