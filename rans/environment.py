@@ -362,6 +362,11 @@ def choose(
     Raises:
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
     """
+    if isinstance(task_name, Task):
+        raise ConfigError(
+            f"an environment is made by the name of its task, and settings are given as task=, as in "
+            f"('go-to-pose', 2, task=rans.GoToPose()); got {brief(task_name)} as the name."
+        )
     task_class = TASKS[typed(task_name)]
     if dimension not in USUAL:
         raise ConfigError(
