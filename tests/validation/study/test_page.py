@@ -35,12 +35,12 @@ def test_the_page_of_a_study() -> None:
         ("Dynamics of x (3DoF): 3 of 3 checks within tolerance.", True),
         ("Not run: kernel. No compiler.", None),
     ]
-    command = "rans validate x.toml --seed 3 --quick"
+    again = "rans.validate('x.toml', quick=True, layer='{}', seed=3)"
     assert shown.sections[0].tables[0].rows == [
-        ("way 2", "5.0e-01", "state 2", f"{command} --layer mass"),
-        ("way 3", "3.0e-01", "state 3", f"{command} --layer period"),
+        ("way 2", "5.0e-01", "state 2", again.format("mass")),
+        ("way 3", "3.0e-01", "state 3", again.format("period")),
     ]
-    assert shown.header["command"] == command
+    assert shown.header["command"] == "rans.validate('x.toml', quick=True, seed=3)"
     assert (shown.header["sample"], shown.header["time"]) == (
         "64 states, 16 flights of 25 s",
         "2 s",
@@ -119,5 +119,5 @@ def test_two_figures_of_the_same_points_share_a_table() -> None:
 def test_a_whole_study_is_repeated_by_a_whole_study() -> None:
     study = Study("x", (check("way 1", 0.0, 1.0),), SETTINGS | {"quick": False})
     assert page(study, "my craft.toml").header["command"] == (
-        "rans validate 'my craft.toml' --seed 3"
+        "rans.validate('my craft.toml', seed=3)"
     )
