@@ -48,7 +48,8 @@ def rans(place: Path, *commands: str) -> list[str]:
         "import sys; from matplotlib.figure import Figure; from rans.cli import main\n"
         "Figure.draw_without_rendering = lambda _: None\n"
         "svg = '<svg xmlns=\"http://www.w3.org/2000/svg\"/>'\n"
-        "Figure.savefig = lambda _, file, **__: file.write(svg)\n"
+        "write = lambda file: file.write_text if hasattr(file, 'write_text') else file.write\n"
+        "Figure.savefig = lambda _, file, **__: write(file)(svg)\n"
         "for line in sys.argv[1:]: assert main(line.split()) == 0, line; print(end='\\f')"
     )
     path = os.pathsep.join((str(place / "site"), str(ROOT)))
