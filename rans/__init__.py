@@ -5,8 +5,8 @@
     100.0
 
 Importing the package registers the Gymnasium environments of `rans.tasks.gymnasium_ids`, and for each a variant
-that Drake simulates, such as "rans/GoToPose2D-Drake-v0". `TASKS.register` adds those of a task of your own. Modules
-that need torch, Drake, CasADi or SciPy are loaded on first use.
+that Drake simulates, such as "rans/GoToPose2D-Drake-v0". `TASKS.register` adds those of a task of your own. Every
+other name is loaded on first use.
 """
 
 import rans.safe_path  # noqa: F401  # must come first, see its docstring
@@ -19,86 +19,33 @@ import gymnasium
 
 from rans import display
 from rans.abilities import PUBLIC, sentence_of_absent
-from rans.api import (
-    Agent,
-    benchmark,
-    certify,
-    compare,
-    evaluate,
-    excite,
-    export,
-    identify,
-    init_spacecraft,
-    join_spacecraft,
-    load_agent,
-    optimal_trajectory,
-    report,
-    state,
-    sweep,
-    train,
-    tune,
-    validate,
-    view,
-)
-from rans.api.names import load_conditions, load_spacecraft, load_task
-from rans.errors import (
-    ConfigError,
-    NonFiniteState,
-    RansError,
-    RansWarning,
-    SolverFailed,
-    WorkerLost,
-)
-from rans.executors import run_on
-from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
-from rans.model.slosh import Slosh
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import spacecraft_names
-from rans.model.timing import Timing
-from rans.pretrained import pretrained_names
-from rans.randomization.conditions import (
-    BodyConditions,
-    Conditions,
-    DisturbanceConditions,
-    FaultConditions,
-    LayoutConditions,
-    SensorConditions,
-    SensorsConditions,
-    ThrusterConditions,
-)
-from rans.randomization.conditions_file import conditions_names
-from rans.registry import trust_files
-from rans.scenario import Scenario
-from rans.tasks import (
-    TASKS,
-    Avoid,
-    Dock,
-    DockPort,
-    GoToAttitude,
-    GoToPose,
-    GoToPosePriced,
-    GoToPosition,
-    Hold,
-    Inspect,
-    Land,
-    MultiTask,
-    Rendezvous,
-    RestReward,
-    TargetOrbit,
-    TrackTwist,
-    TrackVelocity,
-    TrackVelocityHeading,
-    gymnasium_ids,
-)
+from rans.tasks import TASKS, gymnasium_ids
 
 if TYPE_CHECKING:
+    from rans.api.agent import Agent, load_agent
+    from rans.api.drafting import init_spacecraft, join_spacecraft
     from rans.api.flying import fly
+    from rans.api.identification import excite, identify
+    from rans.api.judging import benchmark, compare, evaluate, validate
+    from rans.api.limits import certify, optimal_trajectory, state
+    from rans.api.names import load_conditions, load_spacecraft, load_task
+    from rans.api.pages import export, report, view
+    from rans.api.training import sweep, train, tune
     from rans.api.trajectory import OptimalTrajectory
     from rans.ccsds import read_opm, relative_state, write_ccsds
+    from rans.errors import (
+        ConfigError,
+        NonFiniteState,
+        RansError,
+        RansWarning,
+        SolverFailed,
+        WorkerLost,
+    )
     from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
     from rans.evaluation.fly.pilot import Pilot
     from rans.evaluation.measure.passive import passive_safety
+    from rans.executors import run_on
     from rans.fast.engine import Engine
     from rans.fast.envs.sb3 import SB3VecEnv
     from rans.fast.envs.single import SpacecraftEnv
@@ -112,6 +59,11 @@ if TYPE_CHECKING:
     )
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight
+    from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
+    from rans.model.slosh import Slosh
+    from rans.model.spacecraft import Spacecraft, Thruster
+    from rans.model.spacecraft_file import spacecraft_names
+    from rans.model.timing import Timing
     from rans.optimal.control.circumnavigation import Circumnavigation
     from rans.optimal.control.convex_guidance import ConvexGuidance
     from rans.optimal.control.guidance import VelocityToGain
@@ -125,11 +77,130 @@ if TYPE_CHECKING:
     from rans.optimal.control.sampling import MPPI
     from rans.optimal.control.switching import Switching
     from rans.optimal.control.visiting import Visiting
+    from rans.pretrained import pretrained_names
+    from rans.randomization.conditions import (
+        BodyConditions,
+        Conditions,
+        DisturbanceConditions,
+        FaultConditions,
+        LayoutConditions,
+        SensorConditions,
+        SensorsConditions,
+        ThrusterConditions,
+    )
+    from rans.randomization.conditions_file import conditions_names
+    from rans.registry import trust_files
+    from rans.scenario import Scenario
+    from rans.tasks import (
+        Avoid,
+        Dock,
+        DockPort,
+        GoToAttitude,
+        GoToPose,
+        GoToPosePriced,
+        GoToPosition,
+        Hold,
+        Inspect,
+        Land,
+        MultiTask,
+        Rendezvous,
+        RestReward,
+        TargetOrbit,
+        TrackTwist,
+        TrackVelocity,
+        TrackVelocityHeading,
+    )
 
     __version__: str
 
 _LAZY = {
+    "train": "rans.api.training",
+    "sweep": "rans.api.training",
+    "tune": "rans.api.training",
+    "load_agent": "rans.api.agent",
+    "Agent": "rans.api.agent",
+    "evaluate": "rans.api.judging",
+    "compare": "rans.api.judging",
+    "identify": "rans.api.identification",
+    "excite": "rans.api.identification",
+    "init_spacecraft": "rans.api.drafting",
+    "join_spacecraft": "rans.api.drafting",
+    "validate": "rans.api.judging",
+    "benchmark": "rans.api.judging",
+    "view": "rans.api.pages",
+    "report": "rans.api.pages",
+    "export": "rans.api.pages",
+    "optimal_trajectory": "rans.api.limits",
     "OptimalTrajectory": "rans.api.trajectory",
+    "certify": "rans.api.limits",
+    "state": "rans.api.limits",
+    "Spacecraft": "rans.model.spacecraft",
+    "Thruster": "rans.model.spacecraft",
+    "OnOff": "rans.model.actuators",
+    "Pulsed": "rans.model.actuators",
+    "Throttle": "rans.model.actuators",
+    "Wheel": "rans.model.actuators",
+    "Propellant": "rans.model.actuators",
+    "Slosh": "rans.model.slosh",
+    "load_spacecraft": "rans.api.names",
+    "spacecraft_names": "rans.model.spacecraft_file",
+    "Avoid": "rans.tasks",
+    "DockPort": "rans.tasks",
+    "Dock": "rans.tasks",
+    "GoToAttitude": "rans.tasks",
+    "GoToPose": "rans.tasks",
+    "GoToPosePriced": "rans.tasks",
+    "GoToPosition": "rans.tasks",
+    "Land": "rans.tasks",
+    "TrackVelocity": "rans.tasks",
+    "TrackTwist": "rans.tasks",
+    "TrackVelocityHeading": "rans.tasks",
+    "Hold": "rans.tasks",
+    "Inspect": "rans.tasks",
+    "MultiTask": "rans.tasks",
+    "Rendezvous": "rans.tasks",
+    "RestReward": "rans.tasks",
+    "TargetOrbit": "rans.tasks",
+    "load_task": "rans.api.names",
+    "Conditions": "rans.randomization.conditions",
+    "ConvexGuidance": "rans.optimal.control.convex_guidance",
+    "BodyConditions": "rans.randomization.conditions",
+    "ThrusterConditions": "rans.randomization.conditions",
+    "FaultConditions": "rans.randomization.conditions",
+    "LayoutConditions": "rans.randomization.conditions",
+    "DisturbanceConditions": "rans.randomization.conditions",
+    "SensorConditions": "rans.randomization.conditions",
+    "SensorsConditions": "rans.randomization.conditions",
+    "load_conditions": "rans.api.names",
+    "conditions_names": "rans.randomization.conditions_file",
+    "CONTROLLERS": "rans.evaluation.fly.controllers",
+    "Controller": "rans.flight",
+    "LQR": "rans.optimal.control.lqr",
+    "LandingGuidance": "rans.optimal.control.landing_guidance",
+    "Switching": "rans.optimal.control.switching",
+    "MPC": "rans.optimal.control.mpc",
+    "ObserverMPC": "rans.optimal.control.observer",
+    "MPPI": "rans.optimal.control.sampling",
+    "MissionGuidance": "rans.optimal.control.mission_guidance",
+    "Circumnavigation": "rans.optimal.control.circumnavigation",
+    "PassiveApproach": "rans.optimal.control.passive_approach",
+    "PassiveEntry": "rans.optimal.control.passive_entry",
+    "VelocityToGain": "rans.optimal.control.guidance",
+    "Visiting": "rans.optimal.control.visiting",
+    "Lookahead": "rans.evaluation.fly.lookahead",
+    "ArrivalCost": "rans.evaluation.fly.lookahead",
+    "Pilot": "rans.evaluation.fly.pilot",
+    "pretrained_names": "rans.pretrained",
+    "Scenario": "rans.scenario",
+    "Timing": "rans.model.timing",
+    "Flight": "rans.flight",
+    "fly": "rans.api.flying",
+    "passive_safety": "rans.evaluation.measure.passive",
+    "read_opm": "rans.ccsds",
+    "relative_state": "rans.ccsds",
+    "write_ccsds": "rans.ccsds",
+    "trust_files": "rans.registry",
+    "run_on": "rans.executors",
     "Engine": "rans.fast.engine",
     "PPO": "rans.fast.learn.front",
     "PPOSettings": "rans.fast.learn.config",
@@ -140,32 +211,14 @@ _LAZY = {
     "SB3VecEnv": "rans.fast.envs.sb3",
     "SpacecraftEnv": "rans.fast.envs.single",
     "SpacecraftVectorEnv": "rans.fast.envs.vector",
-    "CONTROLLERS": "rans.evaluation.fly.controllers",
-    "Lookahead": "rans.evaluation.fly.lookahead",
-    "ArrivalCost": "rans.evaluation.fly.lookahead",
-    "Pilot": "rans.evaluation.fly.pilot",
-    "Controller": "rans.flight",
-    "Flight": "rans.flight",
-    "fly": "rans.api.flying",
-    "passive_safety": "rans.evaluation.measure.passive",
-    "read_opm": "rans.ccsds",
-    "relative_state": "rans.ccsds",
-    "write_ccsds": "rans.ccsds",
-    "LQR": "rans.optimal.control.lqr",
-    "LandingGuidance": "rans.optimal.control.landing_guidance",
-    "Switching": "rans.optimal.control.switching",
-    "MPC": "rans.optimal.control.mpc",
-    "ObserverMPC": "rans.optimal.control.observer",
-    "MPPI": "rans.optimal.control.sampling",
-    "Circumnavigation": "rans.optimal.control.circumnavigation",
-    "ConvexGuidance": "rans.optimal.control.convex_guidance",
-    "MissionGuidance": "rans.optimal.control.mission_guidance",
-    "PassiveApproach": "rans.optimal.control.passive_approach",
-    "PassiveEntry": "rans.optimal.control.passive_entry",
-    "VelocityToGain": "rans.optimal.control.guidance",
-    "Visiting": "rans.optimal.control.visiting",
+    "ConfigError": "rans.errors",
+    "NonFiniteState": "rans.errors",
+    "RansError": "rans.errors",
+    "RansWarning": "rans.errors",
+    "SolverFailed": "rans.errors",
+    "WorkerLost": "rans.errors",
 }
-"""Modules of the public names that are loaded on first use."""
+"""Module of each public name, loaded on first use."""
 
 __all__ = [
     "train",
@@ -329,11 +382,11 @@ Missions have none: `info["is_success"]` says whether an episode succeeded."""
 
 
 def _enrol(task_name: str) -> None:
-    """Register the Gymnasium environments of a task; Gymnasium has had no plug-in mechanism since 1.0."""
-    possible = TASKS[task_name].dimensions if task_name in TASKS.built_in else (2, 3)
+    """Register the Gymnasium environments of a task, which is loaded when the first is made.
+
+    Gymnasium has had no plug-in mechanism since 1.0. Making one refuses a dimension that the task does not have.
+    """
     for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
-        if dimension not in possible:
-            continue
         kwargs = {"task_name": task_name, "dimension": dimension}
         registered = gymnasium.registry.get(gymnasium_id)
         if registered is not None and registered.kwargs == kwargs:

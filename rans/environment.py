@@ -27,7 +27,7 @@ from rans.registry import typed
 from rans.scenario import Scenario, draws, scenario
 from rans.settled import settled
 from rans.tasks import TASKS, Task
-from rans.tasks.derived import example
+from rans.tasks.derived import check_dimension, example
 from rans.tasks.observation_terms import Dimension
 from rans.tasks.rewards import paid
 
@@ -372,6 +372,8 @@ def choose(
         raise ConfigError(
             f"dimension must be 2 (in the plane) or 3 (in space), got {brief(dimension)}."
         )
+    if dimension not in task_class.dimensions:
+        check_dimension(task_class(), dimension)
     usual = task_class.spacecraft or USUAL[dimension]
     craft = load_spacecraft(usual if spacecraft is None else typed(spacecraft))
     if craft.dimension != dimension:

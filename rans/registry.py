@@ -79,7 +79,8 @@ class Registry(Mapping[str, T]):
         group: group of the entry points.
         built_in: "module:Name" of each built-in name, or "package:file.toml" for the text of a file. Packages
             cannot replace them.
-        checked: converts and checks a loaded object.
+        checked: converts and checks a loaded object; "module:name" of the function where it is loaded with the
+            first object.
         or_else: other forms that a user may give, for messages.
         elsewhere: names by what such objects are called elsewhere, for messages.
         files: what to write for files of other software, by their suffixes, with {name} and {stem}.
@@ -94,7 +95,7 @@ class Registry(Mapping[str, T]):
         kind: str,
         group: str,
         built_in: Mapping[str, str],
-        checked: Callable[[Any], T],
+        checked: Callable[[Any], T] | str,
         or_else: str = "",
         elsewhere: Mapping[str, str] = MappingProxyType({}),
         files: Mapping[str, str] = MappingProxyType({}),
@@ -102,7 +103,7 @@ class Registry(Mapping[str, T]):
         self._kind = kind
         self._group = group
         self.built_in = built_in
-        self._checked = checked
+        self._check = checked
         self._or_else = or_else
         self._elsewhere = elsewhere
         self._files = files
@@ -148,6 +149,13 @@ class Registry(Mapping[str, T]):
             return result
 
         return keep
+
+    def _checked(self, found: Any) -> T:
+        """A loaded object, converted and checked."""
+        check: Callable[[Any], T] = (
+            resolve(self._check) if isinstance(self._check, str) else self._check
+        )
+        return check(found)
 
     def _check_trust(self, name: object) -> None:
         """Reject MODULE:NAME that the user has not typed, because loading it would run code of a file's choice."""

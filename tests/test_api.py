@@ -117,16 +117,18 @@ def test_the_top_lists_what_it_has_and_loads_it_when_asked() -> None:
         getattr(rans, "Engin")  # noqa: B009
 
 
-def test_type_checkers_see_what_is_loaded_later() -> None:
-    tree = ast.parse(Path(rans.__file__).read_text("utf-8"))
+@pytest.mark.parametrize("package", [rans, rans.tasks], ids=lambda package: package.__name__)
+def test_type_checkers_see_what_is_loaded_later(package: Any) -> None:
+    tree = ast.parse(Path(package.__file__).read_text("utf-8"))
     (block,) = (node for node in tree.body if isinstance(node, ast.If))
-    told = {
+    for_checkers = {
         alias.name: node.module
         for node in block.body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    assert told == rans._LAZY
+    assert for_checkers == package._LAZY
+    assert set(package._LAZY) <= set(package.__all__)
 
 
 def test_importing_loads_neither_torch_nor_drake_casadi_scipy() -> None:
@@ -375,7 +377,8 @@ def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(
 
 def test_texts_and_notebooks_show_what_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     assert repr(rans.GoToPose(thrust_weight=0.5)) == "GoToPose(thrust_weight=0.5)"
-    assert eval(repr(rans.load_conditions("lab")), dict(vars(rans))) == rans.load_conditions("lab")
+    public = {name: getattr(rans, name) for name in rans.__all__}
+    assert eval(repr(rans.load_conditions("lab")), public) == rans.load_conditions("lab")
     craft = rans.Spacecraft.planar("<b>slider", 5.0, 0.1, SLIDER)
     shown = craft._repr_html_()
     assert "&lt;b&gt;slider" in shown

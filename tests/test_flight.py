@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.api import load_agent
+from rans.api.agent import load_agent
 from rans.api.flying import fly as fly_named
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import returns

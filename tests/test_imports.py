@@ -12,7 +12,7 @@ import pytest
 from rans.effectors.effector import Effector
 from rans.model.actuators import Actuators
 from rans.tasks import Task
-from tests.support.processes import loaded
+from tests.support.processes import loaded, modules_loaded
 
 ROOT = Path(__file__).parents[1]
 ROOMS = "rans", "validation", "campaigns"
@@ -88,6 +88,7 @@ INNER_DOORS = {
     "rans.evaluation.fly.contestant_name",  # also of the folder that an agent for any craft is written into
     "rans.fast.learn.recipes",  # so do training configs, which are files
     "rans.optimal.control.arguments",  # controllers are public classes, like Engine
+    "rans.tasks",  # hands out load_task of its module names
 }
 
 
@@ -292,6 +293,25 @@ def test_start_up_is_light() -> None:
     )
     # Gymnasium takes 40 ms beyond NumPy, and learns our environments' names when rans is imported.
     assert loaded("; ".join(statements)) & HEAVY <= {"gymnasium"}
+
+
+MACHINERY = {
+    "rans.abilities",
+    "rans.display",
+    "rans.errors",
+    "rans.files",
+    "rans.registry",
+    "rans.safe_path",
+    "rans.system",
+    "rans.tasks",
+}
+"""Modules by which `import rans` registers the environments of tasks by name, and loads everything else later."""
+
+
+def test_import_rans_loads_no_implementation() -> None:
+    """No spacecraft, task, engine or command: each is loaded when its name is used."""
+    found = modules_loaded("import rans; dir(rans); print(rans.TASKS)")
+    assert {name for name in found if name.startswith("rans.")} <= MACHINERY
 
 
 TRAIN = """

@@ -55,12 +55,16 @@ def wait_until(holds: Callable[[], bool]) -> None:
 
 def loaded(statement: str) -> set[str]:
     """Top-level packages in memory after a statement in a fresh interpreter."""
-    report = "import sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    return {name.partition(".")[0] for name in modules_loaded(statement)}
+
+
+def modules_loaded(statement: str) -> set[str]:
+    """Full names of all modules in memory after a statement, which may print, in a fresh interpreter."""
     run = subprocess.run(
-        [sys.executable, "-c", f"{statement}\n{report}"],
+        [sys.executable, "-c", f"{statement}\nimport sys; print(); print(*sys.modules)"],
         cwd=ROOT,
         check=True,
         capture_output=True,
         text=True,
     )
-    return set(run.stdout.split())
+    return set(run.stdout.splitlines()[-1].split())

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.model.fields import Quat, Vec3
@@ -156,4 +157,5 @@ def test_engines_and_environments_fly_it() -> None:
     assert env.unwrapped.craft.name == "mars-lander-steered"
     observation, _ = env.reset(seed=1)
     assert observation.shape == tuple(engine.observe().shape[1:])
-    assert "rans/Land2D-v0" not in gymnasium.registry
+    with pytest.raises(ConfigError, match="in space only"):
+        gymnasium.make("rans/Land2D-v0")
