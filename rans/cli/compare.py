@@ -36,7 +36,8 @@ _POSITIONS = 9
 _SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
 STARTS = 16, 1
-"""Starts by default, and those of them with certified bounds: a minute on two processors with MPC and optima."""
+"""Starts by default, and those of them with certified bounds: with MPC and optima 60 s of processor time, most of it
+on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
 _ALL_STARTS = 128, 4
 """The same for a full comparison, which takes minutes."""
 _FIRST = (
@@ -110,8 +111,8 @@ class Compare:
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     full: bool = False
-    """Compare from more starts, in minutes, and print all scores and the certified gaps. The page always has all
-    scores."""
+    """Compare from more starts, in minutes, with the largest return of the task's reward too, and print all scores
+    and the certified gaps. The page always has all scores that were computed."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
     guard_slack: Annotated[float | None, NumberOf("--guard")] = None
@@ -175,10 +176,10 @@ class Compare:
             shown = stages(bars)
             try:
                 quick, rest = self._quick(contest)
-                comparison.fly(flying, quick, self._certified, cache, stage)
+                comparison.fly(flying, quick, self._certified, cache, stage, returns=self.full)
                 if rest:
                     _say_so_far(comparison, bars, rest)
-                    comparison.fly({}, rest, self._certified, cache, stage)
+                    comparison.fly({}, rest, self._certified, cache, stage, returns=self.full)
                 if self.front:
                     comparison.trace(between, self.budget, cache, stage)
             except KeyboardInterrupt:

@@ -133,7 +133,7 @@ def test_interrupted_it_still_writes(
 def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     for name in ("compare.html", "compare.json"):
@@ -177,11 +177,13 @@ def test_mistakes_end_in_a_sentence(
 def test_every_option_reaches_the_comparison(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fill(comparison: Comparison, flying: Any, *given: Any) -> None:
+    def fill(comparison: Comparison, flying: Any, *given: Any, returns: bool) -> None:
         contest = comparison.contest
         told.append(((contest.episodes, contest.seed, contest.engine), tuple(flying), *given[:-1]))
+        asked.append(returns)
 
     told: list[Any] = []
+    asked: list[bool] = []
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
     assert (
         main(
@@ -216,6 +218,10 @@ def test_every_option_reaches_the_comparison(
         # The slow ones fly after the quick ones have answered.
         ((5, 11, "drake"), (), ["mpc"], 2, tmp_path / "compare-bounds.json"),
     ]
+    # The optima that take longest are asked for by --full alone.
+    command = ["compare", "lqr:go-to-pose-2d", "--with", "optimal", "--output", str(tmp_path)]
+    assert main([*command, "--full"]) == 0
+    assert asked == [False, False, True, True]
 
 
 @pytest.mark.filterwarnings("ignore:.* spins floating-platform")  # an untrained agent does

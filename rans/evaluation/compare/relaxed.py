@@ -50,11 +50,13 @@ class Relaxed:
     """Whether the objective's time is less than the least time from this start: not a failure, but impossible."""
 
 
-def objectives(contest: Contest, horizons: Sequence[float]) -> list[Objective]:
-    """Least time, least impulse for each horizon (s), and largest return of the task."""
+def objectives(
+    contest: Contest, horizons: Sequence[float], returns: bool = True
+) -> list[Objective]:
+    """Least time, least impulse for each horizon (s), and with ``returns`` the largest return of the task."""
     period = contest.timing.control_period
-    greatest: Any = MaximumReward(contest.duration, period)
-    return [MinimumTime(), *(MinimumFuel(horizon, period) for horizon in horizons), greatest]
+    asked: list[Any] = [MinimumTime(), *(MinimumFuel(horizon, period) for horizon in horizons)]
+    return [*asked, MaximumReward(contest.duration, period)] if returns else asked
 
 
 def solve(

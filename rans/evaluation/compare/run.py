@@ -192,6 +192,7 @@ class Comparison(NotebookRepr):
         cache: Path | None = None,
         stages: Stages = unseen_stages,
         workers: int | None = None,
+        returns: bool = True,
     ) -> None:
         """Fly all contestants and compute optima and bounds; failures are noted, and the rest goes on.
 
@@ -204,6 +205,7 @@ class Comparison(NotebookRepr):
             cache: see `certified_bounds`.
             stages: reports progress.
             workers: processes, by default one per processor.
+            returns: whether the optima of the task's return are computed too, which take longer than all others.
         """
         if opponents is None:
             opponents = default_opponents(self.contest.task)
@@ -232,7 +234,7 @@ class Comparison(NotebookRepr):
         elif "optimal" in opponents and (reason := _nothing_claimed(self.contest)):
             self.notes.append(reason)
         elif "optimal" in opponents:
-            _find_relaxed(self, stages, workers)
+            _find_relaxed(self, stages, workers, returns)
             _find_certified(self, certified, cache, stages, workers)
             self.failures += self.impossible()
 
@@ -324,7 +326,9 @@ def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
         comparison.mission = mission_bounds(comparison.contest, count, step, comparison.mission)
 
 
-def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -> None:
+def _find_relaxed(
+    comparison: Comparison, stages: Stages, workers: int | None, returns: bool
+) -> None:
     contest = comparison.contest
     try:
         check_relaxation(contest.craft)
@@ -332,7 +336,7 @@ def _find_relaxed(comparison: Comparison, stages: Stages, workers: int | None) -
         comparison.notes.append(f"No optimum is computed: {reason}")
         return
     earliest: list[float] = []
-    for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED)):
+    for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED), returns):
         step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
             optima = relaxed.solve(contest, objective, workers, step, earliest)

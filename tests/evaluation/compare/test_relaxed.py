@@ -27,6 +27,8 @@ def test_what_is_asked() -> None:
     assert time == MinimumTime()
     assert [first, second] == [MinimumFuel(4.0, 0.2), MinimumFuel(8.0, 0.2)]
     assert reward == MaximumReward(8.0, 0.2)
+    # Without returns what takes longest is left out, and nothing else.
+    assert relaxed.objectives(CONTEST, (4.0, 8.0), returns=False) == [time, first, second]
 
 
 def test_scores_of_what_was_flown() -> None:
