@@ -36,8 +36,8 @@ _POSITIONS = 9
 _SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
 STARTS = 16, 1
-"""Starts by default, and those of them with certified bounds: with MPC and optima 60 s of processor time, most of it
-on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
+"""Starts by default, and those of them with certified bounds: with MPC and optima 60 s of processor time, most of
+it on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
 _ALL_STARTS = 128, 4
 """The same for a full comparison, which takes minutes."""
 _FIRST = (

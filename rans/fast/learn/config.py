@@ -421,8 +421,8 @@ class TrainConfig:
     """Whether everything is computed by single operations of torch and gradients by autograd, without generated
     programs and kernels, so that breakpoints in a task work (docs/plain.md); many times slower."""
     threads: int = 1
-    """Number of threads of torch on a CPU. One is nearly as fast as two for small networks and many times faster
-    beside other programs; the last bits of the weights depend on it."""
+    """Number of threads of torch on a CPU. One is as fast as two for small networks, whose work is machine code of
+    one thread, and many times faster beside other programs; the last bits of the weights depend on it."""
     total_timesteps: int = 30_000_000
     """Environment steps after which training ends, solved or not."""
     report_interval: int = 16
