@@ -13,6 +13,7 @@ import rans.safe_path  # noqa: F401  # must come first, see its docstring
 
 # isort: split
 import importlib
+import importlib.util
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -336,6 +337,8 @@ def __getattr__(name: str) -> Any:
         return package_version("rans")
     if name in _LAZY:
         return getattr(importlib.import_module(_LAZY[name]), name)
+    if not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}"):
+        return importlib.import_module(f"{__name__}.{name}")  # rans.scenario.scenarios(...)
     if name.startswith("_"):  # Python and notebooks ask for names such as __path__
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name in PUBLIC:

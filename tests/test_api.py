@@ -19,7 +19,7 @@ import rans
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound
 from rans.scenario import EVALUATION_SEED, scenarios
-from tests.support.processes import loaded
+from tests.support.processes import loaded, modules_loaded
 from validation.study.checks import Check, Study
 
 MODULES = sorted(
@@ -129,6 +129,13 @@ def test_type_checkers_see_what_is_loaded_later(package: Any) -> None:
     }
     assert for_checkers == package._LAZY
     assert set(package._LAZY) <= set(package.__all__)
+
+
+def test_modules_of_the_package_are_there_without_an_import_of_their_own() -> None:
+    code = (
+        "import rans; rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft('atmos'), 7, 2)"
+    )
+    assert "rans.scenario" in modules_loaded(code)
 
 
 def test_importing_loads_neither_torch_nor_drake_casadi_scipy() -> None:
