@@ -1,0 +1,63 @@
+"""Files that readers copy whole: each runs alone, from another folder, and does what it says."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.processes import ROOT
+
+FOLDER = ROOT / "examples" / "single_file"
+
+
+def ran(name: str, place: Path, *options: str) -> str:
+    """What a copy of a file prints in an empty folder."""
+    (place / name).write_text((FOLDER / name).read_text())
+    ended = subprocess.run(
+        [sys.executable, name, *options],
+        cwd=place,
+        env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def solved(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"solved ([\d.]+)", text)]
+
+
+@pytest.mark.slow
+def test_ppo_in_one_file_learns(tmp_path: Path) -> None:
+    """A quarter of its steps: episodes that succeed were none at first."""
+    lines = ran("ppo.py", tmp_path, "--steps", "800000", "--device", "cpu").splitlines()
+    rates = [float(re.findall(r"([\d.]+)% of", line)[0]) for line in lines if "% of" in line]
+    assert rates[0] < 20.0
+    assert rates[-1] > 60.0
+    assert len((FOLDER / "ppo.py").read_text().splitlines()) <= 350
+
+
+@pytest.mark.slow
+def test_a_controller_of_ones_own_flies_beside_lqr(tmp_path: Path) -> None:
+    own, _ = solved(ran("controller.py", tmp_path))
+    assert own > 95.0
+
+
+@pytest.mark.slow
+def test_a_task_of_ones_own_is_learnt(tmp_path: Path) -> None:
+    assert solved(ran("task.py", tmp_path))[0] > 90.0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("jax") is None, reason="jax is not installed")
+def test_a_policy_in_jax_flies_on_shared_memory(tmp_path: Path) -> None:
+    [rate] = re.findall(r"([\d.]+)% of 4,096", ran("jax_policy.py", tmp_path))
+    assert float(rate) > 95.0
