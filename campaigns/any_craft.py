@@ -47,8 +47,8 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.any_craft import ADAPTIVE, for_spacecraft
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.evaluation.measure.metrics import impulses, settling_times

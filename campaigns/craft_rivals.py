@@ -16,8 +16,8 @@ from tyro.conf import Positional
 from campaigns.craft import CRAFTS
 from campaigns.markdown import Table
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.aggregate import measure
 from rans.files import read_json, write_json
 from rans.scenario import EVALUATION_SEED

@@ -22,7 +22,7 @@ import tyro
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Setup, World, step
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import controller
+from rans.evaluation.fly.make_controller import controller
 from rans.fast.stepping.step import Backend
 from rans.guard import safety_filter
 from rans.guard.manoeuvres import slope_of_least

@@ -18,7 +18,7 @@ from tyro.conf import Positional
 from campaigns.batch import Found, Rows, loaded, study
 from campaigns.markdown import Table
 from rans.episode import Setup
-from rans.evaluation.fly.controllers import controller
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import settling_times, solved
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights

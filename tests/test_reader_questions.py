@@ -23,9 +23,9 @@ import rans
 from rans.ccsds import read_opm
 from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
-from rans.evaluation.fly.controllers import user_policy
 from rans.evaluation.fly.exported import read_contract
 from rans.evaluation.fly.tuned import Tuned
+from rans.evaluation.fly.user_policy import user_policy
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.run_folder import read_config

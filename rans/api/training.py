@@ -92,7 +92,7 @@ def train(
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_policy as trained
-    from rans.evaluation.fly.controllers import guard_of
+    from rans.evaluation.fly.make_controller import guard_of
     from rans.fast.learn.loggers import loggers, require_loggers
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer

@@ -98,7 +98,7 @@ class Train:
 
     def _trainer(self) -> Trainer:
         """Trainer that is ready to train; a new run folder is created after its config has been checked."""
-        from rans.evaluation.fly.controllers import guard_of
+        from rans.evaluation.fly.make_controller import guard_of
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import RunFolder, run_path
         from rans.fast.learn.trainer import Trainer

@@ -23,8 +23,8 @@ from rans.deploy.export import Form, write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import user_policy
 from rans.evaluation.fly.exported import ExportedPython
+from rans.evaluation.fly.user_policy import user_policy
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
 from rans.fast.learn.run_folder import RunFolder

@@ -14,8 +14,8 @@ from rans_assurance.stress.run import prepared
 from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.stress.outcome import StressOutcome
 from rans.randomization.conditions_file import load_conditions

@@ -13,19 +13,15 @@ from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import (
-    CONTROLLERS,
-    CheckedController,
-    Maker,
-    ObjectPolicy,
-    controller,
-)
+from rans.evaluation.fly.controllers import CONTROLLERS, Maker
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import OBSERVERS, is_exported
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.lookahead import Lookahead
+from rans.evaluation.fly.make_controller import CheckedController, controller
 from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.tuned import tuned
+from rans.evaluation.fly.user_policy import ObjectPolicy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import inside, read_json
 from rans.flight import Controller

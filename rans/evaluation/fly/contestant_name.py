@@ -12,9 +12,10 @@ from typing import Literal
 
 from rans.errors import ConfigError, brief, meant, meant_file
 from rans.evaluation.fly.any_craft import ADAPTIVE, flies_any_craft, write_for_spacecraft
-from rans.evaluation.fly.controllers import CONTROLLERS, is_user_policy, split_policy
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.flights_file import is_flights_file
 from rans.evaluation.fly.lookahead import PREFIX
+from rans.evaluation.fly.policy_text import is_user_policy, split_policy
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import AGENTS

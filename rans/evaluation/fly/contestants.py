@@ -11,11 +11,12 @@ from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
 from rans.evaluation.fly.contestant_name import ContestantName
-from rans.evaluation.fly.controllers import controller, user_policy
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.lookahead import looking_ahead
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
+from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.registry import are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name

@@ -13,7 +13,7 @@ import numpy as np
 
 from rans.errors import ConfigError, RansError, brief, positive
 from rans.evaluation.fly.agent import LoadedRun
-from rans.evaluation.fly.controllers import UserPolicy, answered, user_policy
+from rans.evaluation.fly.user_policy import UserPolicy, answered, user_policy
 from rans.files import first_line, inside, read_json, read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft

@@ -11,7 +11,7 @@ from rans.environment import Environment
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import run_of
-from rans.evaluation.fly.controllers import controller
+from rans.evaluation.fly.make_controller import controller
 from rans.flight import Controller
 from rans.model.fields import map_leaves
 from rans.registry import typed

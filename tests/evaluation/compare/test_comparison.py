@@ -11,7 +11,7 @@ import pytest
 from rans.evaluation.compare.bounds import Bound, Event, count_of_periods
 from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
-from rans.evaluation.fly.controllers import user_policy
+from rans.evaluation.fly.user_policy import user_policy
 from rans.model.timing import Timing
 from rans.show.figures.comparison_figures import gap_histograms
 from rans.show.tables.comparison_tables import gap_rows, gaps, measures

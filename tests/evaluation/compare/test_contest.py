@@ -11,7 +11,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Amounts, Event, goal_set
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
-from rans.evaluation.fly.controllers import user_policy
+from rans.evaluation.fly.user_policy import user_policy
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves

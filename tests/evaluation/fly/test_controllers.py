@@ -20,14 +20,12 @@ from rans.episode import Setup
 from rans.errors import ConfigError, MissingPackage
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import (
-    CONTROLLERS,
-    controller,
-    is_user_policy,
-    user_policy,
-)
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.foreign_policy import OnnxPolicy
+from rans.evaluation.fly.make_controller import controller
+from rans.evaluation.fly.policy_text import is_user_policy
+from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

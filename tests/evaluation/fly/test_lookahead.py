@@ -16,8 +16,8 @@ from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.fast.learn.config import MemorySettings
 from rans.flight import Flight, fly

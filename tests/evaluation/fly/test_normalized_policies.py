@@ -13,8 +13,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.fly.controllers import user_policy
 from rans.evaluation.fly.foreign_policy import policy_of
+from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose

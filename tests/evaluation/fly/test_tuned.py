@@ -10,7 +10,7 @@ import pytest
 
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.controllers import controller
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import OWN, SHIPPED, Tuned, arguments, defaults, file_name, tuned
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.model.timing import Timing

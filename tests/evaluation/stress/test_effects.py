@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rans.evaluation.fly.controllers import UserPolicy
+from rans.evaluation.fly.user_policy import UserPolicy
 from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels
 from rans.flight import fly
 from rans.model.fields import leaves

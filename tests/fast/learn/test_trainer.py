@@ -14,7 +14,7 @@ import torch
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.evaluation.fly.agent import load_policy
-from rans.evaluation.fly.controllers import guard_of
+from rans.evaluation.fly.make_controller import guard_of
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.distributed import Processes
 from rans.fast.learn.config import (

@@ -11,8 +11,8 @@ import pytest
 
 import rans
 from rans.episode import Setup
-from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import settling_times
 from rans.model.spacecraft import is_steerable
 from rans.model.spacecraft_file import load_spacecraft

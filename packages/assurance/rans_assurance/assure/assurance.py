@@ -14,7 +14,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
-from rans.evaluation.fly.controllers import is_user_policy
+from rans.evaluation.fly.policy_text import is_user_policy
 from rans.evaluation.measure.scope import Scope, scope
 from rans.fast.distributed import ALONE, Processes
 from rans.files import environment as this_environment

@@ -11,8 +11,9 @@ from typing import NamedTuple
 from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
-from rans.evaluation.fly.controllers import CONTROLLERS, controller
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_draws
+from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels

@@ -1,0 +1,163 @@
+"""Policies that other libraries trained, as controllers: an SB3 file, an ONNX file, or any Python function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+import numpy as np
+
+from rans.effectors.commands import check_commands, clipped
+from rans.errors import ConfigError, brief, where_raised
+from rans.evaluation.fly.foreign_policy import LOADERS, ForeignPolicy, policy_of
+from rans.evaluation.fly.policy_text import USER_POLICIES, is_user_policy
+from rans.model.spacecraft import Spacecraft
+from rans.tasks import Task
+
+
+class UserPolicy:
+    """A policy of another library as a controller; its commands are checked before they are flown.
+
+    What the policy remembers is kept here from one control period to the next, and cleared by `reset`.
+
+    Args:
+        spec: text that `user_policy` opens.
+        policy: the policy.
+        craft: spacecraft that it flies.
+        task: task that it observes.
+        trust: see `user_policy`.
+    """
+
+    def __init__(
+        self, spec: str, policy: ForeignPolicy, craft: Spacecraft, task: Task, trust: bool = False
+    ) -> None:
+        kind, _, file = spec.partition(":")
+        self.name = f"{kind}:{Path(file).name}" if kind in ("sb3", "onnx") else spec
+        self._spec = spec
+        self._policy = policy
+        self._craft = craft
+        self._task = task
+        self._trust = trust
+        self._memory: Any = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process loads the policy anew, because not every policy can be pickled."""
+        return user_policy, (self._spec, self._craft, self._task, self._trust)
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._memory = None
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller` and `answered`; reads the observation only."""
+        commands, self._memory = self.decide(observation, self._memory)
+        return commands
+
+    def decide(
+        self, observation: np.ndarray, memory: Any, episode_start: np.ndarray | None = None
+    ) -> tuple[np.ndarray, Any]:
+        """Checked commands (N, commands) for observations (N, width), and the memory after them.
+
+        Args:
+            observation: (N, width), float32.
+            memory: that after the step before; None: all episodes begin.
+            episode_start: (N,) bool, where an episode begins; None: nowhere, unless all begin.
+        """
+        starts = np.full(len(observation), memory is None)
+        if episode_start is not None:
+            starts |= np.asarray(episode_start, dtype=bool)
+        after = None
+
+        def ask() -> Any:
+            nonlocal after
+            commands, after = self._policy(observation, memory, starts)
+            return commands
+
+        return answered(self.name, ask, self._craft, len(observation)), after
+
+
+class ObjectPolicy(UserPolicy):
+    """A policy that is an object: a Stable-Baselines3 model, a torch module, or a function of observations.
+
+    Args:
+        policy: the object; see `policy_of`.
+        craft: spacecraft that it flies.
+        task: task that it was trained for.
+        name: name in tables; None: the name of its class or function.
+
+    Raises:
+        ConfigError: the object is no policy, or one for other observations or actions.
+    """
+
+    def __init__(
+        self, policy: object, craft: Spacecraft, task: Task, name: str | None = None
+    ) -> None:
+        self._given = policy
+        own = getattr(policy, "__name__", type(policy).__name__)
+        super().__init__(name or own, policy_of(policy, craft, task), craft, task)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process gets a copy of the object, pickled by value if its class is defined in a script."""
+        content = cloudpickle.dumps((self._given, self._craft, self._task, self.name))
+        return _unpickled_policy, (content,)
+
+
+def _unpickled_policy(content: bytes) -> ObjectPolicy:
+    """Copy of an `ObjectPolicy` that another process of this session pickled."""
+    policy, craft, task, name = cloudpickle.loads(content)
+    return ObjectPolicy(policy, craft, task, name)
+
+
+def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
+    """Commands (N, commands) of a user's code for N observations.
+
+    Raises:
+        ConfigError: the code fails, or its commands are not those of the craft's actuators.
+    """
+    try:
+        commands = np.asarray(ask(), dtype=np.float64)
+    except (Exception, SystemExit) as error:  # somebody else's code raises anything
+        raise ConfigError(
+            f"{who} failed: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
+        ) from error
+    shape = count, craft.command_count
+    if commands.shape != shape:
+        raise ConfigError(
+            f"{who} must answer {count} observations with commands of shape "
+            f"{shape}, got {commands.shape}."
+        )
+    try:
+        check_commands(craft, commands, count)
+    except ConfigError as error:
+        raise ConfigError(
+            f"{who} answers with commands that {craft.name} does not take: {error} Probabilities have to be "
+            "rounded, and densities clipped, by the policy."
+        ) from None
+    return clipped(craft, commands)
+
+
+_LONGEST_REASON = 400
+"""Largest number of characters of an exception's text in a message."""
+
+
+def _whole(error: BaseException) -> str:
+    """The text of another library's exception in one line, because its first line may not hold the cause."""
+    text = " ".join(str(error).split()).rstrip(".")
+    return text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]} ..."
+
+
+def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -> UserPolicy:
+    """Load the policy that ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION`` names.
+
+    Loading a module runs its code. So does an SB3 file that RANS did not write, because it is a pickle; it is
+    opened only with ``trust``.
+
+    Raises:
+        ConfigError: the policy cannot be loaded, or has other observations or actions than task and craft.
+    """
+    kind, _, name = spec.partition(":")
+    if not is_user_policy(spec) or not name:
+        raise ConfigError(f"there is no policy {brief(spec)}; known are {USER_POLICIES}.")
+    return UserPolicy(spec, LOADERS[kind](name, craft, task, trust), craft, task, trust)
