@@ -61,6 +61,9 @@ from rans.reference.rods import HingeFriction, PlanarRods, Rods, SphericalRods
 
 _WEIGHINGS = 16
 """Times that a craft is weighed anew in a control period in which it uses propellant."""
+_IN_A_RAMP = 8
+"""Times at least while a thrust grows or falls, however short that is: errors fall with its square. A heading is
+off by 1.7e-5 rad within 5 s with one, and by 5e-7 rad with eight, for a tank that is empty after 8 s."""
 
 
 class Plant:
@@ -523,6 +526,8 @@ class Plant:
         begin = 0.0
         for end, thrust, rate in segments:
             steps = math.ceil(_WEIGHINGS * (end - begin) / duration)
+            if np.any(rate):
+                steps = max(steps, _IN_A_RAMP)
             instants = [duration * k / checks for k in range(1, checks)]
             edges = np.unique([*np.linspace(begin, end, 1 + steps), *np.clip(instants, begin, end)])
             for a, b in pairwise(edges):

@@ -119,6 +119,13 @@ def test_a_pair_of_effects_agrees_with_drake(
     within(compare_with_drake(pair, dimension, 0.5, seed=2))
 
 
+def test_drake_weighs_a_craft_while_thrust_grows() -> None:
+    """RANS is 5e-13 rad from SciPy here. Drake was 1.7e-5 rad off while it took one mass for a whole ramp."""
+    effects = ("tank", "gravity", "body", "ramps", "swing")
+    assert compare(effects, 2, 0.5, seed=2, seconds=5.0).attitude < 1e-11
+    assert compare_with_drake(effects, 2, 0.5, seed=2, seconds=5.0).attitude < 2e-6
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(GROUPS)), ids=lambda k: "-".join(GROUPS[k]))
 def test_every_pair_of_effects_agrees_with_drake(number: int) -> None:
@@ -126,7 +133,4 @@ def test_every_pair_of_effects_agrees_with_drake(number: int) -> None:
     dimension: Literal[2, 3] = 2 if number % 2 else 3
     period = (0.2, 0.5)[number // 2 % 2]
     seconds = duration(number)
-    if {"tank", "body", "swing"} <= {*GROUPS[number]}:
-        # After 5 s they are 1.7e-5 rad apart, more than the bound; which side is off is not known.
-        seconds = 2.5
     within(compare_with_drake(GROUPS[number], dimension, period, seed=2, seconds=seconds))
