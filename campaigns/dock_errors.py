@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from rans_missions.bounds.transfers import transfer_bounds
+from rans_missions.control.mission_guidance import MissionGuidance
 
 from campaigns.command import ended
 from campaigns.markdown import Table
 from campaigns.missions import Row, row_of
-from rans.evaluation.compare.transfers import transfer_bounds
 from rans.evaluation.measure.metrics import impulses
 from rans.files import environment, read_json, write_json
 from rans.flight import fly
 from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.randomization.conditions import (
     Conditions,
     SensorConditions,

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.bounds.transfers import optimum, transfer_bounds
+from rans_missions.control.mission_guidance import MissionGuidance
 
 from campaigns.command import ended
 from campaigns.markdown import Table
 from campaigns.missions import Row, row_of
-from rans.evaluation.compare.transfers import optimum, transfer_bounds
 from rans.evaluation.measure.metrics import impulses
 from rans.files import environment, read_json, write_json
 from rans.flight import Flight, fly
@@ -27,7 +28,6 @@ from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, mean_anoma
 from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import Dock, TargetOrbit
 from rans.terminal import Terminal

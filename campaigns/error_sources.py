@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
+from rans_missions.control.mission_guidance import MissionGuidance
 
 from campaigns.command import ended
 from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
@@ -29,7 +30,6 @@ from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.optimal.control.regulator import Deadband
 from rans.processes import Workers
 from rans.randomization.conditions import (

@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.control.visiting import Visiting
+from rans_missions.convex.inspection import inspection_bound
 
 from campaigns import standings
 from campaigns.command import ended
@@ -25,9 +28,6 @@ from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
 from rans.guard import safety_filter
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.circumnavigation import Circumnavigation
-from rans.optimal.control.visiting import Visiting
-from rans.optimal.convex.inspection import inspection_bound
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
 from rans.tasks.inspect import Inspect
 from rans.terminal import Terminal

@@ -17,6 +17,12 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import tyro
+from rans_missions.bounds.transfers import transfer_bounds
+from rans_missions.control.convex_guidance import ConvexGuidance
+from rans_missions.control.guidance import VelocityToGain
+from rans_missions.control.landing_guidance import LandingGuidance
+from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.convex.landing import Descent, Lander, best_landing
 
 from campaigns import standings
 from campaigns.command import ended
@@ -25,7 +31,6 @@ from campaigns.ports import least_to_dock
 from campaigns.standings import compared, of_starts
 from campaigns.zones import least_to_stay
 from rans.errors import ConfigError, SolverFailed
-from rans.evaluation.compare.transfers import transfer_bounds
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
 from rans.files import environment, read_json, write_json
@@ -35,12 +40,7 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.convex_guidance import ConvexGuidance
-from rans.optimal.control.guidance import VelocityToGain
-from rans.optimal.control.landing_guidance import LandingGuidance
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.optimal.convex.landing import Descent, Lander, best_landing
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios

@@ -13,6 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
+from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.control.passive_approach import PassiveApproach
+from rans_missions.control.passive_entry import PassiveEntry
 
 from campaigns import standings
 from campaigns.command import ended
@@ -23,10 +27,6 @@ from rans.evaluation.measure.statistics import figure
 from rans.files import environment, number, read_json, write_json
 from rans.flight import Controller, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.circumnavigation import Circumnavigation
-from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.optimal.control.passive_approach import PassiveApproach
-from rans.optimal.control.passive_entry import PassiveEntry
 from rans.processes import Workers
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import TASKS

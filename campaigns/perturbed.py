@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.bounds.transfers import transfer_bounds
+from rans_missions.control.mission_guidance import MissionGuidance
 
 from campaigns.command import ended
 from campaigns.markdown import Table
-from rans.evaluation.compare.transfers import transfer_bounds
 from rans.evaluation.measure.metrics import impulses
 from rans.files import environment, read_json, write_json
 from rans.flight import fly
@@ -26,7 +27,6 @@ from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import TargetOrbit
 from rans.tasks.hold import Hold

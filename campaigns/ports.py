@@ -1,4 +1,4 @@
-"""Impulse below which no flight docks at a port: through the mouth of its cone, by `hull.least_impulse_through`.
+"""Impulse below which no flight docks at a port: through the mouth of its cone, by a cone program.
 
 ``python -m campaigns.ports`` holds optimal trajectories against it, by when they dock.
 """
@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rans_missions.convex import waypoints
 
 from campaigns.command import ended
 from campaigns.front import Front
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate import hull
 from rans.scenario import Scenario
 from rans.tasks import DockPort
 
@@ -48,7 +48,7 @@ def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timi
         ways = [[port] for port in ports]
     else:
         ways = [[mouths[k], port] for j, port in enumerate(ports) for k in range(j + 1)]
-    least = min(hull.least_impulse_through(craft, start, way) for way in ways)
+    least = min(waypoints.least_impulse_through(craft, start, way) for way in ways)
     return min(least, craft.mass * _CAP)
 
 
@@ -70,15 +70,17 @@ def least_to_dock_at(
     drift = _DRIFT * time
     far = near["position"] + drift * near["velocity"]
     ends = [
-        hull.Waypoint(time, time, position, near["position"]),
-        hull.Waypoint(time + drift, time + drift, position + drift * velocity, far),
+        waypoints.Waypoint(time, time, position, near["position"]),
+        waypoints.Waypoint(time + drift, time + drift, position + drift * velocity, far),
     ]
     if _begins_inside(task, one):
-        return hull.least_impulse_through(craft, start, ends)
+        return waypoints.least_impulse_through(craft, start, ends)
     bounds = []
     for cap in _FRONT_CAPS:
         mouths, _ = port_waypoints(task, one.goal, timing, time, _FRONT_SPANS, cap)
-        least = min(hull.least_impulse_through(craft, start, [mouth, *ends]) for mouth in mouths)
+        least = min(
+            waypoints.least_impulse_through(craft, start, [mouth, *ends]) for mouth in mouths
+        )
         bounds.append(min(least, craft.mass * cap))
     return max(bounds)
 
@@ -100,7 +102,7 @@ def port_waypoints(
     until: float | None = None,
     spans: int = _SPANS,
     cap: float = _CAP,
-) -> tuple[list[hull.Waypoint], list[hull.Waypoint]]:
+) -> tuple[list[waypoints.Waypoint], list[waypoints.Waypoint]]:
     """Parts of balls that contain the mouth of the cone, and the docked position, in every span of an episode.
 
     The mouth is as it is at the first check behind it, of a craft that is no faster than a cap.
@@ -132,8 +134,8 @@ def port_waypoints(
         then: Any = task.later(goal, 0.5 * (first + last))
         place = np.array([float(x) for x in then.p.columns()])
         out = place / np.linalg.norm(place)
-        mouths.append(hull.Waypoint(first, last, middle * out, rim, out, middle - plane))
-        ports.append(hull.Waypoint(first, last, place, near))
+        mouths.append(waypoints.Waypoint(first, last, middle * out, rim, out, middle - plane))
+        ports.append(waypoints.Waypoint(first, last, place, near))
     return mouths, ports
 
 

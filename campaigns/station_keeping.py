@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import tyro
+from rans_missions.control.mission_guidance import MissionGuidance
 
 from campaigns.command import ended
 from campaigns.error_sources import SIZES, sources
@@ -15,7 +16,6 @@ from rans.evaluation.measure.metrics import solved
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.scenario import EVALUATION_SEED, draws, scenarios
 from rans.tasks import Hold, TargetOrbit
 from rans.terminal import Terminal

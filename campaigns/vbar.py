@@ -27,6 +27,8 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.control.navigation_filter import NavigationFilter
 from scipy.linalg import solve_discrete_are
 
 from campaigns.markdown import Table
@@ -35,8 +37,6 @@ from rans.model.drift import ClohessyWiltshire, velocity_to_reach
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.optimal.control.navigation_filter import NavigationFilter
 from rans.processes import Workers
 from rans.tasks.dock import Dock
 from rans.tasks.hold import Hold

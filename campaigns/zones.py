@@ -3,7 +3,7 @@
 Flight and zones are seen along the way, from the start to the goal. A zone that moves across the way stays at one
 distance along it, which every flight that arrives reaches for the first time at some instant. There the flight is
 beside the zone: in the plane to its left or to its right, in space in some sector around it. A side or a sector
-and a span of time make a `hull.Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
+and a span of time make a `waypoints.Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
 
 ``python -m campaigns.zones`` holds optimal trajectories against it, by when they rest at the goal.
 """
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rans_missions.convex import waypoints
 
 from campaigns.command import ended
 from campaigns.front import Front
@@ -79,7 +80,7 @@ def least_to_stay(
     than a cap spend at least the mass times it, less the speed at the start.
 
     Args:
-        craft: as `hull.least_impulse_through` takes it.
+        craft: as `waypoints.least_impulse_through` takes it.
         task: among whose zones it flies.
         one: start and goal, of floats.
         timing: control period, checks and length of the episode.
@@ -109,7 +110,7 @@ class Search:
         steps = timing.episode_steps
         self._time = since or timing.control_period * (steps + 1 - last_fifth(steps))
         ends = self._time, timing.control_period * steps
-        self._ends = [hull.Waypoint(t, t, place, near) for t in ends]
+        self._ends = [waypoints.Waypoint(t, t, place, near) for t in ends]
         distance = float(np.linalg.norm(place - self._from))
         self._cap = max(_CAP, _HASTE * distance / self._time)
         self._ahead = (place - self._from) / distance
@@ -183,7 +184,7 @@ class Search:
                 ordered = (_in_order(one, self._time) for one in changed)
                 yield [one for one in ordered if one is not None]
 
-    def waypoints(self, branch: _Branch) -> list[hull.Waypoint]:
+    def waypoints(self, branch: _Branch) -> list[waypoints.Waypoint]:
         """Where the flights of a branch pass zones, and when."""
         points = []
         for zone, passing in zip(self._zones, branch, strict=True):
@@ -197,13 +198,13 @@ class Search:
             beside = beside + zone.radius * math.cos(half) * out
             moved = 0.5 * (last - first) * abs(float(out @ zone.v))
             far = self._cap * last + float(np.linalg.norm(beside - self._from))
-            points.append(hull.Waypoint(first, last, beside, far, out, moved, self._ahead))
+            points.append(waypoints.Waypoint(first, last, beside, far, out, moved, self._ahead))
         return points
 
     def _value(self, branch: _Branch) -> float:
         """Bound of the flights of a branch, N s."""
         points = [*self.waypoints(branch), *self._ends]
-        return hull.least_impulse_through(self._craft, self._start, points)
+        return waypoints.least_impulse_through(self._craft, self._start, points)
 
 
 def _in_order(branch: _Branch, time: float) -> _Branch | None:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from rans.api.pages import export, report, view
     from rans.api.training import sweep, train, tune
     from rans.api.trajectory import OptimalTrajectory
-    from rans.ccsds import read_opm, relative_state, write_ccsds
     from rans.errors import (
         ConfigError,
         NonFiniteState,
@@ -65,19 +64,11 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft, Thruster
     from rans.model.spacecraft_file import spacecraft_names
     from rans.model.timing import Timing
-    from rans.optimal.control.circumnavigation import Circumnavigation
-    from rans.optimal.control.convex_guidance import ConvexGuidance
-    from rans.optimal.control.guidance import VelocityToGain
-    from rans.optimal.control.landing_guidance import LandingGuidance
     from rans.optimal.control.lqr import LQR
-    from rans.optimal.control.mission_guidance import MissionGuidance
     from rans.optimal.control.mpc import MPC
     from rans.optimal.control.observer import ObserverMPC
-    from rans.optimal.control.passive_approach import PassiveApproach
-    from rans.optimal.control.passive_entry import PassiveEntry
     from rans.optimal.control.sampling import MPPI
     from rans.optimal.control.switching import Switching
-    from rans.optimal.control.visiting import Visiting
     from rans.pretrained import pretrained_names
     from rans.randomization.conditions import (
         BodyConditions,
@@ -164,7 +155,6 @@ _LAZY = {
     "TargetOrbit": "rans.tasks",
     "load_task": "rans.api.names",
     "Conditions": "rans.randomization.conditions",
-    "ConvexGuidance": "rans.optimal.control.convex_guidance",
     "BodyConditions": "rans.randomization.conditions",
     "ThrusterConditions": "rans.randomization.conditions",
     "FaultConditions": "rans.randomization.conditions",
@@ -177,17 +167,10 @@ _LAZY = {
     "CONTROLLERS": "rans.evaluation.fly.controllers",
     "Controller": "rans.flight",
     "LQR": "rans.optimal.control.lqr",
-    "LandingGuidance": "rans.optimal.control.landing_guidance",
     "Switching": "rans.optimal.control.switching",
     "MPC": "rans.optimal.control.mpc",
     "ObserverMPC": "rans.optimal.control.observer",
     "MPPI": "rans.optimal.control.sampling",
-    "MissionGuidance": "rans.optimal.control.mission_guidance",
-    "Circumnavigation": "rans.optimal.control.circumnavigation",
-    "PassiveApproach": "rans.optimal.control.passive_approach",
-    "PassiveEntry": "rans.optimal.control.passive_entry",
-    "VelocityToGain": "rans.optimal.control.guidance",
-    "Visiting": "rans.optimal.control.visiting",
     "Lookahead": "rans.evaluation.fly.lookahead",
     "ArrivalCost": "rans.evaluation.fly.lookahead",
     "Pilot": "rans.evaluation.fly.pilot",
@@ -197,9 +180,6 @@ _LAZY = {
     "Flight": "rans.flight",
     "fly": "rans.api.flying",
     "passive_safety": "rans.evaluation.measure.passive",
-    "read_opm": "rans.ccsds",
-    "relative_state": "rans.ccsds",
-    "write_ccsds": "rans.ccsds",
     "trust_files": "rans.registry",
     "run_on": "rans.executors",
     "Engine": "rans.fast.engine",
@@ -272,7 +252,6 @@ __all__ = [
     "TargetOrbit",
     "load_task",
     "Conditions",
-    "ConvexGuidance",
     "BodyConditions",
     "ThrusterConditions",
     "FaultConditions",
@@ -285,17 +264,10 @@ __all__ = [
     "CONTROLLERS",
     "Controller",
     "LQR",
-    "LandingGuidance",
     "Switching",
     "MPC",
     "ObserverMPC",
     "MPPI",
-    "MissionGuidance",
-    "Circumnavigation",
-    "PassiveApproach",
-    "PassiveEntry",
-    "VelocityToGain",
-    "Visiting",
     "Lookahead",
     "ArrivalCost",
     "Pilot",
@@ -305,9 +277,6 @@ __all__ = [
     "Flight",
     "fly",
     "passive_safety",
-    "read_opm",
-    "relative_state",
-    "write_ccsds",
     "trust_files",
     "run_on",
     "Engine",

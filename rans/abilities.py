@@ -8,6 +8,22 @@ from rans.errors import ConfigError
 from rans.registry import Registry
 
 EXTRA_OF = {
+    **dict.fromkeys(
+        (
+            "Circumnavigation",
+            "ConvexGuidance",
+            "LandingGuidance",
+            "MissionGuidance",
+            "PassiveApproach",
+            "PassiveEntry",
+            "VelocityToGain",
+            "Visiting",
+            "read_opm",
+            "relative_state",
+            "write_ccsds",
+        ),
+        "missions",
+    ),
     "assure": "assurance",
     "faults": "assurance",
     "follow": "assurance",

@@ -304,7 +304,7 @@ class ConfigError(RansError):
 EXTRAS = {
     "pydrake": "verify",
     "casadi": "optimal",
-    "clarabel": "optimal",
+    "clarabel": "missions",
     "numba": "optimal",
     "stable_baselines3": "sb3",
     "matplotlib": "plots",

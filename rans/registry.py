@@ -84,6 +84,7 @@ class Registry(Mapping[str, T]):
         or_else: other forms that a user may give, for messages.
         elsewhere: names by what such objects are called elsewhere, for messages.
         files: what to write for files of other software, by their suffixes, with {name} and {stem}.
+        extra_of: names that packages of RANS add, and the extra of RANS that installs the package of each.
 
     Raises:
         ConfigError: by ``registry[name]``: there is no such object, it is not valid (the message names its
@@ -99,6 +100,7 @@ class Registry(Mapping[str, T]):
         or_else: str = "",
         elsewhere: Mapping[str, str] = MappingProxyType({}),
         files: Mapping[str, str] = MappingProxyType({}),
+        extra_of: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._kind = kind
         self._group = group
@@ -107,6 +109,7 @@ class Registry(Mapping[str, T]):
         self._or_else = or_else
         self._elsewhere = elsewhere
         self._files = files
+        self.extra_of = extra_of
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
         self.announce: Callable[[str], object] = lambda _: None
@@ -184,6 +187,21 @@ class Registry(Mapping[str, T]):
         offered = () if name in self.built_in else self._offered.get(name, ())
         return " and ".join(entry.dist.name if entry.dist else "unknown" for entry in offered)
 
+    def comes_with_rans(self, name: str) -> bool:
+        """Whether a name is built in, or of a package of RANS."""
+        extra = self.extra_of.get(name)
+        return name in self.built_in or (
+            extra is not None and self.package(name) == f"rans-{extra}"
+        )
+
+    def check_installed(self, name: str) -> None:
+        """Reject (`ConfigError`) a name of a package of RANS that is not installed, and say how to install it."""
+        if name in self.extra_of and name not in self:
+            raise ConfigError(
+                f"the {self._kind} {name} needs a package that is not installed: pip install "
+                f"'rans[{self.extra_of[name]}]'"
+            )
+
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
         result: dict[str, list[EntryPoint]] = {}
@@ -193,6 +211,7 @@ class Registry(Mapping[str, T]):
 
     def _load(self, name: str) -> T:
         package = self.package(name)
+        self.check_installed(name)
         if name not in self and ":" not in name:
             near = self.meant(name) or (
                 _of_file(name, self._kind, self._files) if self._or_else else ""

@@ -49,7 +49,6 @@ LAYERS: list[set[str]] = [
     {"rans.scenario", "rans.episode"},
     {"rans.verdict"},
     {"rans.flight", "rans.flight_statistics"},
-    {"rans.ccsds"},
     {"rans.drawing", "rans.terminal", "rans.window"},
     {"rans.environment"},
     {"rans.policy"},
@@ -73,7 +72,7 @@ RANK = {unit: rank for rank, units in enumerate(LAYERS) for unit in units}
 
 OWN_ROOMS = "rans.model", "rans.effectors", "rans.tasks"
 """Where the kinds of tasks and effectors are known; other rooms ask a task or an effector for its properties."""
-CHECKED = {"rans.optimal.convex.landing": {"Throttle"}}
+CHECKED: dict[str, set[str]] = {}
 """Kinds that a module asks for to refuse all others with a sentence."""
 JUDGES = {"rans.reference.nozzles": {"Pulsed", "Throttle"}}
 """Drake's side reads settings only, and has to have equations of its own for each kind."""

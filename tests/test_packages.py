@@ -11,6 +11,7 @@ import pytest
 import rans
 from rans.abilities import EXTRA_OF, PUBLIC
 from rans.cli.commands import COMMANDS
+from rans.evaluation.fly.controllers import CONTROLLERS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(file.parent for file in (ROOT / "packages").glob("*/pyproject.toml"))
@@ -54,6 +55,13 @@ def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Pa
         *points.get("rans.commands", {}),
         *points.get("rans.public", {}),
     }
+    for group, registry in (("rans.controllers", CONTROLLERS),):
+        for name in points.get(group, {}):
+            assert registry[name]
+            assert registry.comes_with_rans(name)
+        assert {name for name, extra in registry.extra_of.items() if extra == folder.name} == {
+            *points.get(group, {})
+        }
 
 
 @pytest.mark.parametrize("folder", PACKAGES, ids=lambda folder: folder.name)

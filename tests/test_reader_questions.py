@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from rans_missions.ccsds import read_opm
 
 import rans
-from rans.ccsds import read_opm
 from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import read_contract

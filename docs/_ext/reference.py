@@ -367,7 +367,10 @@ def _metric(values: dict[str, Any], name: str) -> str:
 
 def controllers_page() -> str:
     """Controllers that need no training."""
-    rows = [(f"`{name}`", _first_line(CONTROLLERS[name])) for name in CONTROLLERS.built_in]
+    rows = [
+        (f"`{name}`", _first_line(CONTROLLERS[name]))
+        for name in filter(CONTROLLERS.comes_with_rans, CONTROLLERS)
+    ]
     return (
         "# Controllers\n\nControllers that need no training fly as `NAME:TASK-2d@SPACECRAFT` in every "
         "command, and as classes in [Python](api/controllers.rst). Guide: "

@@ -237,7 +237,7 @@ class Compare:
 
     def _quick(self, contest: Contest) -> tuple[list[str], list[str]]:
         """Opponents that answer in seconds, which fly first, and the slow ones after them."""
-        from rans.evaluation.compare.mission_bounds import bounded
+        from rans.evaluation.problems import bounded
 
         names = [*(default_opponents(contest.task) if self.beside is None else self.beside)]
         slow = next((k for k, name in enumerate(names) if name in _SLOW), len(names))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -23,6 +24,7 @@ from rans.files import (
     ready_folder,
     write_json,
 )
+from rans.registry import Registry
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, doing, progress, stages
 
@@ -36,8 +38,15 @@ _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
 _LISTED = 1000
 """Largest number of failed flights that a file lists."""
-_MESSAGES = 16
-"""Largest number of flights that --trajectories writes as CCSDS messages, three files each."""
+
+FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
+    kind="form of flights",
+    group="rans.flight_files",
+    built_in={},
+    checked=lambda write: write,
+)
+"""Forms in which installed packages write flights, by the name of their folder: functions of the flight and the
+folder, whose result says what they are; empty: there are none of such a flight."""
 
 
 @dataclass(frozen=True)
@@ -147,9 +156,9 @@ class Evaluate:
             console.print(comparison.table())
             results["both"] = comparison.to_json()
             passed = comparison.passed
-        messages = self._write_ccsds(run, next(iter(flights.values())))
+        written = self._write_files(run, next(iter(flights.values())))
         file = self._write(run, results, next(iter(flights.values())))
-        Terminal().say(f"Written to {file}{messages}.")
+        Terminal().say(f"Written to {file}{written}.")
         self._suggest()
         return passed
 
@@ -292,17 +301,17 @@ class Evaluate:
                 write_json(inside(folder, f"screen-evaluation{suffix}.json"), screen.to_json())
         return file
 
-    def _write_ccsds(self, run: LoadedRun, flight: Flight) -> str:
-        """Write flights of a mission on an orbit as CCSDS messages, if asked to; returns where, for a sentence."""
-        from rans.ccsds import is_on_orbit, write_ccsds
-
-        if not (self.trajectories and is_on_orbit(run.task, run.craft.dimension)):
+    def _write_files(self, run: LoadedRun, flight: Flight) -> str:
+        """Write flights in the forms of installed packages, if asked to; returns where, for a sentence."""
+        if not self.trajectories:
             return ""
         folder, suffix = self._output(run)
-        messages = folder / f"ccsds{suffix}"
-        for episode in range(min(_MESSAGES, flight.commands.shape[1])):
-            write_ccsds(flight, messages, episode)
-        return f", and CCSDS messages to {messages}"
+        written = ""
+        for name in FLIGHT_FILES:
+            to = folder / f"{name}{suffix}"
+            if what := FLIGHT_FILES[name](flight, to):
+                written += f", and {what} to {to}"
+        return written
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and the suffix of their file names."""

@@ -7,9 +7,8 @@ import shlex
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 import tyro
 
 from rans.api.names import load_spacecraft
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.optima import Optimum
     from rans.optimal.trajectory.limits import PathLimits
     from rans.optimal.trajectory.objectives import Objective
-    from rans.tasks import Land
-    from rans.tasks.orbital import OrbitalMission
 
 _CONTROL_PERIOD = 0.2
 """Time that a command is held, s; for a least time it is computed."""
@@ -114,6 +111,7 @@ class Optimal:
         """Print a table of the starts."""
         from rans.evaluation.compare.bounds import no_certificate
         from rans.evaluation.compare.optima import optima, optima_table, write
+        from rans.evaluation.problems import problem_of
         from rans.optimal.trajectory.allocation import check_aims, check_relaxation
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
@@ -126,14 +124,13 @@ class Optimal:
         ending = self.ending or "exact"
         task = TASKS[typed(self.task)]().for_evaluation()
         craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
-        if task.optimal_problem == "rendezvous":
-            return self._mission(craft, cast("OrbitalMission", task))
-        if task.optimal_problem == "landing":
-            return self._land(craft, cast("Land", task))
+        problem = problem_of(task)
+        if problem is not None and problem.solve is not None:
+            return problem.solve(self, craft, task)
         # Objective, starts, limits and initial guesses.
         self._refuse_unused()
         objective = objective_of(self.objective, self.horizon, _CONTROL_PERIOD, ending, _INTERVALS)
-        starts = self._starts(task, craft)
+        starts = self.sampled_starts(task, craft)
         limits = self._limits(craft.dimension)
         guesses = max(usual_guesses(craft, task, objective), 3 if self.zones else 1)
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
@@ -162,7 +159,7 @@ class Optimal:
             return self._bounds_alone(craft, task, objective, starts, name, about, reason)
         folder = ready_folder(self.output or Path("runs") / name)
 
-        answers = self._with_progress(
+        answers = self.with_progress(
             "optimal trajectories",
             lambda step: optima(
                 craft, task, objective, starts, guesses, progress=step, limits=limits
@@ -230,75 +227,6 @@ class Optimal:
         Terminal().say(f"Written to {folder / 'optimal.json'}.")
         return 0
 
-    def _mission(self, craft: Spacecraft, task: OrbitalMission) -> int:
-        """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
-        from rans.evaluation.compare.transfers import contestants_of, judged_transfers
-
-        self._refuse_all_but("spacecraft", "horizon", "episodes", "contestants")
-        deadline = task.deadline[1] if self.horizon is None else self.horizon
-        folder = ready_folder(self.output or Path("runs") / f"optimal-{distinct(self.task)}")
-        makers = contestants_of(craft, task, self.contestants)
-        table = self._with_progress(
-            "bounds",
-            lambda step: judged_transfers(
-                craft, task, makers, deadline, EVALUATION_SEED, self.episodes, progress=step
-            ),
-        )
-        Terminal().show(
-            f"{self.task} with {craft.name} by {deadline:g} s, {self.episodes} starts",
-            table.columns,
-            table.cells(),
-            caption="Impulse over the proven bound of the same start and deadline, of those who won.",
-        )
-        write_json(folder / "optimal.json", table.to_json())
-        lost = int((~np.isfinite(table.upper)).sum())
-        Terminal().say(
-            f"{self.episodes - lost} of {self.episodes} solved and flown in both engines. Written to "
-            f"{folder / 'optimal.json'}."
-        )
-        return 1 if lost else 0
-
-    def _land(self, craft: Spacecraft, task: Land) -> int:
-        """Compute landings by convex programming; only starts and ending can be chosen."""
-        self._refuse_all_but("spacecraft", "ending", "episodes", "start", "goal")
-        from rans.evaluation.compare.landings import (
-            landing_table,
-            landings,
-            write_landings,
-        )
-
-        # Solve, then fly the solutions in Drake.
-        starts = self._starts(task, craft)
-        name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-propellant"
-        folder = ready_folder(self.output or Path("runs") / name)
-        with progress() as bars:
-            step = stages(bars)("landings", len(starts.start.p.x))
-            answers = landings(craft, task, starts, self.ending == "exact", step)
-        where = (
-            "exactly at the site"
-            if self.ending == "exact"
-            else f"within {task.position_tolerance:g} m and {task.velocity_tolerance:g} m/s"
-        )
-        title = (
-            f"least propellant to land {where}: {self.task} with {craft.name}, turned at once, thrust held for "
-            f"{task.timing.control_period:g} s"
-        )
-        Terminal().print(landing_table(title, answers))
-        # Files, and how many are solved.
-        about = {
-            "task": self.task,
-            "spacecraft": craft.name,
-            "ending": self.ending or "set",
-            "seed": None if self.start else EVALUATION_SEED,
-        }
-        write_landings(folder, about, answers)
-        lost = sum(not answer.good for answer in answers)
-        Terminal().say(
-            f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
-            f"{folder / 'optimal.json'} and optimal.npz."
-        )
-        return 1 if lost else 0
-
     def _check(self) -> None:
         check_count("--episodes", self.episodes)
         if not self.certify_seconds > 0:
@@ -320,7 +248,7 @@ class Optimal:
                 option = "agents" if name == "contestants" else f"--{name.replace('_', '-')}"
                 raise ConfigError(f"{option} {reason}.")
 
-    def _refuse_all_but(self, *used: str) -> None:
+    def refuse_all_but(self, *used: str) -> None:
         """Reject (`ConfigError`) options that differ from their defaults and that this task does not use."""
         unused = [
             f"--{field.name.replace('_', '-')}"
@@ -335,7 +263,7 @@ class Optimal:
                 f"{', '.join(unused)} would change nothing for {self.task}, which takes {options} and --output."
             )
 
-    def _starts(self, task: Task, craft: Spacecraft) -> Scenario:
+    def sampled_starts(self, task: Task, craft: Spacecraft) -> Scenario:
         """Scenarios of the seed, or the start and goal of the options."""
         own = written_endpoints(self.start, self.goal, task, craft.dimension, EVALUATION_SEED)
         sampled = scenarios(task, craft, EVALUATION_SEED, 1 if self.start else self.episodes)
@@ -408,6 +336,7 @@ class Optimal:
                     costs = [upper[number] for number in sorted(answers_by_number)]
                     Terminal().print(bounds.bounds_table(title, measure, sorted_answers, costs))
 
-    def _with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
+    def with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
+        """Do work that reports starts, with a bar of this title."""
         with progress() as bars:
             return work(stages(bars)(what, 1 if self.start else self.episodes))

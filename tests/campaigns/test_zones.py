@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from rans_missions.convex import waypoints
 from scipy.optimize import minimize
 
 import rans
@@ -15,7 +16,6 @@ from campaigns.zones import Search, least_to_stay
 from rans.model.fields import Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate import hull
 from rans.scenario import scenario
 from rans.tasks import Avoid
 from rans.tasks.shapes import Ball
@@ -57,18 +57,20 @@ def test_two_zones_are_passed_on_the_cheapest_sides_and_instants(speed: float) -
     zones = ((2.6, 0.25, -speed, 0.4), (1.2, -0.2, speed, 0.5))
     one = _among(*zones)
     craft = CRAFT[2]
-    ends = [hull.Waypoint(t, t, np.zeros(2), 0.05) for t in (BRAKED, LAST)]
+    ends = [waypoints.Waypoint(t, t, np.zeros(2), 0.05) for t in (BRAKED, LAST)]
     x = np.array([1.0, 0.0])
     cheapest = np.inf
     for sides in itertools.product((-1.0, 1.0), repeat=2):
         for early, late in itertools.combinations(np.arange(4.0, 18.0, 0.5), 2):
             way = [
-                hull.Waypoint(
+                waypoints.Waypoint(
                     t, t, np.array([px, py + v * t + s * r]), 9.0, np.array([0.0, s]), 0.0, x
                 )
                 for t, s, (px, py, v, r) in zip((early, late), sides, zones, strict=True)
             ]
-            cheapest = min(cheapest, hull.least_impulse_through(craft, one.start, [*way, *ends]))
+            cheapest = min(
+                cheapest, waypoints.least_impulse_through(craft, one.start, [*way, *ends])
+            )
     bound = least_to_stay(craft, TASK, one, TIMING)
     assert 0.96 * cheapest <= bound <= cheapest
     assert bound > 1.1 * least_to_stay(craft, TASK, _among(), TIMING)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from rans_missions.convex.rendezvous import Meeting
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.convex.rendezvous import Meeting
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import Dock
 

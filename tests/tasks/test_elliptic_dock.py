@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.control.passive_entry import PassiveEntry
 
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses
@@ -16,8 +18,6 @@ from rans.model.drift import EARTH, ClohessyWiltshire, EllipticOrbit
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mission_guidance import MissionGuidance
-from rans.optimal.control.passive_entry import PassiveEntry
 from rans.reference.flight import DrakeMover
 from rans.reference.plant import Plant
 from rans.scenario import scenarios

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.convex.rendezvous import Meeting, least_margin, rendezvous, trajectory
 
 from rans.episode import Setup, World, step
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.convex.rendezvous import Meeting, least_margin, rendezvous, trajectory
 from rans.scenario import each, scenarios
 from rans.tasks import Hold
 from tests.support.orbit_states import at, goal_of

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rans_missions.control.visiting import Visiting
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
@@ -17,7 +18,6 @@ from rans.flight import fly
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.visiting import Visiting
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import Inspect

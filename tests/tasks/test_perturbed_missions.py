@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.bounds.transfers import optimum, transfer_bounds
+from rans_missions.control.mission_guidance import MissionGuidance
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.transfers import optimum, transfer_bounds
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.reference.flight import DrakeMover
 from rans.reference.plant import Plant
 from rans.scenario import scenarios

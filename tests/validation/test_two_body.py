@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rans_missions.control.mission_guidance import MissionGuidance
 from scipy.integrate import solve_ivp
 
 from rans.errors import ConfigError
@@ -15,7 +16,6 @@ from rans.model.drift import EARTH, ClohessyWiltshire, EllipticOrbit, mean_anoma
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.scenario import draws, scenarios
 from rans.tasks import Dock

@@ -10,6 +10,7 @@ from rans.errors import ConfigError, brief, meant
 from rans.model.spacecraft import Spacecraft
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
+from rans.registry import Registry
 from validation.study.checks import Check, Curve, Skipped, Study
 from validation.study.closed_loop import closed_loop_checks
 from validation.study.conditions import condition_checks
@@ -29,7 +30,6 @@ from validation.study.flights import bang_bang_checks, flight_checks, optimal_ch
 from validation.study.invariants import invariant_checks
 from validation.study.onsets import onset_checks
 from validation.study.oracles import oracle_checks
-from validation.study.orbits import orbit_checks
 from validation.study.readings import reading_checks
 from validation.study.tasks import task_checks
 
@@ -78,14 +78,22 @@ LAYERS: dict[str, Layer] = {
 """Everything that is quick, from the smallest part to the whole: the first layer to fail says where to
 look."""
 
+FURTHER: Registry[Layer] = Registry(
+    kind="layer of a validation",
+    group="rans.validation_layers",
+    built_in={},
+    checked=lambda layer: layer,
+)
+"""Layers that installed packages add."""
+
 FULL_LAYERS: dict[str, Layer] = LAYERS | {
     "optimal": lambda s: optimal_checks(s.craft, s.seed),
-    "orbits": lambda s: orbit_checks(s.craft, s.seed),
     "closed-loop": lambda s: closed_loop_checks(s.craft, s.seed, 2 * s.flights),
     "compiled": lambda s: compiled_checks(s.craft, s.seed, s.flights),
     "cuda": lambda s: graph_checks(s.craft, s.seed, s.flights),
     "order": lambda s: order_curves(s.craft, s.seed, s.states),
     "step": lambda s: discretisation_checks(s.craft, s.seed, s.flights),
+    **{name: lambda s, name=name: FURTHER[name](s) for name in FURTHER},
 }
 """With what takes longer: optimisation, compilation, feedback, and step sizes for the figures."""
 

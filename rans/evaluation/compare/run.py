@@ -25,14 +25,10 @@ from rans.evaluation.compare.bounds import (
 from rans.evaluation.compare.certified import certified_bounds
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.front import Front, certify_front
-from rans.evaluation.compare.mission_bounds import (
-    MissionBounds,
-    bounded,
-    mission_bounds,
-    steps_of,
-)
+from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
+from rans.evaluation.problems import bounded, problem_bounds, steps_of
 from rans.files import first_line
 from rans.model.spacecraft import check_rigid
 from rans.optimal.certificate import hull
@@ -323,7 +319,7 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
 def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
     step = stages("certified bounds", steps_of(comparison.contest, count))
     with _noted(comparison, "certified bounds"):
-        comparison.mission = mission_bounds(comparison.contest, count, step, comparison.mission)
+        comparison.mission = problem_bounds(comparison.contest, count, step, comparison.mission)
 
 
 def _find_relaxed(

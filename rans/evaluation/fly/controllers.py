@@ -23,14 +23,6 @@ CONTROLLERS: Registry[Maker] = Registry(
         "mpc": "rans.optimal.control.mpc:MPC",
         "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
         "mppi": "rans.optimal.control.sampling:MPPI",
-        "guidance": "rans.optimal.control.guidance:VelocityToGain",
-        "convex": "rans.optimal.control.convex_guidance:ConvexGuidance",
-        "landing": "rans.optimal.control.landing_guidance:LandingGuidance",
-        "mission": "rans.optimal.control.mission_guidance:MissionGuidance",
-        "circumnavigation": "rans.optimal.control.circumnavigation:Circumnavigation",
-        "passive": "rans.optimal.control.passive_approach:PassiveApproach",
-        "passive-entry": "rans.optimal.control.passive_entry:PassiveEntry",
-        "visiting": "rans.optimal.control.visiting:Visiting",
     },
     "rans.evaluation.fly.make_controller:checked",
     elsewhere={
@@ -40,19 +32,30 @@ CONTROLLERS: Registry[Maker] = Registry(
         "nmpc": "mpc",
         "bang-bang": "switching",
     },
+    extra_of=dict.fromkeys(
+        (
+            "circumnavigation",
+            "convex",
+            "guidance",
+            "landing",
+            "mission",
+            "passive",
+            "passive-entry",
+            "visiting",
+        ),
+        "missions",
+    ),
 )
 """Makers of controllers by name, with default settings; `controller` of the module `make_controller` makes one with
 tuned settings."""
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Default opponents of a comparison: controllers, and the best that is possible."""
-_BESIDE_OTHERS = {
-    "landing": ("landing", "optimal"),
-    "inspection": ("circumnavigation", "visiting", "optimal"),
-}
-"""Default opponents of comparisons of missions that those controllers do not fly, by kind of optimal problem."""
 
 
 def default_opponents(task: Task) -> tuple[str, ...]:
     """Names of controllers that fly a task beside the contestants of a comparison, and "optimal"."""
-    return _BESIDE_OTHERS.get(task.optimal_problem, BESIDE)
+    from rans.evaluation.problems import problem_of
+
+    problem = problem_of(task)
+    return BESIDE if problem is None else problem.opponents or BESIDE

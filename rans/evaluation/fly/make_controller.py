@@ -57,7 +57,7 @@ def controller(name: str, setup: Setup) -> Controller:
     result = tuned(name, setup)
     if result is not None:
         maker = partial(maker, **arguments(maker, result.settings))
-    if name not in CONTROLLERS.built_in:
+    if not CONTROLLERS.comes_with_rans(name):
         return CheckedController(name, setup, maker)
     return informed(maker(*setup[:3]), setup.conditions)
 

@@ -8,9 +8,8 @@ thrust and any layout (docs/certificate.md proves them).
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -256,120 +255,6 @@ def least_fuel(
     moving = _Dual(craft, aims, start, goal, horizon, goal_set).ascend()
     bound = max(turning, moving, 0.0) * (1.0 - _ROUNDING)
     return bound if bound <= horizon * reach.most else math.inf
-
-
-class Waypoint(NamedTuple):
-    """Ball, or a part of one, in which a flight is at some instant of a span."""
-
-    first: float
-    """Earliest instant, s."""
-    last: float
-    """Latest instant, > 0, s."""
-    position: np.ndarray
-    """(d,) centre in W, m."""
-    radius: float
-    """m."""
-    ahead: np.ndarray | None = None
-    """(d,) unit vector: positions are ahead of a plane across it. None: anywhere in the ball."""
-    behind: float = 0.0
-    """How far this plane is behind the centre, m."""
-    level: np.ndarray | None = None
-    """(d,) unit vector: positions are in the plane through the centre across it. None: anywhere."""
-
-
-def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[Waypoint]) -> float:
-    """Impulse below which no flight is in each of some balls one after the other, N s.
-
-    It is that of changes of velocity at the start and in the balls, by weak duality: with multipliers l_j of the
-    positions at the instants t_j and q(t) the sum of l_j (t_j - t) over what is to come, the impulse is at least
-    the integral of q . F if |q| <= 1. |q| is convex between the instants, and at each of them convex in all of
-    them, so that it is checked for the earliest and latest ones only (docs/certificate.md). Commands may be
-    anything between 0 and 1 that changes at any instant, and attitudes are free.
-
-    Args:
-        craft: thrusters of any kind, with or without wheels, without propellant.
-        start: of floats.
-        waypoints: in the order of the instants.
-
-    Raises:
-        ConfigError: no bound covers this craft, or the start is not finite.
-        SolverFailed: the solver of cone programs ends without an answer.
-    """
-    from scipy import sparse
-
-    from rans.optimal.convex.cone_program import ConeProgram
-
-    check_certifiable(craft, wheels=True)
-    check_finite(start, start)
-    place, speed = (np.array(x.columns(), float) for x in (start.p, start.v))
-    count, size = len(waypoints), len(place)
-    spans = np.array([(point.first, point.last) for point in waypoints])
-    unit = float(spans.max())
-    # How far the balls are from where the start's velocity leads; at the ends of a span it leads farther.
-    middles = spans.mean(axis=1)
-    centres = np.array([point.position for point in waypoints])
-    ways = centres - place - middles[:, None] * speed
-    radii = np.array([point.radius for point in waypoints])
-    farther = 0.5 * np.ptp(spans, axis=1) * float(np.linalg.norm(speed))
-    radii = radii + farther
-    # By what the multipliers, times the unit of time, make q at the start and in every ball but the last.
-    rows = []
-    for instants in itertools.product(*spans.tolist()):
-        for k, since in enumerate((0.0, *instants[:-1])):
-            rows.append([(t - since) / unit if j >= k else 0.0 for j, t in enumerate(instants)])
-    weights = np.unique(rows, axis=0)
-    # Variables: multipliers by ball and axis; what they have less a plane's, by size; and the planes' multipliers.
-    # Cones: these sizes, and q.
-    axes = np.eye(size)
-    planes = np.zeros((count, size))
-    for k, point in enumerate(waypoints):
-        if point.ahead is not None:
-            planes[k] = point.ahead
-    behind = np.array([point.behind for point in waypoints]) + farther
-    # What measures a multiplier, over the radius. A disc that a velocity at the start thickens lies
-    # in an ellipsoid with sqrt(2) times its radius and thickness.
-    shapes = np.tile(axes, (count, 1, 1))
-    for k, point in enumerate(waypoints):
-        if point.level is not None:
-            thin = farther[k] / radii[k] if farther[k] else 0.0
-            radii[k] *= math.sqrt(2.0) if farther[k] else 1.0
-            shapes[k] -= (1.0 - thin) * np.outer(point.level, point.level)
-    width = count * (size + 2)
-    rest = np.zeros((count, 1 + size, width))
-    for k in range(count):
-        rest[k, 0, count * size + k] = 1.0
-        rest[k, 1:, k * size : (k + 1) * size] = shapes[k]
-        rest[k, 1:, count * (size + 1) + k] = -shapes[k] @ planes[k]
-    pull = np.zeros((len(weights), 1 + size, width))
-    for k, row in enumerate(weights):
-        pull[k, 1:, : count * size] = np.kron(row, axes)
-    signs = np.zeros((count, width))
-    signs[:, count * (size + 1) :] = np.eye(count)
-    one = np.zeros((len(weights), 1 + size))
-    one[:, 0] = 1.0
-    program = ConeProgram(
-        np.concatenate([-ways.ravel(), radii, behind]),
-        sparse.csc_matrix(-np.vstack([signs, *rest, *pull])),
-        np.concatenate([np.zeros(count * (size + 2)), one.ravel()]),
-        0,
-        count,
-        (1 + size,) * (count + len(weights)),
-        np.full(width, -1e6),
-        np.full(width, 1e6),
-    )
-    answer = np.array(program.solve("multipliers of a bound").x)
-    multipliers = answer[: count * size].reshape(count, size)
-    # Whatever the solver leaves open, these multipliers are shortened until |q| <= 1.
-    shorter = max(1.0, float(np.linalg.norm(weights @ multipliers, axis=1).max())) * (1 + _ROUNDING)
-    multipliers = multipliers / shorter
-    of_planes = np.maximum(answer[count * (size + 1) :], 0.0) / shorter
-    gained = float(np.sum(multipliers * ways))
-    apart = multipliers - of_planes[:, None] * planes
-    left = np.linalg.norm(np.einsum("kij,kj->ki", shapes, apart), axis=1)
-    spared = float(radii @ left + behind @ of_planes)
-    sizes = np.abs(centres) + np.abs(place) + spans[:, 1:] * np.abs(speed)
-    terms = float(np.sum(np.abs(multipliers) * sizes) + np.abs(behind) @ of_planes + radii @ left)
-    return max(0.0, craft.mass / unit * (gained - spared - _ROUNDING * terms))
 
 
 def _rotation(

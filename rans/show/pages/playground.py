@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, is_for_any_craft
 from rans.policy.architecture import Architecture
@@ -49,6 +48,22 @@ from rans.show.pages.page import filled
 from rans.show.scene.interactive import FRAME, interactive_world, may_move_goal, noise_scale
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
+
+
+@runtime_checkable
+class Law(Protocol):
+    """A controller whose commands are arithmetic on fields, as of mission guidance: a page computes them."""
+
+    name: str
+
+    def expecting(self, conditions: Conditions | None) -> Law:
+        """The law that expects the errors of these conditions; None: a world as designed."""
+        ...
+
+    def command(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """Commands for an exact state and a goal."""
+        ...
+
 
 _LONGEST_DELAY = 5
 """Control periods up to which the page's delay may be set."""
@@ -111,7 +126,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         ConfigError: this is neither, or the page cannot compute its policy or its task.
     """
     controller = run.controller
-    if isinstance(controller, MissionGuidance):
+    if isinstance(controller, Law):
         return _guided(controller, run, seed, episode)
     if not isinstance(controller, Agent):
         raise ConfigError(
@@ -163,7 +178,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     return Playground(_title(run), _script(data, layers, text), data)
 
 
-def _guided(guidance: MissionGuidance, run: LoadedRun, seed: int, episode: int) -> Playground:
+def _guided(guidance: Law, run: LoadedRun, seed: int, episode: int) -> Playground:
     """The page of mission guidance, which knows its state and a world as designed."""
     guidance = guidance.expecting(None)
     setup = run.judged
@@ -245,7 +260,7 @@ class _Traced:
         arguments = {"carried": self.carried, "errors": errors, "memory": memory}
         return function("act", arguments, results, stages)
 
-    def guided(self, guidance: MissionGuidance) -> str:
+    def guided(self, guidance: Law) -> str:
         """``act(carried, errors, memory)``: commands of guidance for the measured state, without a memory."""
         errors, measured = self._measured()
         command = guidance.command(measured, self.episode.goal)

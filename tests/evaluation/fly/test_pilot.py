@@ -20,7 +20,7 @@ from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 
 CONTROLLERS_OF_POSES = sorted(
-    set(CONTROLLERS.built_in)
+    set(filter(CONTROLLERS.comes_with_rans, CONTROLLERS))
     - {
         "circumnavigation",
         "convex",

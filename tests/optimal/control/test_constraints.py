@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
+from rans_missions.control.guidance import VelocityToGain
 
 from rans.flight import fly
 from rans.model.actuators import Throttle
@@ -13,7 +14,6 @@ from rans.model.fields import Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.guidance import VelocityToGain
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mpc import MPC
 from rans.optimal.control.sampling import MPPI

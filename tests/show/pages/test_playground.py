@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_missions.control.mission_guidance import MissionGuidance
 
 import rans
 from rans.api.pages import flyers
@@ -31,7 +32,6 @@ from rans.model.random import hash4, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.trace import Symbol
-from rans.optimal.control.mission_guidance import MissionGuidance
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.any_craft import authority
 from rans.randomization.conditions import Conditions, ThrusterConditions

@@ -1,0 +1,1 @@
+"""Missions near targets and moons: guidance, convex programs, bounds, CCSDS messages."""

@@ -1,0 +1,1 @@
+"""Bounds of missions beside flights, and flights that attain them."""

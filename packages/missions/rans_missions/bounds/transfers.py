@@ -1,0 +1,272 @@
+"""Missions on an orbit with their bounds: contestants and optima from the same starts, and ratios of impulse."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.measure.metrics import impulses
+from rans.flight import Controller, Flight, fly
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.control.afterwards import Afterwards
+from rans.optimal.control.lqr import LQR
+from rans.progress import Progress
+from rans.reference.flight import fly_in_drake
+from rans.scenario import Scenario, each, scenarios
+from rans.tasks.orbital import OrbitalMission
+from rans_missions.control.convex_guidance import ConvexGuidance
+from rans_missions.control.guidance import VelocityToGain
+from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.convex.holding import least_to_hold
+from rans_missions.convex.rendezvous import (
+    Answer,
+    Meeting,
+    MeetingTransfer,
+    least_impulse,
+    rendezvous,
+    within_limits,
+)
+
+_RESERVE = 0.01
+"""Share of the position tolerance that an arrival leaves after which the craft stays: it may pass along it."""
+_SLOWLY = 0.5
+"""Share of the speed tolerance with which it arrives at most: braking on the way is cheaper than at the goal."""
+
+
+class Script:
+    """A controller that gives a fixed sequence of commands, and from the arrival on stays if it is told how."""
+
+    name = "optimum"
+    observes = False
+
+    def __init__(self, commands: np.ndarray, afterwards: Afterwards | None = None) -> None:
+        self._commands = commands
+        self._afterwards = afterwards
+        self._step = 0
+
+    def reset(self, count: int) -> None:
+        """Begin the sequences, which are (count, T, m)."""
+        self._step = 0
+        if self._afterwards is not None:
+            self._afterwards.reset(count)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        commands = self._commands[:, self._step]
+        self._step += 1
+        if self._afterwards is None:
+            return commands
+        goal = self._afterwards.goal(state, goal)
+        return self._afterwards.commands(state, goal, commands)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Results of one contestant from N starts with one deadline."""
+
+    name: str
+    docked: np.ndarray
+    """(N,) bool: the mission was won in time, and no limit was broken at any check."""
+    violated: np.ndarray
+    """(N,) bool: a limit was broken at some check before the end."""
+    impulse: np.ndarray
+    """(N,) N s, to the end of the period in which the mission was won."""
+
+
+@dataclass(frozen=True)
+class TransferTable:
+    """Contestants and bounds for the same starts and the same deadline."""
+
+    deadline: float
+    """Deadline, s."""
+    lower: np.ndarray
+    """(N,) N s: lower bound of the impulse of winning by the deadline, without limits."""
+    upper: np.ndarray
+    """(N,) N s: impulse of flights within the limits, replayed in both engines; infinite if there is none."""
+    rows: tuple[Row, ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Headings of `cells`."""
+        return ("", "won", "limit broken", "over the bound", "worst", "impulse")
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """Cells of a table with a row for each contestant."""
+        rows = []
+        for row in self.rows:
+            ratios = self.ratios(row)
+            has_ratios = len(ratios) > 0
+            rows.append(
+                (
+                    row.name,
+                    f"{100.0 * row.docked.mean():.1f} %",
+                    f"{100.0 * row.violated.mean():.1f} %",
+                    f"{ratios.mean():.3f}" if has_ratios else "-",
+                    f"{ratios.max():.3f}" if has_ratios else "-",
+                    f"{row.impulse[row.docked].mean():.3g} N s" if has_ratios else "-",
+                )
+            )
+        return rows
+
+    def to_json(self) -> dict[str, Any]:
+        """Data for `rans.files.write_json`, start by start."""
+        return {
+            "deadline": self.deadline,
+            "lower": self.lower.tolist(),
+            "upper": [x if np.isfinite(x) else None for x in self.upper.tolist()],
+            "rows": [
+                {
+                    "name": row.name,
+                    "won": row.docked.tolist(),
+                    "violated": row.violated.tolist(),
+                    "impulse": row.impulse.tolist(),
+                }
+                for row in self.rows
+            ],
+        }
+
+    def ratios(self, row: Row) -> np.ndarray:
+        """Impulse over the lower bound of the same start, of flights that docked."""
+        return (row.impulse / self.lower)[row.docked]
+
+
+def contestants_of(
+    craft: Spacecraft, mission: OrbitalMission, agents: Sequence[str] = ()
+) -> dict[str, Callable[[OrbitalMission], Controller]]:
+    """Makers of every guidance that keeps the limits of a mission, of LQR, and of agents by name."""
+
+    def flown_by(spec: str) -> Callable[[OrbitalMission], Controller]:
+        agent = contestant(spec).controller
+        return lambda task: agent
+
+    makers: dict[str, Callable[[OrbitalMission], Controller]] = {
+        **{spec: flown_by(spec) for spec in agents},
+        "guidance": lambda task: VelocityToGain(craft, task, task.timing),
+        "guidance to the deadline": lambda task: VelocityToGain(
+            craft, task, task.timing, deadline=task.deadline[1]
+        ),
+        "mission guidance": lambda task: MissionGuidance(craft, task, task.timing),
+        "convex guidance": lambda task: ConvexGuidance(craft, task, task.timing),
+        "LQR": lambda task: LQR(craft, task, task.timing),
+    }
+    if not MissionGuidance.keeps_limits(mission):
+        del makers["mission guidance"]
+    return makers
+
+
+def judged_transfers(
+    craft: Spacecraft,
+    mission: OrbitalMission,
+    contestants: Mapping[str, Callable[[OrbitalMission], Controller]],
+    deadline: float,
+    seed: int,
+    episodes: int,
+    progress: Progress | None = None,
+) -> TransferTable:
+    """Fly contestants and the optima from the same starts with one deadline.
+
+    Args:
+        craft: spacecraft.
+        mission: mission, whose deadline is replaced.
+        contestants: functions that make controllers for a mission, by name.
+        deadline: deadline, s.
+        seed: seed of the starts.
+        episodes: number of starts.
+        progress: reports bounds.
+    """
+    task = replace(mission, deadline=(deadline, deadline))
+    starts = scenarios(task, craft, seed, episodes)
+    answers = transfer_bounds(craft, task, starts, deadline, progress)
+    rows = []
+    with warnings.catch_warnings():
+        # The table shows that it does not know the limits.
+        warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
+        for name, make_controller in contestants.items():
+            flight = fly(craft, task, make_controller(task), starts, task.timing)
+            rows.append(row_of(name, flight))
+    replayed = optimum(craft, task, starts, answers)
+    lower = np.array([answer.lower for answer in answers])
+    upper = np.where(replayed.docked, replayed.impulse, np.inf)
+    return TransferTable(deadline, lower, upper, (*rows, replayed))
+
+
+def transfer_bounds(
+    craft: Spacecraft,
+    task: OrbitalMission,
+    starts: Scenario,
+    deadline: float,
+    progress: Progress | None = None,
+) -> list[Answer]:
+    """Lower and upper bounds of the least impulse of every start; all have the same goal.
+
+    Where a mission asks to stay, the lower bound has the stay; transfers and their upper bound arrive only.
+    """
+    every = list(each(starts))
+    meeting = Meeting.of(craft, task, every[0].goal)
+    answers = []
+    for scenario in every:
+        if not task.drift.steady:
+            meeting = Meeting.of(craft, task, scenario.goal)
+        answer = rendezvous(meeting, _state(scenario), deadline)
+        if task.stay_seconds:
+            stay = least_to_hold(meeting, _state(scenario), deadline, task.stay_seconds)
+            answer = replace(answer, lower=max(answer.lower, stay))
+        answers.append(answer)
+        if progress is not None:
+            progress(1)
+    return answers
+
+
+def optimum(
+    craft: Spacecraft, task: OrbitalMission, starts: Scenario, answers: Sequence[Answer]
+) -> Row:
+    """Row of the optima; a flight counts as docked if it docked in the fast engine and in Drake.
+
+    A point is held by a transfer to an instant within the tolerances, from which on the craft stays as guidance
+    does: its impulse is that of both.
+    """
+    steps = task.timing.episode_steps
+    commands = np.zeros((len(answers), steps, craft.thruster_count))
+    afterwards = Afterwards(craft, task, task.timing) if task.stays else None
+    for k, (answer, scenario) in enumerate(zip(answers, each(starts), strict=True)):
+        transfer = answer.transfer
+        if afterwards is not None:
+            transfer = _to_stay(Meeting.of(craft, task, scenario.goal), _state(scenario), answer)
+        if transfer is not None:
+            commands[k, : len(transfer.commands)] = transfer.commands
+    fast, drake = (
+        row_of("optimum", flying(craft, task, Script(commands, afterwards), starts, task.timing))
+        for flying in (fly, fly_in_drake)
+    )
+    return replace(fast, docked=fast.docked & drake.docked)
+
+
+def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> MeetingTransfer | None:
+    """The transfer to where commands can stop the craft: with a reserve, and at the end of a control period."""
+    begun = answer.free if answer.transfer is None else answer.transfer
+    checks = meeting.timing.checks
+    meeting = replace(
+        meeting,
+        position_tolerance=meeting.position_tolerance * (1.0 - _RESERVE),
+        velocity_tolerance=meeting.velocity_tolerance * _SLOWLY,
+    )
+    free = least_impulse(meeting, start, max(1, begun.check // checks) * checks)
+    return None if free is None else within_limits(meeting, start, free)
+
+
+def _state(scenario: Scenario) -> np.ndarray:
+    """(2 d,) position, m, and velocity, m/s, of the start of an episode."""
+    start: Any = scenario.start
+    return np.array([float(np.squeeze(x)) for x in (*leaves(start.p), *leaves(start.v))])
+
+
+def row_of(name: str, flight: Flight) -> Row:
+    """Row of the flights of a contestant."""
+    violated = flight.violated()
+    return Row(name, flight.done & ~violated, violated, impulses(flight))

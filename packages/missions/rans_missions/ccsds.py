@@ -1,0 +1,492 @@
+"""Flights near a target on an orbit as messages of the Consultative Committee for Space Data Systems (CCSDS).
+
+An Orbit Ephemeris Message (OEM) has positions and velocities, an Attitude Ephemeris Message (AEM) attitudes, and
+an Orbit Parameter Message (OPM) one state. They are in the keyword notation (KVN), in km and km/s in an inertial
+frame; missions fly in the target's Hill frame.
+
+Sources: CCSDS 502.0-B-3, "Orbit Data Messages", 2023, and CCSDS 504.0-B-1, "Attitude Data Messages", 2008,
+whose version 1 of AEM more programs read than version 2.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rans.errors import ConfigError, RansWarning, brief, checked, counted
+from rans.files import read_text, write_text
+from rans.flight import Flight
+from rans.model.drift import EARTH, ClohessyWiltshire
+from rans.model.fields import Quat, map_leaves
+from rans.tasks import Task
+
+FRAME = "EME2000"
+"""Inertial frame of messages: x towards the vernal equinox, z along the Earth's axis, at J2000."""
+_ECCENTRICITY = 0.01
+"""Eccentricity above which an orbit does not count as circular: Clohessy-Wiltshire's equations are then as wrong as
+at a distance of a hundredth of the radius."""
+_MESSAGES = 16
+"""Largest number of flights that ``rans evaluate --trajectories`` writes, three files each."""
+_STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
+
+
+class Orbit(NamedTuple):
+    """Circular orbit of a target around the Earth in the frame `FRAME`."""
+
+    mean_motion: float
+    """Mean motion n, rad/s."""
+    inclination: float = 0.0
+    """Inclination, rad."""
+    node: float = 0.0
+    """Right ascension of the ascending node, rad."""
+    latitude: float = 0.0
+    """Argument of latitude at the start of the flight, rad."""
+
+    def axes(self, times: np.ndarray) -> np.ndarray:
+        """Rotation matrices (T, 3, 3) whose columns are the axes of the Hill frame in the inertial one."""
+        angle = self.latitude + self.mean_motion * np.asarray(times, dtype=float)
+        c, s = np.cos(self.node), np.sin(self.node)
+        node = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        c, s = np.cos(self.inclination), np.sin(self.inclination)
+        plane = node @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+        axes = np.zeros((len(angle), 3, 3))
+        axes[:, 0, 0] = axes[:, 1, 1] = np.cos(angle)
+        axes[:, 1, 0] = np.sin(angle)
+        axes[:, 0, 1] = -np.sin(angle)
+        axes[:, 2, 2] = 1.0
+        return plane @ axes
+
+    def attitude(self, times: np.ndarray) -> Quat:
+        """Attitude of the Hill frame in the inertial one, of arrays (T,)."""
+        zero = np.zeros(len(times))
+        angle = 0.5 * (self.latitude + self.mean_motion * np.asarray(times, dtype=float))
+        node, inclination = zero + 0.5 * self.node, zero + 0.5 * self.inclination
+        about_node = Quat(np.cos(node), zero, zero, np.sin(node))
+        about_line = Quat(np.cos(inclination), np.sin(inclination), zero, zero)
+        return about_node.times(about_line).times(Quat(np.cos(angle), zero, zero, np.sin(angle)))
+
+    @property
+    def radius(self) -> float:
+        """Radius, m."""
+        return (EARTH / self.mean_motion**2) ** (1.0 / 3.0)
+
+    def inertial(
+        self, times: np.ndarray, p: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inertial positions and velocities (T, 3) of points of the Hill frame, m and m/s.
+
+        Args:
+            times: (T,) since the start of the flight, s.
+            p: (T, 3) positions in the Hill frame, m.
+            v: (T, 3) velocities relative to it, m/s.
+        """
+        axes = self.axes(times)
+        from_centre = p + np.array([self.radius, 0.0, 0.0])
+        moving = v + np.cross([0.0, 0.0, self.mean_motion], from_centre)
+        return np.einsum("tij,tj->ti", axes, from_centre), np.einsum("tij,tj->ti", axes, moving)
+
+
+@dataclass(frozen=True)
+class OrbitState:
+    """State of an OPM."""
+
+    name: str
+    """Name of the object."""
+    frame: str
+    """Reference frame."""
+    epoch: datetime
+    """Instant, UTC."""
+    p: np.ndarray
+    """Position, (3,) m."""
+    v: np.ndarray
+    """Velocity, (3,) m/s."""
+    is_leap_second: bool = False
+    """Whether the instant is in a leap second, 23:59:60 UTC: one second after `epoch`, which cannot hold it."""
+
+
+def is_on_orbit(task: Task, dimension: int) -> bool:
+    """Whether a task is a mission in space near a target on a circular orbit."""
+    return isinstance(task.drift, ClohessyWiltshire) and dimension == 3
+
+
+def write_first_flights(flight: Flight, folder: Path) -> str:
+    """Write the first flights of a mission on an orbit; returns what they are, or nothing for other flights."""
+    if not is_on_orbit(flight.task, flight.craft.dimension):
+        return ""
+    for episode in range(min(_MESSAGES, flight.commands.shape[1])):
+        write_ccsds(flight, folder, episode)
+    return "CCSDS messages"
+
+
+def orbit_of(
+    task: Task, dimension: int, inclination: float = 0.0, node: float = 0.0, latitude: float = 0.0
+) -> Orbit:
+    """Orbit of the target of a task that is flown in so many dimensions, with angles in degrees.
+
+    Raises:
+        ConfigError: the task is not one in space near a target on an orbit.
+    """
+    drift = task.drift
+    if not isinstance(drift, ClohessyWiltshire) or dimension != 3:
+        raise ConfigError(
+            f"CCSDS messages are of missions in space on a circular orbit, such as hold, and "
+            f"{type(task).__name__} is not one."
+        )
+    return Orbit(drift.mean_motion, *map(math.radians, (inclination, node, latitude)))
+
+
+def write_ccsds(
+    flight: Flight,
+    folder: str | Path,
+    episode: int = 0,
+    epoch: str = "2026-01-01T00:00:00",
+    inclination: float = 0.0,
+    node: float = 0.0,
+    latitude: float = 0.0,
+) -> tuple[Path, Path, Path]:
+    """Write one episode as CCSDS messages: OEM of the craft and of its target, and AEM of the craft.
+
+    The missions have a circular orbit with a radius, but no orientation and no epoch, so these are arguments.
+    Attitudes are those relative to the Hill frame, which turns with the target.
+
+    >>> import tempfile
+    >>> starts = rans.scenario.scenarios(rans.Hold(), rans.load_spacecraft("vbar-chaser"), 7, 1)
+    >>> timing = rans.Timing(control_period=10.0, episode_steps=5)
+    >>> controller = rans.MissionGuidance("vbar-chaser", "hold")
+    >>> flight = rans.fly("vbar-chaser", "hold", controller, starts, timing)
+    >>> [file.name for file in rans.write_ccsds(flight, tempfile.mkdtemp(), inclination=51.6)]
+    ['episode-0.oem', 'episode-0-target.oem', 'episode-0.aem']
+
+    Args:
+        flight: flights of a mission on an orbit, in space.
+        folder: folder of the files.
+        episode: number of the episode.
+        epoch: instant of the start, UTC, as ISO 8601 writes it.
+        inclination: of the orbit, degrees.
+        node: right ascension of its ascending node, degrees.
+        latitude: argument of latitude of the target at the start, degrees.
+
+    Raises:
+        ConfigError: the flight is of another kind, there is no such episode, the epoch is none, or the files cannot
+            be written.
+    """
+    checked("flight", flight, Flight)
+    orbit = orbit_of(flight.task, flight.craft.dimension, inclination, node, latitude)
+    count = flight.commands.shape[1]
+    if not 0 <= episode < count:
+        raise ConfigError(f"the flight has episodes 0 to {count - 1}, got {episode}.")
+    # States up to the end of the episode, in the Hill frame.
+    start, _ = _instant(epoch, "epoch")
+    steps = len(flight.commands) if flight.lengths is None else int(flight.lengths[episode])
+    times = flight.times[: steps + 1]
+    columns = [*flight.states.p.columns(), *flight.states.v.columns()]
+    states = np.stack([x[: steps + 1, episode] for x in columns], axis=1)
+    if not np.isfinite(states).all():
+        raise ConfigError(
+            f"episode {episode} has a state that is not finite: it was lost in flight."
+        )
+    instants = [_text(start + timedelta(seconds=float(t))) for t in times]
+    target = np.zeros((len(times), 3))
+    # Ephemerides of craft and target in the inertial frame, km and km/s.
+    folder = Path(folder)
+    names = (f"episode-{episode}{suffix}" for suffix in (".oem", "-target.oem", ".aem"))
+    of_craft, of_target, of_attitude = (folder / name for name in names)
+    for file, name, motion in (
+        (of_craft, flight.craft.name, (states[:, :3], states[:, 3:])),
+        (of_target, f"target of {flight.craft.name}", (target, target)),
+    ):
+        p, v = orbit.inertial(times, *motion)
+        rows = [
+            f"{instant} {' '.join(f'{x:.9f}' for x in 1e-3 * a)} {' '.join(f'{x:.12f}' for x in 1e-3 * b)}"
+            for instant, a, b in zip(instants, p, v, strict=True)
+        ]
+        meta = {"CENTER_NAME": "EARTH", "REF_FRAME": FRAME, "TIME_SYSTEM": "UTC"}
+        write_text(file, _message("CCSDS_OEM_VERS", "3.0", name, meta, instants, rows))
+    # Attitude: that of the Hill frame, then that of the craft in it; the scalar is last.
+    attitude = orbit.attitude(times).times(
+        map_leaves(lambda x: x[: steps + 1, episode], flight.states.attitude)
+    )
+    quaternions = np.stack([attitude.x, attitude.y, attitude.z, attitude.w], axis=1)
+    rows = [
+        f"{instant} {' '.join(f'{x:.12f}' for x in q)}"
+        for instant, q in zip(instants, quaternions, strict=True)
+    ]
+    meta = {
+        "CENTER_NAME": "EARTH",
+        "REF_FRAME_A": FRAME,
+        "REF_FRAME_B": "SC_BODY_1",
+        "ATTITUDE_DIR": "A2B",
+        "TIME_SYSTEM": "UTC",
+    }
+    last = {"ATTITUDE_TYPE": "QUATERNION", "QUATERNION_TYPE": "LAST"}
+    text = _message("CCSDS_AEM_VERS", "1.0", flight.craft.name, meta, instants, rows, last)
+    write_text(of_attitude, text)
+    return of_craft, of_target, of_attitude
+
+
+def read_opm(file: str | Path) -> OrbitState:
+    """Read the state of an Orbit Parameter Message in the keyword notation, around the Earth, in UTC.
+
+    Units in brackets are converted, and are km and km/s without one. Covariances, Keplerian elements and properties
+    of the spacecraft are not read.
+
+    >>> message = "CCSDS_OPM_VERS = 3.0, OBJECT_NAME = iss, CENTER_NAME = EARTH, REF_FRAME = EME2000"
+    >>> message += ", TIME_SYSTEM = UTC, EPOCH = 2026-01-01T00:00:00, X = 6800.0, Y = 0.0, Z = 0.0"
+    >>> message += ", X_DOT = 0.0, Y_DOT = 4.7, Z_DOT = 6.0"
+    >>> file = tempfile.mkdtemp() + "/iss.opm"
+    >>> with open(file, "w") as lines:
+    ...     _ = lines.write(message.replace(", ", chr(10)))
+    >>> rans.read_opm(file).v.tolist()
+    [0.0, 4700.0, 6000.0]
+
+    Raises:
+        ConfigError: the file is no such message, its frame is not inertial, or a number of its state is missing or
+            in another unit.
+    """
+    file = Path(file)
+    fields = _keywords(read_text(file, _LARGEST, "the message "), file)
+    for key, expected in (("CENTER_NAME", "EARTH"), ("TIME_SYSTEM", "UTC")):
+        if fields.get(key, "").upper() != expected:
+            raise ConfigError(
+                f"{key} of {file} must be {expected}, got {brief(fields.get(key, ''))}."
+            )
+    frame = fields.get("REF_FRAME", "")
+    _check_frame(frame, f"REF_FRAME of {file}")
+    if "REF_FRAME_EPOCH" in fields:
+        frame = f"{frame} at {fields['REF_FRAME_EPOCH']}"
+    state = np.array([_quantity(fields, key, file) for key in _STATE])
+    p, v = state[:3], state[3:]
+    radius = float(np.linalg.norm(p))
+    if not _NEAREST <= radius <= _FARTHEST:
+        raise ConfigError(
+            f"the position of {file} must be {_NEAREST / 1e3:,.0f} to {_FARTHEST / 1e3:,.0f} km from the Earth's "
+            f"centre, got {radius / 1e3:,.6g} km: the usual cause are other units, which stand in brackets after a "
+            "number, as [m]."
+        )
+    if burns := sum(key.startswith("MAN_EPOCH_IGNITION") for key in fields):
+        warnings.warn(
+            f"{file} has {counted(burns, 'manoeuvre')}, which RANS does not read: the state is that before them.",
+            RansWarning,
+            stacklevel=2,
+        )
+    epoch, is_leap_second = _instant(fields.get("EPOCH", ""), f"EPOCH of {file}")
+    return OrbitState(fields.get("OBJECT_NAME", ""), frame, epoch, p, v, is_leap_second)
+
+
+_LARGEST = 2**20
+"""Bytes of a message of one state; with covariance and manoeuvres they have some thousand."""
+_NEAREST = 6.35e6
+"""Least distance of a state from the Earth's centre, m: its radius at the poles is 6,357 km."""
+_FARTHEST = 1.5e9
+"""Greatest distance, m: that at which the Sun's attraction takes over (Hill's sphere)."""
+_INERTIAL = re.compile(
+    r"EME2000|J2000|[GI]CRF[123]?|TEME(OFDATE|OFEPOCH)?|(TOD|MOD|TOE|MOE)(_EARTH)?", re.ASCII
+)
+"""Frames that do not turn with the Earth or an orbit: annex B of CCSDS 502.0-B-3, and SANA's registry of celestial
+body reference frames. Those of date turn by precession, 8e-12 rad/s, which is below what orbits are read for."""
+_TURNING = re.compile(
+    r"ITRF|TDR|GTOD|PEF|TIRF|WGS|ECEF|EFG|RTN|RSW|RIC|TNW|LVLH|QSW|NTW|VNC|VVLH|PQW"
+)
+"""Beginnings of names of frames that turn with the Earth or with the orbit."""
+_UNITS = {
+    False: {"km": 1e3, "m": 1.0},
+    True: {"km/s": 1e3, "m/s": 1.0},
+}
+"""Units of positions (False) and velocities (True) in m and m/s."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EeDd][+-]?\d{1,3})?", re.ASCII)
+"""A number as KVN and Fortran write it."""
+_KEYWORDS = re.compile(
+    "CCSDS_OPM_VERS|CREATION_DATE|ORIGINATOR|MESSAGE_ID|CLASSIFICATION|OBJECT_NAME|OBJECT_ID|CENTER_NAME|REF_FRAME|"
+    "REF_FRAME_EPOCH|TIME_SYSTEM|EPOCH|[XYZ](_DOT)?|SEMI_MAJOR_AXIS|ECCENTRICITY|INCLINATION|RA_OF_ASC_NODE|"
+    "ARG_OF_PERICENTER|TRUE_ANOMALY|MEAN_ANOMALY|GM|MASS|SOLAR_RAD_(AREA|COEFF)|DRAG_(AREA|COEFF)|COV_REF_FRAME|"
+    "C[XYZ](_DOT)?_[XYZ](_DOT)?|USER_DEFINED_\\w+|"
+    "MAN_(EPOCH_IGNITION|DURATION|DELTA_MASS|REF_FRAME|DV_[123])",
+    re.ASCII,
+)
+"""Keywords of an OPM, CCSDS 502.0-B-3, table 3-1 to 3-3. Those of manoeuvres may stand once for each."""
+
+
+def _keywords(text: str, file: Path) -> dict[str, str]:
+    """Values of an OPM by keyword; those of the second manoeuvre and later ones have the line's number behind.
+
+    Raises:
+        ConfigError: a line is no keyword of an OPM with a value, a keyword stands twice, or the version is another.
+    """
+    fields: dict[str, str] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        key, equals, value = (part.strip() for part in line.partition("="))
+        if not line.strip() or re.match(r"\s*COMMENT\b", line):
+            continue
+        if not fields and key != "CCSDS_OPM_VERS":
+            raise ConfigError(
+                f"{file} is no Orbit Parameter Message in the keyword notation: it does not begin with "
+                "CCSDS_OPM_VERS = ..., and other notations, such as XML, are not read."
+            )
+        if not equals or not _KEYWORDS.fullmatch(key):
+            raise ConfigError(
+                f"line {number} of {file} is no keyword of an OPM with a value, got {brief(line.strip())}."
+            )
+        if key in fields and not key.startswith("MAN_"):
+            raise ConfigError(f"{key} stands twice in {file}, again in line {number}.")
+        fields[key if key not in fields else f"{key} {number}"] = value
+    version = fields.get("CCSDS_OPM_VERS", "")
+    if version not in ("1.0", "2.0", "3.0"):
+        raise ConfigError(
+            f"CCSDS_OPM_VERS of {file} must be 1.0, 2.0 or 3.0, got {brief(version)}."
+        )
+    return fields
+
+
+def _quantity(fields: dict[str, str], key: str, file: Path) -> float:
+    """Number of a keyword of the state in m or m/s; without a unit it is in km or km/s."""
+    if key not in fields:
+        raise ConfigError(f"{file} must have numbers for {', '.join(_STATE)}, got none for {key}.")
+    known = _UNITS["DOT" in key]
+    text, bracket, rest = fields[key].partition("[")
+    unit = rest.removesuffix("]").strip() if bracket else next(iter(known))
+    if unit not in known or (bracket and not rest.endswith("]")):
+        raise ConfigError(
+            f"{key} of {file} is in {brief(bracket + rest)}, and {' and '.join(known)} are read."
+        )
+    number = text.strip()
+    value = float(re.sub("[Dd]", "e", number)) if _NUMBER.fullmatch(number) else math.nan
+    if not math.isfinite(value):
+        raise ConfigError(f"{key} of {file} must be a finite number, got {brief(number)}.")
+    return known[unit] * value
+
+
+def _check_frame(frame: str, what: str) -> None:
+    """Refuse (`ConfigError`) a frame that turns, and one that is not known not to."""
+    if _INERTIAL.fullmatch(frame.upper().partition(" AT ")[0]):
+        return
+    reason = (
+        "it turns with the Earth or the orbit, and a velocity in it is not that of the orbit"
+        if _TURNING.match(frame.upper())
+        else "whether it turns is not known"
+    )
+    raise ConfigError(
+        f"{what} must be an inertial frame, such as EME2000, GCRF, ICRF, TEME or TOD, got {brief(frame)}: {reason}."
+    )
+
+
+def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.ndarray, np.ndarray]:
+    """State of a craft in the Hill frame of a target, as missions on an orbit start from it.
+
+    >>> from dataclasses import replace
+    >>> from datetime import datetime
+    >>> import numpy as np
+    >>> from rans_missions.ccsds import OrbitState
+    >>> p, v = np.array([7e6, 0.0, 0.0]), np.array([0.0, 7546.053, 0.0])
+    >>> target = OrbitState("target", "EME2000", datetime(2026, 1, 1), p, v)
+    >>> n, p, v = rans.relative_state(target, replace(target, p=np.array([7000100.0, 0.0, 0.0])))
+    >>> p.tolist(), f"{n:.6f}"
+    ([100.0, 0.0, 0.0], '0.001078')
+
+    Args:
+        target: target, on an orbit that is nearly circular.
+        craft: craft near it, at the same instant and in the same inertial frame.
+
+    Returns:
+        Mean motion n of the target, rad/s, and position, m, and velocity, m/s, of the craft in the Hill frame.
+
+    Raises:
+        ConfigError: both have different instants or frames, a frame is not known to be inertial, or the orbit's
+            eccentricity exceeds 0.01.
+    """
+    for name, state in (("target", target), ("craft", craft)):
+        checked(name, state, OrbitState)
+        _check_frame(state.frame, f"the frame of the {name}")
+    instants = [(state.epoch, state.is_leap_second) for state in (target, craft)]
+    if instants[0] != instants[1] or target.frame.upper() != craft.frame.upper():
+        raise ConfigError(
+            f"target and craft must have one epoch and frame, got {target.epoch} in {target.frame} and "
+            f"{craft.epoch} in {craft.frame}."
+        )
+    r, v = target.p, target.v
+    momentum = np.cross(r, v)
+    radius = float(np.linalg.norm(r))
+    eccentricity = float(np.linalg.norm(np.cross(v, momentum) / EARTH - r / radius))
+    if not eccentricity <= _ECCENTRICITY:
+        raise ConfigError(
+            f"the target's eccentricity must be at most {_ECCENTRICITY:g}, got {eccentricity:.3g}: missions fly "
+            "near a circular orbit."
+        )
+    across = momentum / np.linalg.norm(momentum)
+    axes = np.stack([r / radius, np.cross(across, r / radius), across])
+    rate = momentum / radius**2
+    offset = craft.p - r
+    semi_major = 1.0 / (2.0 / radius - v @ v / EARTH)
+    n = math.sqrt(EARTH / semi_major**3)
+    return n, axes @ offset, axes @ (craft.v - v - np.cross(rate, offset))
+
+
+def _message(
+    key: str,
+    version: str,
+    name: str,
+    meta: dict[str, str],
+    instants: list[str],
+    rows: list[str],
+    last: dict[str, str] | None = None,
+) -> str:
+    """An ephemeris message with one segment."""
+    header = {key: version, "CREATION_DATE": _text(datetime.now(UTC)), "ORIGINATOR": "RANS"}
+    segment = {
+        "OBJECT_NAME": name,
+        "OBJECT_ID": "UNKNOWN",
+        **meta,
+        "START_TIME": instants[0],
+        "STOP_TIME": instants[-1],
+        **(last or {}),
+    }
+    data = ["DATA_START", *rows, "DATA_STOP"] if last else rows
+    lines = [f"{k} = {v}" for k, v in header.items()]
+    lines += ["", "META_START", *(f"{k} = {v}" for k, v in segment.items()), "META_STOP", "", *data]
+    return "\n".join(lines) + "\n"
+
+
+_INSTANT = re.compile(
+    r"(\d{4})-(?:(\d{2})-(\d{2})|(\d{3}))T(\d{2}):(\d{2})(?::(\d{2})(?:\.(\d+))?)?Z?", re.ASCII
+)
+"""Year, month and day or day of the year, hour, minute, second and its decimals: CCSDS 301.0-B-4, codes A and B."""
+
+
+def _instant(text: str, what: str) -> tuple[datetime, bool]:
+    """An instant of UTC to the microsecond, and whether it is in a leap second, one second after it."""
+    match = _INSTANT.fullmatch(text.strip())
+    try:
+        if match is None:
+            raise ValueError
+        year, month, day, of_year, hour, minute, second, decimals = match.groups()
+        date = (
+            datetime(int(year), 1, 1) + timedelta(days=int(of_year) - 1)
+            if of_year
+            else datetime(int(year), int(month), int(day))
+        )
+        # Leap seconds end a June or a December, of UTC.
+        is_leap = second == "60" and (date.month, date.day, hour, minute) in (
+            (6, 30, "23", "59"),
+            (12, 31, "23", "59"),
+        )
+        if date.year != int(year):
+            raise ValueError
+        micro = int(f"{decimals or 0:0<6}"[:6])
+        whole = 59 if is_leap else int(second or 0)
+        return date.replace(
+            hour=int(hour), minute=int(minute), second=whole, microsecond=micro, tzinfo=UTC
+        ), is_leap
+    except (ValueError, OverflowError):
+        raise ConfigError(
+            f"{what} must be an instant such as 2026-01-01T00:00:00, got {brief(text)}."
+        ) from None
+
+
+def _text(instant: datetime) -> str:
+    return instant.strftime("%Y-%m-%dT%H:%M:%S.%f")

@@ -1,0 +1,1 @@
+"""Controllers of missions that need no training."""

@@ -1,0 +1,752 @@
+"""Least impulse of a rendezvous by a deadline, in a linear drift, as a conic program with its proof.
+
+Commands are held for a control period each, positions and velocities are affine in them, and a meeting is a ball
+of positions and one of velocities: a second-order cone program (S. Boyd and L. Vandenberghe, "Convex
+Optimization", 2004, section 4.4). Its dual solution bounds the impulse of every flight that meets at that
+instant from below, whatever its commands are, and of other instants too: `proof` checks them all.
+
+Limits that are not convex, such as a speed limit that grows with the distance or a keep-out ball, are left out of
+the lower bound. The upper bound, a flight that keeps them at every check, comes from the convex-concave procedure
+(T. Lipp and S. Boyd, "Variations and extension of the convex-concave procedure", 2016): what is concave is taken
+as its tangent at the flight before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from rans.errors import ConfigError, SolverFailed, require
+from rans.model.drift import Drift
+from rans.model.dynamics import RULES
+from rans.model.fields import Vec2, Vec3, leaves, map_leaves
+from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.timing import Timing
+from rans.tasks.orbital import OrbitalMission, last_check
+from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
+from rans_missions.convex.cone_program import ConeProgram
+
+_ROUNDS = 12
+"""Of the convex-concave procedure at most."""
+_SLACK = 1e-5
+"""By which a flight keeps its limits, m or m/s, so that rounding breaks none."""
+_CONVERGED = 1e-4
+"""Relative change of the impulse at which rounds end."""
+_FARTHER = 0.02
+"""Share of its length by which a cone reaches farther where rounds end outside it."""
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Rendezvous of a spacecraft without torque: its target position, tolerances and thrusters."""
+
+    drift: Drift
+    timing: Timing
+    forces: np.ndarray
+    """(d, m) full force of each thruster in W, N."""
+    mass: float
+    """kg"""
+    point: np.ndarray
+    """(d,) position to meet at, m."""
+    position_tolerance: float
+    """m"""
+    velocity_tolerance: float
+    """m/s"""
+    limits: tuple[Shape, ...] = ()
+    """Kept at every check but the first instant."""
+    every: int = 1
+    """Flights thrust in every so many-th control period only, which makes their programs smaller."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft, task: OrbitalMission, goal: Any) -> Meeting:
+        """The meeting that a mission asks for.
+
+        Raises:
+            ConfigError: thrusters turn the craft, so that forces in W are not linear in its commands.
+        """
+        if can_turn(craft):
+            raise ConfigError(
+                f"convex bounds are for craft whose thrusters pass through the centre of mass, and those of "
+                f"{craft.name} turn it; fly one such as afrl-deputy."
+            )
+        directions = np.array([thruster.direction for thruster in craft.thrusters]).T
+        sizes = np.array([thruster.force for thruster in craft.thrusters])
+        drift = map_leaves(lambda x: float(np.squeeze(x)), task.drift_at(goal))
+        kind = cls if drift.steady else UnsteadyMeeting
+        return kind(
+            drift,
+            task.timing,
+            directions[: craft.dimension] * sizes,
+            craft.mass,
+            np.array([float(np.squeeze(x)) for x in leaves(goal.p)]),
+            task.position_tolerance,
+            task.velocity_tolerance,
+            tuple(task.limits(goal).values()),
+        )
+
+    @property
+    def price(self) -> np.ndarray:
+        """(m,) impulse of each thruster open for a whole period, N s."""
+        return np.linalg.norm(self.forces, axis=0) * self.timing.control_period
+
+    @property
+    def interval(self) -> float:
+        """Time between two checks, s."""
+        return self.timing.control_period / self.timing.checks
+
+    @cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Free motion (L, 2 d, 2 d), offset (L, 2 d) and effect (L, 2 d, m) of a command, by its age in checks.
+
+        A command that began so many checks ago has been held until now, or for its whole period.
+        """
+        size = len(self.point)
+        times = self.interval * np.arange(self.timing.checks * self.timing.episode_steps + 1)
+        zero = np.zeros(2 * size)
+        offset = self._carried(zero, times)
+        unit = np.eye(2 * size)
+        free = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
+        # A constant acceleration, by quadrature of what each instant of it does to the end.
+        held = np.zeros((len(times), 2 * size, size))
+        for node, weight in RULES[8]:
+            left = (1.0 - node) * times
+            pushed = [self._carried(x, left) - self._carried(zero, left) for x in unit[size:]]
+            held += weight * times[:, None, None] * np.stack(pushed, axis=2)
+        per_period = self.timing.checks
+        late = np.arange(per_period, len(times))
+        effect = held.copy()
+        effect[late] = free[late - per_period] @ held[per_period]
+        return free, offset, effect @ (self.forces / self.mass)
+
+    def _carried(self, state: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """(L, 2 d) where a free point with this state (2 d,) is after each time."""
+        size = len(self.point)
+        vector: Any = Vec2 if size == 2 else Vec3
+        p, v = self.drift.carry(
+            vector(*map(float, state[:size])), vector(*map(float, state[size:])), times
+        )
+        return np.stack([x + 0.0 * times for x in (*p.columns(), *v.columns())], axis=1)
+
+    def free(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
+        """States (L, 2 d) after so many checks without thrust, of a state (2 d,) at the start."""
+        free, offset, _ = self._tables
+        return free[checks] @ start + offset[checks]
+
+    def transition(self, checks: int | np.ndarray) -> np.ndarray:
+        """(2 d, 2 d), or (L, 2 d, 2 d): what a difference of states becomes in so many checks without thrust."""
+        free, _, _ = self._tables
+        return free[checks]
+
+    def effect(self, check: int, periods: int) -> np.ndarray:
+        """(2 d, periods m): what the commands of the first periods have done by a check."""
+        _, _, effect = self._tables
+        ages = np.maximum(check - self.timing.checks * np.arange(periods), 0)
+        return np.moveaxis(effect[ages], 0, 1).reshape(effect.shape[1], -1)
+
+    def response(self, period: int, last: int) -> np.ndarray:
+        """(L, 2 d, m): what the command of a period has done by each check from its beginning to the last one."""
+        _, _, effect = self._tables
+        return effect[: last + 1 - period * self.timing.checks]
+
+    def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
+        """(last + 1,) what commands may save in the bounds of `proof`, N s, not above zero."""
+        _, _, effect = self._tables
+        # What commands of each age may save, added up over all that began before each check.
+        saved = np.minimum(self.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
+        saved[0] = 0.0
+        per_period = self.timing.checks
+        padded = np.zeros(-(-(last + 1) // per_period) * per_period)
+        padded[: last + 1] = saved
+        return padded.reshape(-1, per_period).cumsum(axis=0).ravel()[: last + 1]
+
+    def periods(self, check: int) -> int:
+        """Control periods that have begun before a check."""
+        return -(-check // self.timing.checks)
+
+
+@dataclass(frozen=True)
+class UnsteadyMeeting(Meeting):
+    """Rendezvous in a drift that depends on when a motion begins: the drift is that from the start on.
+
+    What a command does is expressed by the state at the start that does the same.
+    """
+
+    @cached_property
+    def _pulled_back(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Motion (L, 2 d, 2 d) and offset (L, 2 d) to each check, and effects as states at the start.
+
+        Effects are (periods, checks + 1, 2 d, m); the second index is the number of checks for which the command
+        has been held.
+        """
+        size = len(self.point)
+        timing = self.timing
+        unit = np.eye(2 * size)
+        times = self.interval * np.arange(timing.checks * timing.episode_steps + 1)
+        offset = self._carried(0.0 * unit[0], times)
+        motion = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
+        begun = timing.control_period * np.arange(timing.episode_steps)[:, None]
+        held = self.interval * np.arange(timing.checks + 1)
+        effect = np.zeros((timing.episode_steps, timing.checks + 1, 2 * size, size))
+        for node, weight in RULES[8]:
+            instants = (begun + node * held).ravel()
+            later = replace(self, drift=self.drift.later(instants))
+            rest = later._carried(0.0 * unit[0], -instants)
+            pushed = np.stack([later._carried(x, -instants) - rest for x in unit[size:]], axis=2)
+            effect += weight * held[:, None, None] * pushed.reshape(effect.shape)
+        return motion, offset, effect @ (self.forces / self.mass)
+
+    def free(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
+        """See `Meeting.free`."""
+        motion, offset, _ = self._pulled_back
+        return motion[checks] @ start + offset[checks]
+
+    def transition(self, checks: int | np.ndarray) -> np.ndarray:
+        """See `Meeting.transition`; from the start, without the tables."""
+        times = self.interval * np.ravel(checks)
+        unit = np.eye(2 * len(self.point))
+        offset = self._carried(0.0 * unit[0], times)
+        motion = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
+        return motion if np.ndim(checks) else motion[0]
+
+    def effect(self, check: int, periods: int) -> np.ndarray:
+        """See `Meeting.effect`."""
+        motion, _, effect = self._pulled_back
+        per_period = self.timing.checks
+        held = np.clip(check - per_period * np.arange(periods), 0, per_period)
+        done = motion[check] @ effect[np.arange(periods), held]
+        return np.moveaxis(done, 0, 1).reshape(done.shape[1], -1)
+
+    def response(self, period: int, last: int) -> np.ndarray:
+        """See `Meeting.response`."""
+        motion, _, effect = self._pulled_back
+        first = period * self.timing.checks
+        held = np.minimum(np.arange(last + 1 - first), self.timing.checks)
+        return motion[first : last + 1] @ effect[period, held]
+
+    def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
+        """See `Meeting.saved`."""
+        motion, _, effect = self._pulled_back
+        per_period = self.timing.checks
+        checks = np.arange(last + 1)
+        begun = multiplier @ motion[: last + 1]
+        saved = np.zeros(last + 1)
+        for period in range(self.periods(last)):
+            first = period * per_period + 1
+            held = np.minimum(checks[first:] - first + 1, per_period)
+            gains = np.einsum("ki,kij->kj", begun[first:], effect[period, held])
+            saved[first:] += np.minimum(self.price + gains, 0.0).sum(axis=1)
+        return saved
+
+
+@dataclass(frozen=True)
+class MeetingTransfer:
+    """A flight of least impulse that meets at one check, and what the solver says about it."""
+
+    check: int
+    """Check of the meeting, from the start."""
+    commands: np.ndarray
+    """(periods, m), 0 to 1."""
+    impulse: float
+    """N s"""
+    multiplier: np.ndarray
+    """(2 d,) of the state at the meeting: the price of missing it, N s per m and per m/s."""
+    gap: float
+    """Between the primal and the dual objective, N s."""
+    residual: float
+    """Largest violation of the primal and the dual equations, in the solver's units."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Least impulse of a meeting by a deadline, from both sides."""
+
+    lower: float
+    """N s: no flight that meets at any check up to the deadline uses less, with or without limits."""
+    upper: float
+    """N s, of `transfer`; infinite if no flight was found that keeps the limits."""
+    transfer: MeetingTransfer | None
+    """A flight that keeps every limit at every check."""
+    free: MeetingTransfer
+    """The cheapest flight found without limits."""
+
+    @property
+    def gap(self) -> float:
+        """Upper over lower bound, less one."""
+        return self.upper / self.lower - 1.0
+
+
+def least_impulse(
+    meeting: Meeting,
+    start: np.ndarray,
+    check: int,
+    limits: Sequence[Shape] = (),
+    reference: np.ndarray | None = None,
+) -> MeetingTransfer | None:
+    """The flight of least impulse that meets at a check; None: there is none.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        check: when to meet, in checks from the start.
+        limits: kept at every check from the first to the meeting.
+        reference: (check + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
+
+    Raises:
+        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
+    """
+    rows = _Rows(meeting, start, check)
+    rows.arrive()
+    watched: set[int] = set()
+    while True:
+        result = rows.solve()
+        if result is None or reference is None or not limits:
+            return result
+        # Looks at which the limits are broken join those that are watched.
+        states = trajectory(meeting, start, result)
+        broken = [
+            k for k in range(1, check + 1) if _tangent_margin(limits, states[k], reference[k]) < 0.0
+        ]
+        fresh = [k for k in broken if k not in watched]
+        if not fresh:
+            return result
+        watched.update(fresh)
+        for k in fresh:
+            for limit in limits:
+                rows.keep(limit, k, reference[k])
+
+
+def trajectory(meeting: Meeting, start: np.ndarray, transfer: MeetingTransfer) -> np.ndarray:
+    """States (check + 1, 2 d) of a transfer at every check from the start to the meeting."""
+    states = meeting.free(start, np.arange(transfer.check + 1))
+    # What every command does from the check at which it begins.
+    for period, command in enumerate(transfer.commands):
+        first = period * meeting.timing.checks
+        if command.any():
+            states[first:] += meeting.response(period, transfer.check) @ command
+    return states
+
+
+def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.ndarray | None:
+    """(2 d,) multiplier of the state at a check that bounds the impulse of meeting there best, N s per m and m/s.
+
+    None: commands cannot meet there, by a certificate that is checked. It is the dual program of a meeting whose
+    commands have no upper bound: few variables, one row a command.
+
+    Raises:
+        SolverFailed: Clarabel does not end with a solution.
+    """
+    clarabel = _clarabel()
+
+    size = len(meeting.point)
+    state = meeting.free(start, np.array([check]))[0]
+    state[:size] -= meeting.point
+    # Variables: the multiplier y, and bounds of |y_p| and |y_v|.
+    objective = -np.concatenate([state, [-meeting.position_tolerance, -meeting.velocity_tolerance]])
+    effect = meeting.effect(check, meeting.periods(check))
+    prices = np.tile(meeting.price, meeting.periods(check))
+    commands = np.hstack([-effect.T, np.zeros((len(prices), 2))]) / prices[:, None]
+    balls = np.zeros((2 * size + 2, 2 * size + 2))
+    balls[0, 2 * size] = balls[size + 1, 2 * size + 1] = -1.0
+    balls[1 : size + 1, :size] = -np.eye(size)
+    balls[size + 2 :, size : 2 * size] = -np.eye(size)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix((2 * size + 2, 2 * size + 2)),
+        objective,
+        sparse.csc_matrix(np.vstack([commands, balls])),
+        np.concatenate([np.ones(len(prices)), np.zeros(2 * size + 2)]),
+        [
+            clarabel.NonnegativeConeT(len(prices)),
+            clarabel.SecondOrderConeT(size + 1),
+            clarabel.SecondOrderConeT(size + 1),
+        ],
+        settings,
+    )
+    result = solver.solve()
+    status = str(result.status)
+    if "DualInfeasible" in status:
+        # Along this ray the bound of `proof` gains and loses; where it gains more, it grows for ever.
+        ray = np.array(result.x)[: 2 * size]
+        gain = ray @ state - meeting.position_tolerance * np.linalg.norm(ray[:size])
+        gain -= meeting.velocity_tolerance * np.linalg.norm(ray[size:])
+        if gain > np.maximum(-(ray @ effect), 0.0).sum():
+            return None
+    if status not in ("Solved", "AlmostSolved"):
+        raise SolverFailed(
+            f"Clarabel ended with {status} for the bound of a meeting at {check * meeting.interval:g} s."
+        )
+    return np.array(result.x)[: 2 * size]
+
+
+def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray) -> np.ndarray:
+    """Lower bounds (last + 1,) of the impulse of meeting at each check, N s, by weak duality.
+
+    For any multiplier y of the state x at the meeting, the impulse of a flight that meets at a check is at least
+
+        y . x_free - r |y_p| - s |y_v| - sum over commands of max(0, -(price + y . effect)),
+
+    with r and s the radii of the meeting's balls. Whatever the multiplier is, the bounds hold; that of
+    `prices_of_missing` makes them tight nearby.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) state.
+        last: last check.
+        multiplier: (2 d,)
+    """
+    size = len(meeting.point)
+    away = meeting.free(start, np.arange(last + 1))
+    away[:, :size] -= meeting.point
+    constant = meeting.position_tolerance * np.linalg.norm(multiplier[:size])
+    constant += meeting.velocity_tolerance * np.linalg.norm(multiplier[size:])
+    return away @ multiplier - constant + meeting.saved(multiplier, last)
+
+
+def _first_instants(last: int) -> list[int]:
+    """Checks at which bounds of all instants are sharp at first."""
+    return [int(check) for check in np.unique(np.linspace(last, 1, 24).astype(int))]
+
+
+def _sharpen(bounds: np.ndarray, meeting: Meeting, start: np.ndarray, check: int) -> None:
+    """Raise the bounds of all instants by what is proved of one."""
+    multiplier = prices_of_missing(meeting, start, check)
+    if multiplier is None:
+        bounds[check] = np.inf
+    else:
+        np.maximum(bounds, proof(meeting, start, len(bounds) - 1, multiplier), out=bounds)
+
+
+def instant_bounds(meeting: Meeting, start: np.ndarray, last: int) -> np.ndarray:
+    """Lower bounds (last + 1,) of the impulse of meeting at each check, N s; sharp at 24 of them."""
+    bounds = np.zeros(last + 1)
+    bounds[0] = np.inf
+    for check in _first_instants(last):
+        _sharpen(bounds, meeting, start, check)
+    return bounds
+
+
+def staying_prices(meeting: Meeting, start: np.ndarray, checks: np.ndarray) -> np.ndarray | None:
+    """(K, 2 d) multipliers of the states at checks (K,) at all of which a flight of least impulse meets.
+
+    None: it is proved that there is no such flight.
+
+    Raises:
+        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
+    """
+    rows = _Rows(meeting, start, int(checks[-1]))
+    for check in checks:
+        rows.be_within(int(check))
+    return rows.prices()
+
+
+_WITHIN = 0.002
+"""Relative distance between the lower bound and a flight without limits at which a search ends."""
+_INSTANTS = 300
+"""Instants at which the bound is sharpened at most."""
+
+
+def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
+    """Least impulse with which a spacecraft meets by a deadline, bounded from both sides.
+
+    Branch and bound over the instants of the meeting: multipliers bound all of them at once, and where the bound
+    is lowest it is sharpened, until it is close to the impulse of a flight.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position and velocity in W.
+        deadline: s.
+
+    Raises:
+        SolverFailed: no meeting by the deadline is possible.
+    """
+    last = last_check(deadline, meeting.interval)
+    last = min(last, meeting.timing.checks * meeting.timing.episode_steps)
+    bounds = np.zeros(last + 1)
+    bounds[0] = np.inf
+    sharp: set[int] = set()
+    flights: dict[int, MeetingTransfer] = {}
+    cheapest = np.inf
+
+    def sharpen(check: int) -> None:
+        sharp.add(check)
+        _sharpen(bounds, meeting, start, check)
+
+    for check in _first_instants(last):
+        sharpen(check)
+    for _ in range(_INSTANTS):
+        # A flight at the best of the instants whose bound is sharp.
+        sharpest = min(sharp, key=lambda check: bounds[check])
+        if sharpest not in flights and bounds[sharpest] < (1.0 - _WITHIN) * cheapest:
+            result = least_impulse(meeting, start, sharpest)
+            if result is None:
+                bounds[sharpest] = np.inf
+                continue
+            flights[sharpest] = result
+            cheapest = min(cheapest, result.impulse)
+        weakest = int(np.argmin(bounds))
+        if bounds[weakest] >= (1.0 - _WITHIN) * cheapest or weakest in flights:
+            break
+        sharpen(weakest)
+    if not flights:
+        raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
+    lower = float(np.min(bounds))
+    order = sorted(flights.values(), key=lambda flight: flight.impulse)
+    best: MeetingTransfer | None = None
+    for begun in order[:3]:
+        result = within_limits(meeting, start, begun)
+        if result is not None and (best is None or result.impulse < best.impulse):
+            best = result
+        if best is not None and best.impulse < (1.0 + _WITHIN) * order[0].impulse:
+            break
+    return Answer(lower, np.inf if best is None else best.impulse, best, order[0])
+
+
+def within_limits(
+    meeting: Meeting, start: np.ndarray, begun: MeetingTransfer
+) -> MeetingTransfer | None:
+    """A flight that meets at the same check and keeps every limit at every check; None: none was found.
+
+    Where the solver fails in a round, the flight of the rounds before counts. A cone applies near its apex only:
+    rounds constrain the checks at which the flight before was near. Where they end with a flight that comes near
+    earlier, outside the cone, more rounds follow in which the cone reaches a little farther.
+    """
+    # The flight itself may keep the limits already.
+    states = trajectory(meeting, start, begun)
+    if least_margin(meeting.limits, states) >= 0.0:
+        return begun
+    # Rounds of sequential convex programming: limits are tangent at the flight of the round before.
+    result: MeetingTransfer | None = None
+    cost = np.inf
+    limits = meeting.limits
+    is_final = not any(isinstance(limit, Cone) for limit in limits)
+    for _ in range(_ROUNDS):
+        try:
+            trial = least_impulse(meeting, start, begun.check, limits, states)
+        except SolverFailed:
+            return result
+        if trial is None:
+            return result
+        states = trajectory(meeting, start, trial)
+        if least_margin(meeting.limits, states) >= 0.0:
+            result = trial
+        if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
+            if result is not None or is_final:
+                break
+            limits = tuple(_farther(limit) for limit in limits)
+            is_final = True
+        cost = trial.impulse
+    return result
+
+
+def _farther(limit: Shape) -> Shape:
+    """A cone that is a little longer; other limits as they are."""
+    if isinstance(limit, Cone):
+        return replace(limit, length=limit.length * (1.0 + _FARTHER))
+    return limit
+
+
+def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
+    """The least margin of any limit at any state (L, 2 d) after the start."""
+    return min(
+        (float(np.min(_gap(limit, states[1:]))) for limit in limits),
+        default=np.inf,
+    )
+
+
+def least_margins(limits: Sequence[Shape], states: np.ndarray) -> np.ndarray:
+    """(N,) the least margin of any limit at any of the L states (N, L, 2 d) of N flights."""
+    least = np.full(len(states), np.inf)
+    for limit in limits:
+        gaps = _gap(limit, states.reshape(-1, states.shape[-1])).reshape(states.shape[:2])
+        least = np.minimum(least, gaps.min(axis=1))
+    return least
+
+
+def _gap(limit: Shape, states: np.ndarray) -> np.ndarray:
+    size = states.shape[1] // 2
+    vector: Any = Vec2 if size == 2 else Vec3
+    return limit.gap(vector(*states[:, :size].T), vector(*states[:, size:].T))
+
+
+def _vector(v: Any) -> np.ndarray:
+    return np.array([float(np.squeeze(x)) for x in v.columns()])
+
+
+def _tangent_margin(limits: Sequence[Shape], state: np.ndarray, reference: np.ndarray) -> float:
+    """The least margin of the limits where what is concave in them is its tangent at the reference."""
+    margins = []
+    for limit in limits:
+        cone = cone_rows(limit, reference)
+        head = cone.row @ state + cone.constant
+        tail = cone.matrix @ state + cone.vector
+        margins.append(head - np.linalg.norm(tail) + 0.5 * _SLACK)
+    return min(margins)
+
+
+@dataclass(frozen=True)
+class ConeRows:
+    """|matrix x + vector| <= row x + constant, for a state x."""
+
+    row: np.ndarray
+    constant: float
+    matrix: np.ndarray
+    vector: np.ndarray
+
+
+def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
+    """A limit as a second-order cone, tangent at a reference state (2 d,) where it is not convex.
+
+    Raises:
+        ConfigError: the kind of limit is unknown.
+    """
+    size = len(reference) // 2
+    positions = reference[:size]
+    none = np.zeros((0, 2 * size))
+    # |v| <= base + slope |p - at|, where the distance is at least its component along the reference's.
+    if isinstance(limit, SpeedLimit):
+        at = _vector(limit.at)
+        offsets = positions - at
+        unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
+        row = np.zeros(2 * size)
+        row[:size] = float(limit.slope) * unit
+        constant = float(limit.base) - float(limit.slope) * float(unit @ at) - _SLACK
+        matrix = np.hstack([np.zeros((size, size)), np.eye(size)])
+        return ConeRows(row, constant, matrix, np.zeros(size))
+    # A ball to keep out of: the half space beyond the tangent plane that faces the reference.
+    if isinstance(limit, Ball):
+        centre = _vector(limit.centre)
+        offsets = positions - centre
+        unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
+        row = np.zeros(2 * size)
+        row[:size] = unit
+        return ConeRows(
+            row, -float(unit @ centre) - float(limit.radius) - _SLACK, none, np.zeros(0)
+        )
+    # A cone around an axis is convex; far from its apex it does not apply.
+    if isinstance(limit, Cone):
+        apex, axis = _vector(limit.apex), _vector(limit.axis)
+        if np.linalg.norm(positions - apex) > float(limit.length):
+            return ConeRows(np.zeros(2 * size), 1.0, none, np.zeros(0))
+        row = np.zeros(2 * size)
+        tangent = np.tan(float(limit.half_angle))
+        row[:size] = tangent * axis
+        across = np.eye(size) - np.outer(axis, axis)
+        matrix = np.hstack([across, np.zeros((size, size))])
+        return ConeRows(row, -tangent * float(axis @ apex) - _SLACK, matrix, -across @ apex)
+    raise ConfigError(f"convex bounds know balls, cones and speed limits, got {limit!r}.")
+
+
+class _Rows:
+    """The program in Clarabel's form: minimise q . u such that b - A u lies in a product of cones."""
+
+    def __init__(self, meeting: Meeting, start: np.ndarray, check: int) -> None:
+        self.meeting = meeting
+        self.check = check
+        self.periods = meeting.periods(check)
+        self._start = start
+        thrusters = meeting.forces.shape[1]
+        used = np.arange(self.periods) % meeting.every == 0
+        self._used = np.repeat(used, thrusters)
+        count = int(self._used.sum())
+        unit = np.eye(count)
+        # Commands within [0, 1].
+        self._matrix = [-unit, unit]
+        self._vector = [np.zeros(count), np.ones(count)]
+        self._cones: list[int] = []
+
+    def arrive(self) -> None:
+        """Be within both balls at the meeting."""
+        self.be_within(self.check)
+
+    def be_within(self, check: int) -> None:
+        """Be within both balls at a check."""
+        meeting = self.meeting
+        size = len(meeting.point)
+        effect = meeting.effect(check, self.periods)[:, self._used]
+        free = meeting.free(self._start, np.array([check]))[0]
+        free[:size] -= meeting.point
+        for part, radius in (
+            (slice(0, size), meeting.position_tolerance),
+            (slice(size, 2 * size), meeting.velocity_tolerance),
+        ):
+            self._append(np.zeros(effect.shape[1]), radius - _SLACK, effect[part], free[part])
+
+    def keep(self, limit: Shape, check: int, reference: np.ndarray) -> None:
+        """Keep a limit at a check."""
+        effect = self.meeting.effect(check, self.periods)[:, self._used]
+        free = self.meeting.free(self._start, np.array([check]))[0]
+        cone = cone_rows(limit, reference)
+        self._append(
+            cone.row @ effect,
+            float(cone.row @ free) + cone.constant,
+            cone.matrix @ effect,
+            cone.matrix @ free + cone.vector,
+        )
+
+    def _append(
+        self, row: np.ndarray, constant: float, matrix: np.ndarray, vector: np.ndarray
+    ) -> None:
+        """|matrix u + vector| <= row u + constant."""
+        self._matrix.append(-np.vstack([row, matrix]))
+        self._vector.append(np.concatenate([[constant], vector]))
+        self._cones.append(len(vector) + 1)
+
+    def solve(self) -> MeetingTransfer | None:
+        """The transfer; None: it is proved that there is none."""
+        price = np.tile(self.meeting.price, self.periods)[self._used]
+        count = len(price)
+        result = self.program(price).solve(f"a meeting at {self.check * self.meeting.interval:g} s")
+        if result is None:
+            return None
+        size = len(self.meeting.point)
+        dual = np.array(result.z)[2 * count :]
+        # The arrival's two cones come first; their first rows are the radii.
+        multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])
+        flat = np.zeros(len(self._used))
+        flat[self._used] = np.clip(np.array(result.x), 0.0, 1.0)
+        commands = flat.reshape(self.periods, -1)
+        return MeetingTransfer(
+            self.check,
+            commands,
+            float(price @ flat[self._used]),
+            multiplier,
+            abs(result.obj_val - result.obj_val_dual),
+            max(result.r_prim, result.r_dual),
+        )
+
+    def prices(self) -> np.ndarray | None:
+        """(K, 2 d) multipliers of the states of `be_within`; None: it is proved that no flight is there."""
+        price = np.tile(self.meeting.price, self.periods)[self._used]
+        result = self.program(price).solve(f"a stay until {self.check * self.meeting.interval:g} s")
+        if result is None:
+            return None
+        size = len(self.meeting.point)
+        # Every check has two cones, whose first rows are the radii.
+        dual = np.array(result.z)[2 * len(price) :].reshape(-1, 2, size + 1)
+        return -dual[:, :, 1:].reshape(len(dual), 2 * size)
+
+    def program(self, price: np.ndarray) -> ConeProgram:
+        """The program of commands that cost so much."""
+        count = len(price)
+        return ConeProgram(
+            price,
+            sparse.csc_matrix(np.vstack(self._matrix)),
+            np.concatenate(self._vector),
+            0,
+            2 * count,
+            tuple(self._cones),
+            np.zeros(count),
+            np.ones(count),
+        )
+
+
+def _clarabel() -> Any:
+    """The solver, whose module says nothing of its types."""
+    return require("clarabel")

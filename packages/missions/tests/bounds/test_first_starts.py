@@ -1,0 +1,171 @@
+"""Bounds of missions on an orbit beside the flights of a comparison, and their figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
+from rans_missions.control.mission_guidance import MissionGuidance
+
+from rans.evaluation.compare import run
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.compare.mission_bounds import MissionBounds
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.metrics import impulses
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import Conditions
+from rans.show.figures.mission_figures import (
+    margins_over_time,
+    orbital_plane,
+    spent_over_time,
+)
+from rans.show.tables.comparison_tables import differences, outcome, scoreboard
+from rans.tasks import Dock, GoToPose, Inspect
+from tests.support.comparisons import points
+
+CRAFT = load_spacecraft("afrl-deputy")
+TASK = Dock(deadline=(600.0, 700.0)).for_evaluation()
+CONTEST = Contest(CRAFT, TASK, TASK.timing, seed=5, episodes=2)
+
+
+@pytest.fixture(scope="module")
+def entry() -> Entry:
+    guidance = MissionGuidance(CRAFT, TASK)
+    flight, _ = CONTEST.fly(guidance, workers=1)
+    return Entry(Contestant("mission", guidance, "state", "none"), flight, np.zeros(1))
+
+
+@pytest.mark.slow
+def test_no_flight_is_below_the_bound_and_more_time_needs_no_more_impulse(entry: Entry) -> None:
+    reported = 0
+
+    def count(units: int) -> None:
+        nonlocal reported
+        reported += units
+
+    found = mission_bounds(CONTEST, 2, count)
+    assert reported == steps_of(CONTEST, 2)
+    ratios = found.ratios(entry)
+    assert ratios.shape == (2,)
+    assert np.all((ratios > 1.0) & (ratios < 1.3))
+    # Each bound is found on its own, to 0.2 %.
+    assert np.all(np.diff(found.front) < 0.002 * found.front[:-1])
+
+
+@pytest.mark.slow
+def test_ratios_are_of_flights_that_succeeded(entry: Entry) -> None:
+    spent = impulses(entry.flight)
+    found = MissionBounds(0.5 * spent, np.array([300.0, 600.0]), np.array([np.inf, 1.0]))
+    assert found.ratios(entry) == pytest.approx([2.0, 2.0])
+    assert "mission 2.000" in found.sentence([entry])
+    assert found.to_json()["front"] == [None, 1.0]
+    assert found.impossible([entry]) == []
+    wrong = replace(found, lower=1.01 * spent)
+    assert len(wrong.impossible([entry])) == 1
+
+
+@pytest.mark.slow
+def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
+    """Both flights dock; in a copy the first breaks the speed limit on the way, and has not won."""
+    flight = entry.flight
+    broken = {name: margin.copy() for name, margin in flight.margins.items()}
+    broken["speed"][3, 0] = -0.01
+    wild = Entry(
+        Contestant("wild", entry.contestant.controller, "state", "none"),
+        replace(flight, margins=broken),
+        np.zeros(1),
+    )
+    bounds = MissionBounds(0.5 * impulses(flight), np.zeros(0), np.zeros(0))
+    comparison = Comparison(CONTEST, [entry, wild], mission=bounds)
+    board = scoreboard(comparison)
+    assert flight.lengths is not None
+    times = flight.lengths * 10.0
+    row = board["mission"]
+    assert row["mission won, %"].value == 100.0
+    assert row["limit broken, %"].value == 0.0
+    assert times.min() <= row["time of success, s"].value <= times.max()
+    assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight).mean())
+    assert row["impulse over the bound"].value == pytest.approx(2.0)
+    assert row["impulse over the bound, worst"].value == pytest.approx(2.0)
+    row = board["wild"]
+    assert row["mission won, %"].value == 50.0
+    assert row["limit broken, %"].value == 50.0
+    assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight)[1])
+    # Errors of the last fifth of an episode say nothing of flights that ended before.
+    assert not any("error" in name or "settl" in name for name in row)
+    assert differences(comparison)["wild"]["time of success, s"].high == np.inf
+    settled = [one["settled"] for one in outcome(comparison, board)["summary"]]
+    assert settled == [2, 1]
+    assert "did not succeed" in bounds.table([wild])[1][0]
+    first = np.asarray(CONTEST.starts.goal.notes[0])
+    assert f"deadlines of {first.min():,.0f} to {first.max():,.0f} s" in CONTEST.title()
+
+
+class Interrupted:
+    """A controller during which the user presses Ctrl-C."""
+
+    name = "interrupted"
+
+    def reset(self, count: int) -> None:
+        raise KeyboardInterrupt
+
+    def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+        raise KeyboardInterrupt
+
+
+def test_an_interrupted_comparison_has_the_bound_of_the_first_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    task = Inspect()
+    contest = Contest(CRAFT, task, replace(task.timing, episode_steps=100), seed=5, episodes=3)
+
+    def slow(name: str, contest: Contest) -> Contestant:
+        return Contestant(name, Interrupted(), "state", "none")
+
+    monkeypatch.setattr(run.entrants, "simple_controller", slow)
+    comparison = Comparison(contest)
+    with pytest.raises(KeyboardInterrupt):
+        comparison.fly({}, certified=2, workers=1)
+    assert comparison.mission is not None
+    assert comparison.mission.lower.shape == (1,)
+    more = mission_bounds(contest, 3, before=comparison.mission)
+    assert more.lower.shape == (3,)
+    assert more.lower[0] == comparison.mission.lower[0]
+
+
+@pytest.mark.slow
+def test_the_front_has_times_of_deadlines() -> None:
+    """No mission has an earlier deadline than the task's earliest; that of the first start is the latest time."""
+    task = Dock(deadline=(650.0, 700.0))
+    contest = Contest(CRAFT, task, task.timing, seed=5, episodes=1)
+    bounds = mission_bounds(contest, 1)
+    assert bounds.deadlines is not None
+    assert bounds.times[0] == 650.0
+    assert bounds.times[-1] == bounds.deadlines[0]
+
+
+def test_other_contests_have_none() -> None:
+    assert bounded(CONTEST)
+    assert not bounded(Contest(CRAFT, TASK, TASK.timing, 5, 2, conditions=Conditions()))
+    platform = load_spacecraft("floating-platform")
+    pose = GoToPose()
+    assert not bounded(Contest(platform, pose, pose.timing, 5, 2))
+
+
+@pytest.mark.slow
+def test_figures_show_paths_margins_and_what_is_impossible(entry: Entry) -> None:
+    (axes,) = orbital_plane([entry]).axes
+    path = np.array(points(axes)["mission"])
+    p = entry.flight.states.p
+    assert path[0] == pytest.approx([p.y[0, 0], p.x[0, 0]])  # along the track, then radially
+    (margins,) = margins_over_time([entry]).axes
+    least = np.array(points(margins)["mission"])[:, 1]
+    assert np.nanmin(least) == pytest.approx(
+        min(margin.min() for margin in entry.flight.margins.values())
+    )
+    bounds = MissionBounds(np.ones(1), np.array([300.0, 600.0]), np.array([np.inf, 1.0]))
+    (front,) = spent_over_time([entry], bounds).axes
+    (marker,) = (line for line in front.get_lines() if line.get_label() == "mission")
+    assert marker.get_ydata() == pytest.approx(impulses(entry.flight)[:1])

@@ -1,0 +1,149 @@
+"""Bounds of landings beside the flights of a comparison, and their figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
+from rans_missions.control.landing_guidance import LandingGuidance
+from rans_missions.convex.landing import Descent, Lander, landing
+
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.compare.mission_bounds import MissionBounds
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.fly.controllers import default_opponents
+from rans.evaluation.measure.metrics import impulses, propellant_used
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import BodyConditions, Conditions, FaultConditions
+from rans.show.figures.landing_figures import descent, propellant_beside_bounds, thrust_and_tilt
+from rans.show.figures.mission_figures import margins_over_time, spent_over_time
+from rans.show.pages.comparison_page import page
+from rans.tasks import GoToPose
+from rans.tasks.land import Land
+
+CRAFT = load_spacecraft("mars-lander-steered")
+TASK = Land()
+CONTEST = Contest(CRAFT, TASK, TASK.timing, seed=9, episodes=1)
+
+
+def line(axes: Axes, name: str) -> np.ndarray:
+    """(n, 2) points of the line with this name in the legend."""
+    (found,) = (one for one in axes.get_lines() if one.get_label() == name)
+    return np.asarray(found.get_xydata())
+
+
+@pytest.fixture(scope="module")
+def entry() -> Entry:
+    guidance = LandingGuidance(CRAFT, TASK)
+    flight, _ = CONTEST.fly(guidance, workers=1)
+    return Entry(Contestant("landing", guidance, "state", "none"), flight, np.zeros(1))
+
+
+@pytest.fixture(scope="module")
+def bounds() -> MissionBounds:
+    return mission_bounds(CONTEST, 1)
+
+
+@pytest.mark.slow
+def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionBounds) -> None:
+    over = bounds.over(entry)
+    assert over.shape == (1,)
+    assert np.all((over > 1.0) & (over < 1.03))
+    assert bounds.impossible([entry]) == []
+    wrong = replace(bounds, lower=1.001 * propellant_used(entry.flight))
+    (sentence,) = wrong.impossible([entry])
+    assert "landing beats the certified least propellant" in sentence
+    headings, rows = bounds.table([entry])
+    assert headings == ("start", "least propellant, kg", "landing")
+    assert [row[0] for row in rows] == ["0"]
+    assert f"({over[0]:.3f})" in rows[0][2]
+
+
+@pytest.mark.slow
+def test_a_dead_engine_takes_more(bounds: MissionBounds) -> None:
+    dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))
+    without = mission_bounds(replace(CONTEST, conditions=dead), 1)
+    assert without.lower[0] > 1.05 * bounds.lower[0]
+
+
+@pytest.mark.slow
+def test_the_front_is_least_where_the_bound_is(bounds: MissionBounds) -> None:
+    assert bounds.front.min() == pytest.approx(bounds.lower[0], rel=1e-6)
+    assert np.diff(bounds.times) == pytest.approx(TASK.timing.control_period)
+    assert np.isinf(bounds.front[0])  # eight seconds sooner, thrust does not suffice
+    assert bounds.path is not None
+    assert bounds.path[0] == pytest.approx(np.ravel(CONTEST.start(0).start.p.columns()), abs=1e-3)
+    assert len(bounds.path) - 1 == round(bounds.times[bounds.front.argmin()] / 0.5)
+
+
+@pytest.mark.slow
+def test_the_bound_lets_engines_be_throttled_one_by_one(bounds: MissionBounds) -> None:
+    one = CONTEST.start(0)
+    start = np.ravel(one.start.p.columns()), np.ravel(one.start.v.columns())
+    time = float(bounds.times[bounds.front.argmin()])
+    alike = landing(Lander.of(CRAFT), Descent.of(TASK, craft=CRAFT), start, time, 0.5, side="bound")
+    assert alike is not None
+    assert bounds.lower[0] < alike.dual
+
+
+def test_landings_have_bounds_where_nothing_is_drawn() -> None:
+    assert bounded(CONTEST)
+    assert steps_of(replace(CONTEST, episodes=2), 5) == 3
+    assert not bounded(replace(CONTEST, conditions=Conditions()))
+    dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))
+    assert bounded(replace(CONTEST, conditions=dead))
+    assert not bounded(replace(CONTEST, conditions=replace(dead, body=BodyConditions(mass=1.1))))
+    shut = replace(CRAFT, propellant=None)
+    assert not bounded(replace(CONTEST, craft=shut))
+    assert default_opponents(TASK) == ("landing", "optimal")
+    assert "lqr" in default_opponents(GoToPose())
+
+
+@pytest.mark.slow
+def test_figures_show_paths_thrust_and_what_is_impossible(
+    entry: Entry, bounds: MissionBounds
+) -> None:
+    whole, end = descent([entry], bounds).axes
+    path = line(whole, "landing")
+    x, y, z = np.ravel(CONTEST.start(0).start.p.columns())
+    assert path[0] == pytest.approx([np.hypot(x, y), z])
+    assert np.hypot(*path[-1]) < TASK.position_tolerance
+    assert len(line(whole, "least propellant")) > 100
+    assert end.get_ylim()[1] < 0.2 * whole.get_ylim()[1]
+    (beside,) = propellant_beside_bounds([entry], bounds).axes
+    shown = line(beside, "landing")[:, 1]
+    assert sorted(shown) == pytest.approx(sorted(propellant_used(entry.flight)))
+    throttle, tilt = thrust_and_tilt([entry]).axes
+    assert throttle.get_ylim()[1] > 100.0
+    angles = line(tilt, "landing")[:, 1]
+    assert angles[0] == 0.0
+    assert 35.0 < angles.max() < 40.0
+    (front,) = spent_over_time([entry], bounds).axes
+    (marker,) = line(front, "landing")
+    assert marker[1] == pytest.approx(propellant_used(entry.flight)[0])
+    assert len(margins_over_time([entry]).axes) == 3
+
+
+@pytest.mark.slow
+def test_a_page_of_landings_has_the_table_and_the_figures(
+    entry: Entry, bounds: MissionBounds
+) -> None:
+    comparison = Comparison(CONTEST, [entry], mission=bounds)
+    (section,) = (s for s in page(comparison).sections if s.title == "Mission")
+    assert len(section.tables) == 1
+    assert len(section.pictures) == 5
+
+
+@pytest.mark.slow
+def test_no_impulse_is_spent_after_touchdown(entry: Entry) -> None:
+    """An engine at 80 % gives 0.8 of its force for as long as the flight lasts, at most."""
+    flight = entry.flight
+    assert flight.lengths is not None
+    most = 0.8 * 6 * 3100.0 * 0.5 * flight.lengths
+    assert np.all(impulses(flight) <= most + 1e-6)
+    tank = CRAFT.propellant
+    assert tank is not None
+    assert impulses(flight) / tank.exhaust_speed == pytest.approx(propellant_used(flight), rel=1e-3)

@@ -1,0 +1,172 @@
+"""Circumnavigation of a target, in a simulation of its own: matrix exponentials, and angles at every point."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.convex.inspection import inspection_bound
+
+from rans.errors import ConfigError
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3, map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.scenario import scenarios
+from rans.tasks import Inspect
+from tests.support.clohessy_wiltshire import transition
+
+DEPUTY = load_spacecraft("afrl-deputy")
+TASK = Inspect()
+N = TASK.mean_motion
+MASS = 12.0
+PERIOD = 20.0
+STEP = 10.0
+"""Time between checks, s."""
+END = 12_240.0
+"""Length of an episode, s."""
+
+MOVE = transition(N, STEP)
+
+
+class Flown(NamedTuple):
+    """Flights of N craft."""
+
+    finish: np.ndarray
+    """When 96 points had been seen, s; infinite: never."""
+    spent: np.ndarray
+    """Impulse until then, N s."""
+    later: np.ndarray
+    """Impulse from then on, N s."""
+    least: np.ndarray
+    """Least distance from the target at a check, m."""
+    most: np.ndarray
+    """Largest one, m."""
+
+
+def flown(
+    pilot: Any, until: float, noise: tuple[float, float] = (0.0, 0.0), strong: float = 1.0
+) -> Flown:
+    """Fly a controller from `STARTS`; ``noise`` is of readings, m and m/s, ``strong`` the share of the thrust."""
+    rng = np.random.default_rng(1)
+    size = len(STARTS.start.p.x)
+    x = np.array([*STARTS.start.p.columns(), *STARTS.start.v.columns()])
+    sun = np.broadcast_to(STARTS.goal.notes[0], size)
+    normals = np.array(TASK.normals)
+    seen = np.zeros((size, 100), bool)
+    finish = np.full(size, np.inf)
+    spent = np.zeros(size)
+    later = np.zeros(size)
+    least = np.full(size, np.inf)
+    most = np.zeros(size)
+    pilot.reset(size)
+    for k in range(int(until / PERIOD)):
+        now = k * PERIOD
+        bits = (seen.reshape(size, 5, 20) * 2.0 ** np.arange(20)).sum(axis=2)
+        read = x + np.array([*[noise[0]] * 3, *[noise[1]] * 3])[:, None] * rng.normal(size=x.shape)
+        state = SpatialState(
+            Vec3(*read[:3]), Quat(1.0, 0.0, 0.0, 0.0), Vec3(*read[3:]), Vec3(0.0, 0.0, 0.0)
+        )
+        goal = SpatialState(
+            Vec3(0.0, 0.0, 0.0),
+            Quat(1.0, 0.0, 0.0, 0.0),
+            Vec3(0.0, 0.0, 0.0),
+            Vec3(0.0, 0.0, 0.0),
+            notes=(sun - N * now, seen.sum(axis=1).astype(float), *bits.T),
+        )
+        command = pilot.act(state, goal, np.zeros((size, 1)))
+        assert command.min() >= 0.0
+        assert command.max() <= 1.0
+        impulse = command.sum(axis=1) * PERIOD * strong
+        spent += np.where(np.isfinite(finish), 0.0, impulse)
+        later += np.where(np.isfinite(finish), impulse, 0.0)
+        push = (command[:, ::2] - command[:, 1::2]).T * strong / MASS
+        for check in (1, 2):
+            x = (MOVE @ np.vstack([x, push]))[:6]
+            p = x[:3].T
+            distance = np.linalg.norm(p, axis=1)
+            least = np.minimum(least, distance)
+            most = np.maximum(most, distance)
+            time = now + check * STEP
+            angle = sun - N * time
+            towards = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+            way = p[:, None] - 10.0 * normals
+            seen |= ((way * normals).sum(axis=2) > 0.0) & (towards @ normals.T > 0.0)
+            finish = np.where((seen.sum(axis=1) >= 96) & (finish == np.inf), time, finish)
+    return Flown(finish, spent, later, least, most)
+
+
+STARTS = scenarios(TASK, DEPUTY, seed=70, count=6)
+
+
+def bounds(within: float) -> np.ndarray:
+    """Least impulse from every start, N s."""
+    both: Any = (STARTS.start, STARTS.goal)
+    result = []
+    for k in range(6):
+        start, goal = map_leaves(lambda x, k=k: float(x[k]) if np.ndim(x) else x, both)
+        result.append(inspection_bound(DEPUTY, TASK, start, goal, within, TASK.timing))
+    return np.array(result)
+
+
+@pytest.mark.slow
+def test_two_burns_inspect_everything_and_leave_a_safe_orbit() -> None:
+    """From every start, with a tenth of what the trained agent needs (12 N s), and at least the bound."""
+    result = flown(Circumnavigation(DEPUTY, TASK), END + 5_000.0)
+    assert result.finish.max() <= 12_240.0
+    assert result.spent.mean() < 2.0
+    assert np.all(result.spent >= bounds(12_240.0))
+    # The ball has a radius of 15 m, the zone ends at 800 m, and nothing needs to be done after the end.
+    assert result.least.min() > 15.0
+    assert result.most.max() < 800.0
+    assert result.later.max() < 0.01 * 12.0
+
+
+@pytest.mark.slow
+def test_less_time_needs_more_impulse() -> None:
+    result = flown(Circumnavigation(DEPUTY, TASK, within=5_400.0), 5_400.0)
+    assert result.finish.max() <= 5_400.0
+    assert np.all(result.spent >= bounds(5_400.0))
+    assert result.least.min() > 15.0
+
+
+@pytest.mark.slow
+def test_noise_and_weak_thrusters_are_expected() -> None:
+    """Readings with errors of 0.3 m and 3 mm/s, from which an orbit of 18 m a millimetre per second drifts away."""
+    expected = Conditions(
+        thrusters=ThrusterConditions(thrust=(0.9, 1.1)),
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.3), velocity=SensorConditions(noise=0.003)
+        ),
+    )
+    pilot = Circumnavigation(DEPUTY, TASK).expecting(expected)
+    result = flown(pilot, END, (0.3, 0.003), 0.9)
+    assert result.finish.max() <= 12_240.0
+    assert result.least.min() > 15.0
+    assert result.spent.mean() < 3.0
+
+
+def test_other_tasks_are_refused() -> None:
+    with pytest.raises(ConfigError, match="inspections, and GoToPose is not one"):
+        Circumnavigation("floating-platform", "go-to-pose")
+
+
+def test_a_safe_start_near_the_ball_asks_its_plans_for_no_more_than_its_own_coast_keeps() -> None:
+    """At rest on the track a craft stays where it is; the usual clearance of the ball of 15 m is 1 m."""
+    pilot = Circumnavigation("afrl-deputy", "inspect", safe_coasts=True)
+
+    def clearance(y: float) -> float:
+        return pilot._clear_of(np.array([0.0, y, 0.0, 0.0, 0.0, 0.0]))
+
+    assert clearance(40.0) == 16.0
+    assert 15.3 < clearance(15.4) < 15.4
+    # A start that is unsafe, or as good as that, cannot set the clearance.
+    assert clearance(14.0) == 16.0
+    assert clearance(15.05) == 16.0

@@ -1,0 +1,322 @@
+"""Guidance that missions on an orbit recommend, and agents that have learnt nothing, which fly it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from rans_missions.bounds.transfers import Row, row_of
+from rans_missions.control.guidance import VelocityToGain
+from rans_missions.control.mission_guidance import MissionGuidance
+
+import rans
+from rans.effectors.commands import per_velocity
+from rans.errors import ConfigError
+from rans.evaluation.measure.metrics import impulses
+from rans.flight import fly
+from rans.model.actuators import Pulsed
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.policy.architecture import Architecture
+from rans.policy.network import Network
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.reference.flight import fly_in_drake
+from rans.scenario import EVALUATION_SEED, draws, scenarios
+from rans.tasks import Dock, Hold, Rendezvous
+from rans.tasks.base import observation
+from rans.tasks.derived import layout
+from rans.tasks.orbital import OrbitalMission
+from rans.tasks.shapes import Ball
+
+DEPUTY = load_spacecraft("afrl-deputy")
+CHASER = load_spacecraft("vbar-chaser")
+APPROACHING = load_spacecraft("arpod-chaser")
+
+
+HURRY = Dock(deadline=(600.0, 600.0))
+
+
+def coarse(task: OrbitalMission) -> Timing:
+    """One substep: orbits are exact with any number, and these craft turn slowly."""
+    return replace(task.timing, substeps=1)
+
+
+@pytest.fixture(scope="module")
+def hurried() -> Row:
+    """Dockings from 64 starts by the shortest deadline."""
+    starts = scenarios(HURRY, DEPUTY, 7, 64)
+    return row_of("", fly(DEPUTY, HURRY, MissionGuidance(DEPUTY, HURRY), starts, coarse(HURRY)))
+
+
+@pytest.mark.slow
+def test_it_docks_in_a_hurry_below_the_speed_limit(hurried: Row) -> None:
+    assert hurried.docked.all()
+    assert not hurried.violated.any()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* does not know the constraints")
+def test_later_burns_save_impulse() -> None:
+    """By 2,000 s there is time for burns where they do most; whoever burns all at once spends more."""
+    task = Dock(deadline=(2000.0, 2000.0))
+    starts = scenarios(task, DEPUTY, 7, 16)
+    ours, theirs = (
+        row_of("", fly(DEPUTY, task, kind(DEPUTY, task), starts, coarse(task)))
+        for kind in (MissionGuidance, VelocityToGain)
+    )
+    assert ours.docked.all()
+    both = ours.docked & theirs.docked
+    assert ours.impulse[both].mean() < 0.97 * theirs.impulse[both].mean()
+
+
+@pytest.mark.slow
+def test_drake_flies_the_same(hurried: Row) -> None:
+    starts = scenarios(HURRY, DEPUTY, 7, 1)
+    guidance = MissionGuidance(DEPUTY, HURRY)
+    drake = row_of("", fly_in_drake(DEPUTY, HURRY, guidance, starts, coarse(HURRY)))
+    assert drake.docked.all()
+    np.testing.assert_allclose(drake.impulse, hurried.impulse[:1], rtol=1e-6)
+
+
+def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
+    task = Dock()
+    given = Architecture(
+        layout(task, 3), 6, (8, 8), head="guided", levers=per_velocity(DEPUTY, 10.0)
+    )
+    tensors, _ = given.initial(0, 0.5)
+    for kind in ("weight", "bias"):
+        tensors[f"action_net.{kind}"].zero_()
+    given.last.expect(tensors["action_net.bias"], 0.5)
+    network = Network.stacked(given, [tensors], torch.device("cpu"), torch.float64)
+    starts = scenarios(task, DEPUTY, 3, 20)
+    wanted = MissionGuidance(DEPUTY, task).act(starts.start, starts.goal, np.zeros((20, 0)))
+    columns = observation(task, starts.start, starts.goal)
+    rows = np.stack([np.broadcast_to(np.asarray(x, float), 20) for x in columns], axis=1)
+    command, _ = network.deterministic_action(torch.from_numpy(rows), network.initial_state(20))
+    np.testing.assert_allclose(command.numpy(), wanted, atol=1e-12)
+
+
+def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
+    """A uniform distribution over s sqrt(3) on either side of the mean has the standard deviation s."""
+    task = Dock()
+    deviation = 0.1
+    ends = (1.0 - deviation * math.sqrt(3.0), 1.0 + deviation * math.sqrt(3.0))
+    flying = scenarios(task, DEPUTY, 7, 4)
+    commands = []
+    for thrusters in (ThrusterConditions(noise=deviation), ThrusterConditions(thrust=ends)):
+        guidance = MissionGuidance(DEPUTY, task, conditions=Conditions(thrusters=thrusters))
+        guidance.reset(4)
+        commands.append(
+            [guidance.act(flying.start, flying.goal, np.zeros((4, 0))) for _ in range(3)]
+        )
+    # Searches for the best arrival are exact to the root of the rounding only.
+    np.testing.assert_allclose(commands[0], commands[1], rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_craft_that_is_slower_for_its_errors_docks_before_the_deadline() -> None:
+    """The mission plans these arrivals in the last ten seconds, for a craft 3.5 % nearer to the speed limit."""
+    task = Dock().for_evaluation()
+    assert isinstance(task, Dock)
+    expected = Conditions(
+        thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+        ),
+        disturbances=DisturbanceConditions(force=(0.0, 1e-4)),
+    )
+    met = replace(
+        expected,
+        body=BodyConditions(mass=(0.95, 1.05)),
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05, bias=(0.0, 0.05)),
+            velocity=SensorConditions(noise=0.001, bias=(0.0, 0.001)),
+        ),
+    )
+    for number in (293, 2461):
+        starts = scenarios(task, DEPUTY, EVALUATION_SEED, 1, number)
+        guidance = MissionGuidance(DEPUTY, task, conditions=expected)
+        luck = draws(EVALUATION_SEED, 1, number)
+        flight = fly(DEPUTY, task, guidance, starts, coarse(task), conditions=met, draws=luck)
+        assert flight.done is not None
+        assert flight.done.all()
+        assert not flight.violated().any()
+
+
+@pytest.mark.slow
+def test_a_known_force_does_not_lead_the_filter_astray() -> None:
+    """An estimate that ignores a force of 1e-3 N, which is 8e-5 m/s^2, is wrong by 40 m after 1,000 s."""
+    task = Dock(deadline=(1000.0, 1000.0))
+    timing = replace(task.timing, episode_steps=100, checks=1, substeps=1)
+    starts = scenarios(task, DEPUTY, 7, 3)
+    noisy = Conditions(
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+        )
+    )
+    pushed = replace(noisy, disturbances=DisturbanceConditions(force=1e-3))
+    trusting, ours = (
+        fly(
+            DEPUTY,
+            task,
+            MissionGuidance(DEPUTY, task, timing, known),
+            starts,
+            timing,
+            conditions=pushed,
+            draws=draws(7, 3),
+        )
+        for known in (noisy, pushed)
+    )
+    assert ours.done is not None
+    assert ours.done.all()
+    assert not ours.violated().any()
+    # It corrects what is not there: a tenth more at least.
+    assert impulses(trusting).mean() > 1.1 * impulses(ours).mean()
+
+
+@pytest.mark.slow
+def test_a_constant_force_in_any_direction_costs_no_more_than_along_the_orbit() -> None:
+    """In the second of two orbits at the hold point, in directions that guidance has to find out.
+
+    5 mN along the orbit, which nothing but thrust balances, cost 28.4 N s in the 5,677 s.
+    """
+    force = 5e-3
+    orbit = 2.0 * math.pi / Hold().mean_motion
+    task = Hold(deadline=(1000.0, 1000.0), hold_seconds=2.0 * orbit)
+    period = task.timing.control_period
+    steps = math.ceil((1000.0 + task.hold_seconds) / period) + 1
+    timing = replace(task.timing, episode_steps=steps, checks=1, substeps=1)
+    pushed = Conditions(disturbances=DisturbanceConditions(force=force))
+    guidance = MissionGuidance(CHASER, task, timing, pushed)
+    starts = scenarios(task, CHASER, 7, 4)
+    flight = fly(CHASER, task, guidance, starts, timing, conditions=pushed, draws=draws(7, 4))
+    assert flight.done is not None
+    assert flight.done.all()
+    assert flight.lengths is not None
+    forces = np.array([thruster.force for thruster in CHASER.thrusters])
+    last = round(orbit / period)
+    for row, end in enumerate(flight.lengths):
+        spent = (flight.commands[end - last : end, row] @ forces).sum() * period
+        assert spent < 1.2 * force * orbit
+
+
+@pytest.mark.slow
+def test_known_noise_costs_little_impulse() -> None:
+    """Whoever believes every reading burns its noise."""
+    task = Dock(deadline=(1000.0, 1000.0))
+    starts = scenarios(task, DEPUTY, 7, 4)
+    noisy = Conditions(
+        thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+        ),
+    )
+    blind = MissionGuidance(DEPUTY, task)
+    knowing = MissionGuidance(DEPUTY, task, conditions=noisy)
+    believing, ours = (
+        row_of(
+            "",
+            fly(DEPUTY, task, one, starts, coarse(task), conditions=noisy, draws=draws(7, 4)),
+        )
+        for one in (blind, knowing)
+    )
+    assert ours.docked.all()
+    assert not ours.violated.any()
+    assert believing.impulse.mean() > 1.2 * ours.impulse.mean()
+
+
+@pytest.mark.slow
+def test_commands_tell_it_the_conditions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In an evaluation and a comparison, of which the beginning is flown; named by its module it expects none."""
+    monkeypatch.setattr(Dock, "timing", replace(Dock.timing, episode_steps=60, substeps=1))
+    noisy = Conditions(
+        sensors=SensorsConditions(
+            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+        )
+    )
+    informed = "mission:dock-3d"
+    blind = f"{MissionGuidance.__module__}:MissionGuidance:dock-3d"
+
+    evaluated = rans.evaluate(informed, episodes=1, conditions=noisy)
+    compared = rans.compare(informed, blind, beside=(), episodes=1, conditions=noisy, workers=1)
+    impulse, without = (impulses(entry.flight).mean() for entry in compared.entries)
+    assert evaluated["impulse"].value == pytest.approx(impulse)
+    assert without > 1.5 * impulse
+
+
+def test_burns_are_rounded_down_to_whole_pulses() -> None:
+    """Of starts so far below the speed limit that the reserve below it makes no difference."""
+    pulsed = replace(DEPUTY, actuators=Pulsed(counts=100))
+    task = Dock(deadline=(2000.0, 2000.0), start_speed=(0.0, 0.1))
+    starts = scenarios(task, DEPUTY, 3, 100)
+    wanted, given = (
+        100.0 * MissionGuidance(craft, task).act(starts.start, starts.goal, np.zeros((100, 0)))
+        for craft in (DEPUTY, pulsed)
+    )
+    np.testing.assert_allclose(given, np.round(given), atol=1e-9)
+    assert np.all(given <= wanted)
+    assert np.all(wanted - given < 1.0)
+
+
+def test_craft_with_other_thrusters_are_refused() -> None:
+    with pytest.raises(ConfigError, match="one throttled or pulsed thruster either way"):
+        MissionGuidance("mars-lander-steered", Dock())
+
+
+def test_a_mission_with_limits_that_are_not_kept_is_refused() -> None:
+    class Gated(Rendezvous):
+        keeps = (Ball,)
+
+    with pytest.raises(ConfigError, match="does not keep all limits of Gated"):
+        MissionGuidance("arpod-chaser", Gated())
+
+
+@functools.cache
+def approached() -> Row:
+    """Approaches from four starts, which several tests look at."""
+    task = Rendezvous(deadline=(4000.0, 4000.0))
+    starts = scenarios(task, APPROACHING, 7, 4)
+    return row_of(
+        "", fly(APPROACHING, task, MissionGuidance(APPROACHING, task), starts, coarse(task))
+    )
+
+
+@pytest.mark.slow
+def test_it_docks_inside_the_cone() -> None:
+    """Whoever takes the cheapest transfer leaves the cone from a tenth to a half of the starts."""
+    row = approached()
+    assert row.docked.all()
+    assert not row.violated.any()
+
+
+@pytest.mark.slow
+def test_drake_docks_inside_the_cone() -> None:
+    task = Rendezvous(deadline=(4000.0, 4000.0))
+    starts = scenarios(task, APPROACHING, 7, 1)
+    guidance = MissionGuidance(APPROACHING, task)
+    ours = approached()
+    drake = row_of("", fly_in_drake(APPROACHING, task, guidance, starts, coarse(task)))
+    assert drake.docked.all()
+    np.testing.assert_allclose(drake.impulse, ours.impulse[:1], rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_it_holds_around_the_ball_and_brakes_into_the_tolerance() -> None:
+    """From all sides by the shortest deadline; some of the starts are behind the ball."""
+    task = Hold(deadline=(600.0, 600.0))
+    starts = scenarios(task, CHASER, 7, 12)
+    flight = fly(CHASER, task, MissionGuidance(CHASER, task), starts, coarse(task))
+    row = row_of("", flight)
+    assert row.docked.all()
+    assert not row.violated.any()

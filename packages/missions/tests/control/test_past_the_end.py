@@ -1,0 +1,166 @@
+"""Every controller of the registry, and agents of missions, far past the end of what they fly.
+
+In an episode the end hides what a controller does next. A simulator of somebody else, or a robot, goes on.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_missions.control.landing_guidance import LandingGuidance
+
+from rans.episode import Setup
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.flight import Controller
+from rans.model.fields import Vec3, map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import Scenario, scenarios
+from rans.tasks import Dock, Hold, Inspect, Land, Rendezvous
+from rans.tasks.orbital import OrbitalMission
+from tests.support.past_the_end import flown_on
+
+REVERSALS = 3.0
+"""Speed tolerances that holding may spend in 500 s: to stop from it, or turn round at half of it, three times. A
+limit cycle that fires in every period spends hundreds."""
+QUICK = "lqr", "switching", "guidance", "mission"
+OF_INSPECTIONS = tuple(sorted({"visiting", "circumnavigation"} & set(CONTROLLERS)))
+SLOW = "mpc", "mpc-observer", "mppi", "convex"
+MISSIONS: dict[str, OrbitalMission] = {"hold": Hold(), "dock": Dock(), "rendezvous": Rendezvous()}
+
+
+def setup_of(task: Any) -> Setup:
+    """One substep: orbits are exact with any number, and these craft turn slowly."""
+    task = task.for_evaluation()
+    return Setup(load_spacecraft(task.spacecraft), task, replace(task.timing, substeps=1))
+
+
+def made(name: str, setup: Setup) -> Controller:
+    with warnings.catch_warnings():
+        # Some do not know the constraints, and say so.
+        warnings.simplefilter("ignore", UserWarning)
+        return CONTROLLERS[name](*setup[:3])
+
+
+def near_starts(setup: Setup, seconds: float, count: int = 2) -> Scenario:
+    """One or two craft 8 tolerances below and above the goal, with so many s until the deadline and the arrival."""
+    task = setup.task
+    assert isinstance(task, OrbitalMission)
+    drawn: Any = scenarios(task, setup.craft, 1, count)
+    zero = np.zeros(count)
+    way = Vec3(np.array([-8.0, 8.0])[:count] * task.position_tolerance, zero, zero)
+    left = np.full(count, seconds)
+    notes = (left, left - task.timing.control_period, zero, *drawn.goal.notes[3:])
+    start = replace(drawn.start, p=drawn.goal.p + way, v=way.scale(0.0))
+    return Scenario(start, replace(drawn.goal, notes=notes))
+
+
+def test_every_controller_of_the_registry_is_flown_past_the_end() -> None:
+    assert set(filter(CONTROLLERS.comes_with_rans, CONTROLLERS)) == {
+        *QUICK,
+        *SLOW,
+        "landing",
+        "passive",
+        "passive-entry",
+        *OF_INSPECTIONS,
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "mission"),
+    [
+        *(("lqr", "rendezvous"), ("switching", "hold"), ("guidance", "dock")),
+        *(("mission", "hold"), ("mission", "rendezvous")),
+        *(("mpc", "hold"), ("mpc-observer", "dock"), ("mppi", "dock"), ("convex", "rendezvous")),
+    ],
+)
+def test_controllers_hold_long_after_the_last_deadline(name: str, mission: str) -> None:
+    """For 500 s. Every controller has a mission; that of missions has all, because it plans for them."""
+    setup = setup_of(MISSIONS[mission])
+    task = setup.task
+    assert isinstance(task, OrbitalMission)
+    if name == "mppi":
+        starts = scenarios(task, setup.craft, 90210, 1)
+        # Who has not held by then, or comes late, has the time of another plan.
+        latest = 2.0 * task.deadline[1] + 1000.0
+    else:
+        # Near the goal, with 400 s after the deadline to come to rest.
+        starts = near_starts(setup, 100.0, 1 if name in SLOW else 2)
+        latest = 500.0
+    continued = flown_on(setup, made(name, setup), starts, latest + 500.0)
+    rest = continued.after(latest)
+    assert rest.spent(500.0).max() < REVERSALS * task.velocity_tolerance
+    assert rest.reached.all()
+    assert rest.margin.min() > 0.0
+
+
+@pytest.mark.slow
+def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
+    """From far away with no time left: the craft comes, within the limits, and without haste."""
+    setup = setup_of(MISSIONS["dock"])
+    task = setup.task
+    assert isinstance(task, OrbitalMission)
+    drawn: Any = scenarios(task, setup.craft, 3, 1)
+    goal = map_leaves(lambda x: x, drawn.goal)
+    notes = (goal.notes[0] * 0.0 - 50.0, goal.notes[1] * 0.0 - 50.0, *goal.notes[2:])
+    starts = Scenario(drawn.start, replace(goal, notes=notes))
+    once = task.deadline[1]
+    continued = flown_on(setup, made("mission", setup), starts, once + 1000.0)
+    assert continued.margin.min() > 0.0
+    assert continued.reached[-1].all()
+    planned = flown_on(
+        setup,
+        made("mission", setup),
+        Scenario(drawn.start, task.plan(drawn.start, goal, np.full(1, once))),
+        once,
+    )
+    # The same plan, and what staying costs.
+    stays = REVERSALS * task.velocity_tolerance * 2.0
+    assert continued.change.sum() < planned.change.sum() + stays
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OF_INSPECTIONS)
+def test_inspections_end_where_nothing_pulls(name: str) -> None:
+    """Once everything is seen a craft stays behind the target or on a closed orbit.
+
+    Twenty points are seen after as long a way as all, and take less arithmetic.
+    """
+    setup = setup_of(Inspect(points=20))
+    starts = scenarios(setup.task, setup.craft, 90210, 1)
+    latest = setup.timing.episode_steps * setup.timing.control_period
+    continued = flown_on(setup, made(name, setup), starts, latest + 1000.0)
+    rest = continued.after(latest)
+    assert rest.reached.all()
+    assert rest.margin.min() > 0.0
+    # Twice a correction of 5 cm/s, the least that is burnt on the way from view to view.
+    assert rest.spent(1000.0).max() < 0.1
+
+
+@pytest.mark.slow
+def test_engines_are_shut_from_the_contact_on() -> None:
+    """A metre above the site at 0.3 m/s it has landed; below the ground it has crashed; above it flies."""
+    setup = setup_of(Land())
+    guidance = LandingGuidance(*setup[:3])
+    drawn: Any = scenarios(setup.task, setup.craft, 1, 3)
+    start = drawn.start
+    zero = np.zeros(3)
+    p = Vec3(np.array([0.0, 500.0, 0.0]), zero, np.array([0.9, -0.1, 300.0]))
+    v = Vec3(zero, zero, np.array([-0.3, -40.0, -60.0]))
+    stores = tuple(np.full(3, store.initial) for store in setup.craft.stores)
+    state = replace(start, p=p, v=v, stores=stores)
+    guidance.reset(3)
+    command = guidance.act(state, drawn.goal, np.zeros((3, 1)))
+    engines = len(setup.craft.thrusters)
+    # Its engines are always lit: shut is their least level.
+    assert (command[:2, :engines] == setup.craft.actuators.low).all()
+    assert (command[:2, engines:] == 0.0).all()
+    # A landed craft stays so, whatever it bounces.
+    bounced = replace(state, p=replace(p, z=np.array([2.0, 0.3, 295.0])))
+    again = guidance.act(bounced, drawn.goal, np.zeros((3, 1)))
+    assert (again[:2] == command[:2]).all()
+    assert (again[2, :engines] > setup.craft.actuators.low).any()

@@ -1,0 +1,151 @@
+"""The frame of guidance that changes velocities, with a law that is a number, against SciPy's rotations."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_missions.control.velocity_guidance import (
+    PassivelySafeGuidance,
+    VelocityGuidance,
+    closed_ellipse,
+)
+from scipy.spatial.transform import Rotation
+
+from rans.errors import ConfigError
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3
+from rans.tasks import Hold
+from tests.support.clohessy_wiltshire import transition
+
+TASK = Hold()
+N = TASK.mean_motion
+CHANGE = np.array([[0.02, -0.01, 0.005], [0.0, 0.03, 0.0], [0.01, 0.01, 0.01]])
+"""Changes of velocity in W, m/s, within what a control period can give."""
+
+
+class Constant(VelocityGuidance[Hold]):
+    """Asks for the same changes in every period, of all craft but the last."""
+
+    name = "constant"
+
+    def __init__(self) -> None:
+        super().__init__("vbar-chaser", TASK, None, Hold, "constant changes fly to hold points")
+        self.times: list[float] = []
+
+    def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
+        self.times.append(now)
+        return CHANGE, np.array([True, True, False])
+
+
+class Searching(PassivelySafeGuidance[Hold]):
+    """A search for safe plans without a law."""
+
+    name = "searching"
+
+    def __init__(self) -> None:
+        super().__init__("vbar-chaser", TASK, None, Hold, "searches fly to hold points")
+
+    def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
+        raise NotImplementedError
+
+
+def turned(rotations: Rotation) -> SpatialState:
+    """States at rest with these attitudes."""
+    zero = np.zeros(len(rotations))
+    x, y, z, w = rotations.as_quat().T
+    still = Vec3(zero, zero, zero)
+    return SpatialState(still, Quat(w, x, y, z), still, still)
+
+
+def test_commands_give_the_change_in_the_world_frame() -> None:
+    law = Constant()
+    law.reset(3)
+    rotations = Rotation.random(3, rng=np.random.default_rng(1))
+    command = law.act(turned(rotations), turned(rotations), np.zeros((3, 1)))
+    forces = np.array([np.multiply(t.force, t.direction) for t in law.craft.thrusters])
+    change = rotations.apply(command @ forces) * TASK.timing.control_period / law.craft.mass
+    np.testing.assert_allclose(change[:2], CHANGE[:2], atol=1e-12)  # rounding
+    assert not command[2].any()
+
+
+def test_time_begins_with_the_reset() -> None:
+    law = Constant()
+    law.reset(3)
+    state = turned(Rotation.identity(3))
+    for _ in range(2):
+        law.act(state, state, np.zeros((3, 1)))
+    law.reset(3)
+    law.act(state, state, np.zeros((3, 1)))
+    assert law.times == [0.0, TASK.timing.control_period, 0.0]
+
+
+def test_another_task_is_refused_by_the_purpose() -> None:
+    with pytest.raises(ConfigError, match="fly to hold points, and GoToPose is not one"):
+        VelocityGuidance.__init__(
+            Constant(),
+            "vbar-chaser",
+            "go-to-pose",
+            None,
+            Hold,
+            "constant changes fly to hold points",
+        )
+
+
+@pytest.mark.parametrize("quarter", [0.25, 0.5, 1.0])
+def test_a_closed_ellipse_is_twice_as_long_as_wide_and_closes(quarter: float) -> None:
+    """From (a, 0) it passes (0, -2 a) after a quarter of an orbit, and comes back after a whole one."""
+    u, v = closed_ellipse(N, 30.0, 0.0)
+    start = np.array([30.0, 0.0, 0.0, u, v, 0.0])
+    end = transition(N, 2.0 * math.pi / N * quarter)[:6, :6] @ start
+    expected = {0.25: (0.0, -60.0), 0.5: (-30.0, 0.0), 1.0: (30.0, 0.0)}[quarter]
+    np.testing.assert_allclose(end[:2], expected, atol=1e-9)
+    np.testing.assert_allclose(end[3:5], closed_ellipse(N, *expected), atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("impulses", "flights", "row"),
+    [
+        # The second plan is the first that is safe as it is flown; the cheapest is safe with impulses alone.
+        ([60.0, 60.0, 60.0], [49.0, 55.0, 60.0], 1),
+        # None is safe as it is flown: the farthest.
+        ([60.0, 60.0, 60.0], [40.0, 45.0, 41.0], 1),
+        # Only the last is worth a prediction.
+        ([10.0, 20.0, 60.0], [90.0, 90.0, 51.0], 2),
+        # No plan is safe even with impulses.
+        ([10.0, 20.0, 30.0], [90.0, 90.0, 90.0], None),
+    ],
+)
+@pytest.mark.parametrize("batch", [1, 2, 3])
+def test_the_cheapest_safe_plan_is_chosen(
+    impulses: list[float], flights: list[float], row: int | None, batch: int
+) -> None:
+    assert TASK.keep_out == 50.0
+    plan = Searching()._cheapest_safe(
+        np.arange(3),
+        batch,
+        lambda rows: np.array(impulses)[rows] > 50.0,
+        lambda rows: np.array(flights)[rows],
+    )
+    assert (None if plan is None else plan.row) == row
+    if plan is not None:
+        assert plan.distance == flights[plan.row]
+
+
+def test_a_flight_without_burns_keeps_what_its_coast_keeps() -> None:
+    """At rest 100 m ahead of the target a craft stays there; a burn towards it leads into the ball."""
+    guidance = Searching()
+    start = np.array([[0.0, 100.0, 0.0, 0.0, 0.0, 0.0]])
+    orbit = 2.0 * math.pi / N
+
+    def distance(change: np.ndarray) -> float:
+        result = guidance._predicted_distance(
+            start, lambda states, now: change * (now == 0.0), 5, orbit + 50.0, False
+        )
+        return float(result[0])
+
+    # The certified bound is at most a centimetre below.
+    assert distance(np.zeros((1, 3))) == pytest.approx(100.0, abs=0.02)
+    assert distance(np.array([[0.0, -0.5, 0.0]])) < 50.0

@@ -1,0 +1,210 @@
+"""Bounds of a rendezvous: SciPy's linear program, weak duality, flights that keep the limit, and Drake."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rans_missions.bounds.transfers import Script
+from rans_missions.control.guidance import VelocityToGain
+from rans_missions.convex.rendezvous import (
+    Meeting,
+    _Rows,
+    least_impulse,
+    least_margin,
+    prices_of_missing,
+    proof,
+    rendezvous,
+    trajectory,
+)
+
+from rans.evaluation.measure.metrics import impulses
+from rans.flight import fly
+from rans.model.fields import leaves
+from rans.model.timing import Timing
+from rans.reference.flight import fly_in_drake
+from rans.scenario import each, scenarios
+from rans.tasks import Dock, Hold, Rendezvous, TargetOrbit
+from rans.tasks.orbital import last_check
+from tests.support.rendezvous import DEPUTY, meeting_of, program
+
+
+def test_a_meeting_at_one_instant_costs_what_a_linear_program_says() -> None:
+    """With 2 mm and any speed; missing by 2 mm saves 1e-4 of the impulse at most."""
+    meeting, states, _, _ = meeting_of(800.0, 4, 1)
+    exact = replace(meeting, position_tolerance=2e-3, velocity_tolerance=10.0)
+    for state in states:
+        found = least_impulse(exact, state, 800)
+        assert found is not None
+        assert found.impulse == pytest.approx(program(state, 80), rel=1e-4)
+        assert found.gap < 1e-6
+        assert found.residual < 1e-6
+
+
+def test_no_multiplier_bounds_more_than_a_flight_needs() -> None:
+    meeting, states, _, _ = meeting_of(300.0, 3, 2)
+    rng = np.random.default_rng(0)
+    for state in states:
+        found = least_impulse(meeting, state, 300)
+        assert found is not None
+        best = prices_of_missing(meeting, state, 300)
+        assert best is not None
+        # Tight at its own look, as commands of full thrust are not needed.
+        assert proof(meeting, state, 300, best)[300] == pytest.approx(found.impulse, rel=1e-4)
+        for spread in (0.01, 0.1, 1.0):
+            other = best + spread * np.abs(best) * rng.normal(size=6)
+            assert proof(meeting, state, 300, other)[300] <= found.impulse + 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deadline", [600.0, 1000.0])
+def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadline: float) -> None:
+    meeting, states, starts, task = meeting_of(deadline, 2, 3)
+    answers = [rendezvous(meeting, state, deadline) for state in states]
+    commands = np.zeros((len(states), task.timing.episode_steps, 6))
+    for k, (state, answer) in enumerate(zip(states, answers, strict=True)):
+        assert answer.transfer is not None
+        assert 0.0 < answer.lower <= answer.free.impulse <= answer.upper * (1 + 1e-9)
+        assert least_margin(meeting.limits, trajectory(meeting, state, answer.transfer)) >= 0.0
+        if deadline == 1000.0:
+            assert answer.gap < 0.01
+        commands[k, : len(answer.transfer.commands)] = answer.transfer.commands
+    timing = replace(task.timing, episode_steps=round(deadline / 10))
+    for flying in (fly, fly_in_drake):
+        flight: Any = flying(DEPUTY, task, Script(commands), starts, timing)
+        assert flight.done.all()
+        assert not flight.violated().any()
+        np.testing.assert_allclose(impulses(flight), [one.upper for one in answers], rtol=1e-6)
+
+
+def test_only_a_checked_certificate_says_that_a_meeting_is_impossible() -> None:
+    """100 km away nothing meets in 100 s; multipliers that prove nothing are not believed."""
+    meeting, (state,), _, _ = meeting_of(300.0, 1, 3)
+    far = state + np.array([1e5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert least_impulse(meeting, far, 100) is None
+    rows = _Rows(meeting, state, 300)
+    rows.arrive()
+    rng = np.random.default_rng(0)
+    size = sum(map(len, rows._vector))
+    assert least_impulse(meeting, state, 300) is not None
+    program = rows.program(np.ones(len(rows._vector[0])))
+    assert not any(program.is_infeasible(rng.normal(size=size)) for _ in range(200))
+
+
+MISSIONS = [Dock(), Hold(), Rendezvous()]
+GOALS = [next(iter(each(scenarios(task, DEPUTY, 0, 1)))).goal for task in MISSIONS]
+
+
+@given(
+    number=st.integers(0, 2),
+    check=st.integers(1, 400),
+    offset=st.sampled_from([-2e-3, -9e-4, -5e-4, -1e-5, 0.0, 1e-5, 5e-4, 9e-4, 2e-3]),
+)
+def test_the_last_check_of_a_proof_is_the_last_that_the_judge_counts(
+    number: int, check: int, offset: float
+) -> None:
+    mission: Any = MISSIONS[number]
+    goal: Any = GOALS[number]
+    interval = mission.timing.control_period / mission.timing.checks
+    deadline = check * interval + offset
+
+    def is_in_time(last: int) -> bool:
+        """Whether the mission judges a success then, or only for being late none."""
+        left = deadline - last * interval
+        # A hold that begins then is judged when it has lasted.
+        lasts = getattr(mission, "hold_seconds", 0.0)
+        held = [lasts] * (len(goal.notes) - 3)
+        now, early = (
+            replace(goal, notes=(t - lasts, *goal.notes[1:3], *held)) for t in (left, 1e3)
+        )
+        there = replace(goal, notes=())
+        return bool(mission.done(there, now)) == bool(mission.done(there, early))
+
+    last = last_check(deadline, interval)
+    assert is_in_time(last)
+    assert not is_in_time(last + 1)
+
+
+@pytest.mark.parametrize("offset", [-2e-3, -5e-4])
+def test_a_bound_is_below_the_flights_of_a_deadline_beside_a_check(offset: float) -> None:
+    """The check is at 300 s, and counts up to 1 ms after the deadline; that before costs 4 % more."""
+    meeting, (state,), _, _ = meeting_of(300.0 + offset, 1, 3)
+    lower = rendezvous(meeting, state, 300.0 + offset).lower
+    flights = [least_impulse(meeting, state, check) for check in (299, 300)]
+    costs = [one.impulse for one in flights if one is not None]
+    assert costs[1] < 0.97 * costs[0]
+    assert lower <= costs[0] * (1.0 + 1e-6)
+    assert (lower <= costs[1] * (1.0 + 1e-6)) == (offset > -1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mission", "deadline"),
+    [(Hold(), 1_413.9995), (Rendezvous(), 4_329.9995), (Rendezvous(), 4_699.9995)],
+)
+def test_a_flight_that_meets_just_after_its_deadline_is_not_below_the_bound(
+    mission: Any, deadline: float
+) -> None:
+    """Half a millisecond late counts; a bound that ended one check earlier was beaten at these deadlines."""
+    task = replace(mission, deadline=(deadline, deadline))
+    one = next(iter(each(scenarios(task, DEPUTY, 1, 1))))
+    state = np.array([float(np.squeeze(x)) for x in (*leaves(one.start.p), *leaves(one.start.v))])
+    meeting = Meeting.of(DEPUTY, task, one.goal)
+    flight = least_impulse(meeting, state, round(deadline / meeting.interval))
+    assert flight is not None
+    lower = rendezvous(meeting, state, deadline).lower
+    assert lower <= flight.impulse * (1.0 + 1e-6)
+    # Two milliseconds earlier this check is too late, and the bound is higher.
+    assert rendezvous(meeting, state, deadline - 2e-3).lower > lower
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:guidance does not know the constraints")
+def test_no_guidance_beats_the_bound() -> None:
+    """Whoever docks spends at least the bound, whenever that is; some dock before the deadline."""
+    meeting, states, starts, task = meeting_of(1500.0, 2, 4)
+    lower = np.array([rendezvous(meeting, state, 1500.0).lower for state in states])
+    for pilot in (
+        VelocityToGain(DEPUTY, task, task.timing),
+        VelocityToGain(DEPUTY, task, task.timing, deadline=1500.0),
+    ):
+        flight: Any = fly(DEPUTY, task, pilot, starts, task.timing)
+        won = flight.done & ~flight.violated()
+        assert won.any()
+        assert (impulses(flight)[won] >= lower[won] * (1 - 1e-6)).all()
+
+
+@pytest.mark.slow
+def test_on_an_ellipse_bounds_hold_flights_up_and_flights_dock() -> None:
+    """Commands of the program are flown by the engine, which shares no table with it."""
+    ellipse = TargetOrbit(0.5, 13_556.0, (150.0, 150.0))
+    task = Dock(deadline=(300.0, 300.0), orbit=ellipse)
+    starts = scenarios(task, DEPUTY, 3, 1)
+    one = next(iter(each(starts)))
+    state = np.array([float(np.squeeze(x)) for x in (*leaves(one.start.p), *leaves(one.start.v))])
+    timing = Timing(control_period=10.0, episode_steps=30, checks=10)
+    meeting = replace(Meeting.of(DEPUTY, task, one.goal), timing=timing)
+    found = least_impulse(meeting, state, 295)
+    assert found is not None
+    commands = np.zeros((1, 30, 6))
+    commands[0, : len(found.commands)] = found.commands
+    flight = fly(DEPUTY, task, Script(commands), starts, timing)
+    path = trajectory(meeting, state, found)
+    flown = np.stack([*flight.states.p.columns(), *flight.states.v.columns()], axis=-1)[:, 0]
+    np.testing.assert_allclose(flown[:29], path[::10][:29], atol=1e-7)
+    best = prices_of_missing(meeting, state, 295)
+    assert best is not None
+    # At every check the bound is that of the multiplier by the sum over all commands.
+    bounds = proof(meeting, state, 300, best)
+    assert bounds[295] == pytest.approx(found.impulse, rel=1e-4)
+    for check in (95, 203):
+        effect = meeting.effect(check, meeting.periods(check))
+        prices = np.tile(meeting.price, meeting.periods(check))
+        away = meeting.free(state, np.array([check]))[0] @ best
+        radii = 0.5 * np.linalg.norm(best[:3]) + 0.2 * np.linalg.norm(best[3:])
+        expected = away - radii + np.minimum(prices + best @ effect, 0.0).sum()
+        assert bounds[check] == pytest.approx(expected, rel=1e-9)

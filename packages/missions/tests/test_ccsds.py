@@ -1,0 +1,343 @@
+"""CCSDS messages, read by a foreign library and against two-body motion in inertial axes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ccsds_ndm.ndm_io import NdmIo
+from rans_missions.ccsds import EARTH, OrbitState, read_opm, relative_state, write_ccsds
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import rans
+from rans.errors import ConfigError
+from rans.flight import Flight, fly
+from rans.model.fields import Quat, Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
+
+N = rans.Hold().mean_motion
+RADIUS = (EARTH / N**2) ** (1.0 / 3.0)
+
+
+def read(file: Path) -> Any:
+    """Message as another library reads it."""
+    return NdmIo().from_path(file)
+
+
+class Coasting:
+    """Fires nothing."""
+
+    name = "coasting"
+
+    def reset(self, count: int) -> None:
+        pass
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        return np.zeros((len(observation), 6))
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    """A coast of 300 s from 100 m above the target at rest, turned by 90 degrees about y."""
+    craft, task = load_spacecraft("vbar-chaser"), rans.Hold()
+    starts = scenarios(task, craft, 1, 2)
+    zero = np.zeros(2)
+    half = zero + np.sqrt(0.5)
+    start = replace(
+        starts.start,
+        p=Vec3(zero + 100.0, zero, zero),
+        v=Vec3(zero, zero + 0.1, zero),
+        attitude=Quat(half, zero, half, zero),
+    )
+    timing = Timing(control_period=100.0, episode_steps=3)
+    return fly(craft, task, Coasting(), replace(starts, start=start), timing)
+
+
+def test_a_foreign_reader_reads_them(flight: Flight, tmp_path: Path) -> None:
+    oem, target, aem = (
+        read(file)
+        for file in write_ccsds(flight, tmp_path, 1, "2026-02-03T04:05:06", 51.6, 30.0, 90.0)
+    )
+    segment = oem.body.segment[0]
+    assert segment.metadata.object_name == "vbar-chaser"
+    assert segment.metadata.ref_frame == "EME2000"
+    assert segment.metadata.start_time == "2026-02-03T04:05:06.000000"
+    assert segment.metadata.stop_time == "2026-02-03T04:10:06.000000"
+    lines = segment.data.state_vector
+    assert len(lines) == 4
+    # At 90 degrees of argument of latitude the target is at its northernmost, at the latitude of the inclination.
+    first = target.body.segment[0].data.state_vector[0]
+    there = 1e3 * np.array([float(x.value) for x in (first.x, first.y, first.z)])
+    assert there[2] == pytest.approx(RADIUS * np.sin(np.radians(51.6)), rel=1e-9)
+    assert np.degrees(np.arctan2(there[1], there[0])) == pytest.approx(120.0, abs=1e-6)
+    # The craft is 100 m above it, and faster by n times that and 0.1 m/s.
+    p = 1e3 * np.array([float(x.value) for x in (lines[0].x, lines[0].y, lines[0].z)])
+    v = 1e3 * np.array([float(x.value) for x in (lines[0].x_dot, lines[0].y_dot, lines[0].z_dot)])
+    assert p == pytest.approx(there * (1.0 + 100.0 / RADIUS), abs=1e-5)
+    assert np.linalg.norm(v) == pytest.approx(N * (RADIUS + 100.0) + 0.1, abs=1e-8)
+    # Body x is Hill -z, against the orbit's momentum; CCSDS rotates frame A into frame B.
+    states = aem.body.segment[0].data.attitude_state
+    q = states[0].quaternion_state.quaternion
+    to_body = Rotation.from_quat([float(x) for x in (q.q1, q.q2, q.q3, q.qc)]).inv()
+    momentum = np.cross(p, v) / np.linalg.norm(np.cross(p, v))
+    assert to_body.apply(momentum) == pytest.approx([-1.0, 0.0, 0.0], abs=1e-9)
+    assert to_body.apply(p / np.linalg.norm(p)) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+
+def test_a_free_body_turns_among_the_stars_in_the_message(tmp_path: Path) -> None:
+    """A third of an orbit without torque: Euler's equation in inertial axes, from the first line on."""
+    tensor = ((90.0, 10.0, 0.0), (10.0, 140.0, -5.0), (0.0, -5.0, 180.0))
+    craft, task = replace(load_spacecraft("vbar-chaser"), inertia=tensor), rans.Hold()
+    starts = scenarios(task, craft, 1, 1)
+    zero = np.zeros(1)
+    w = np.array([0.004, -0.003, 0.002])
+    start = replace(
+        starts.start,
+        attitude=Quat(zero + np.cos(0.4), zero, zero + np.sin(0.4), zero),
+        w=Vec3(*(zero + x for x in w)),
+    )
+    timing = Timing(control_period=100.0, episode_steps=20, substeps=10)
+    flight = fly(craft, task, Coasting(), replace(starts, start=start), timing)
+    _, target, aem = (
+        read(file).body.segment[0].data
+        for file in write_ccsds(flight, tmp_path, 0, "2026-01-01T00:00:00", 51.6)
+    )
+    lines = [line.quaternion_state.quaternion for line in aem.attitude_state]
+    to_inertial = [Rotation.from_quat([float(x) for x in (q.q1, q.q2, q.q3, q.qc)]) for q in lines]
+    # Spin at the start: that in the Hill frame, and n along the orbit's momentum, of the target's message.
+    there = target.state_vector[0]
+    p, v = (
+        np.array([float(x.value) for x in row])
+        for row in ((there.x, there.y, there.z), (there.x_dot, there.y_dot, there.z_dot))
+    )
+    w = w + to_inertial[0].inv().apply(np.cross(p, v) / (p @ p))
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        q, s, w = y[:3], y[3], y[4:]
+        turning = 0.5 * np.array([*(s * w + np.cross(q, w)), -(q @ w)])
+        return np.concatenate(
+            [turning, np.linalg.solve(tensor, -np.cross(w, np.array(tensor) @ w))]
+        )
+
+    times = np.arange(len(lines)) * 100.0
+    begin = [*to_inertial[0].as_quat(), *w]
+    path = solve_ivp(rates, (0.0, times[-1]), begin, "DOP853", times, rtol=1e-12, atol=1e-14).y
+    off = [
+        (Rotation.from_quat(q).inv() * there).magnitude()
+        for q, there in zip(path[:4].T, to_inertial, strict=True)
+    ]
+    # The message has twelve digits of the quaternion and of the target's velocity in km/s, 1e-13 of n, for 2,000 s.
+    assert max(off) < 1e-9
+
+
+def test_opm_in_gives_the_state_that_oem_out_had(flight: Flight, tmp_path: Path) -> None:
+    files = write_ccsds(flight, tmp_path, 0, inclination=63.4, node=200.0, latitude=17.0)
+    states = []
+    for file in files[:2]:
+        line = read(file).body.segment[0].data.state_vector[2]
+        numbers = [line.x, line.y, line.z, line.x_dot, line.y_dot, line.z_dot]
+        names = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
+        text = "".join(
+            f"{k} = {x.value} [{'km/s' if 'DOT' in k else 'km'}]\n"
+            for k, x in zip(names, numbers, strict=True)
+        )
+        opm = tmp_path / "state.opm"
+        opm.write_text(
+            "CCSDS_OPM_VERS = 3.0\nCREATION_DATE = 2026-01-01T00:00:00\nORIGINATOR = TEST\n"
+            "COMMENT X = 5\nOBJECT_NAME = craft\nOBJECT_ID = 2026-001A\nCENTER_NAME = EARTH\n"
+            f"REF_FRAME = EME2000\nTIME_SYSTEM = UTC\nEPOCH = {line.epoch}\n{text}"
+        )
+        assert read(opm).body.segment.metadata.object_name == "craft"
+        states.append(read_opm(opm))
+    craft, target = states
+    assert target.epoch == datetime(2026, 1, 1, 0, 3, 20, tzinfo=UTC)
+    n, p, v = relative_state(target, craft)
+    assert n == pytest.approx(N, rel=1e-9)
+    # Of numbers to 1e-9 km and 1e-12 km/s.
+    assert p == pytest.approx([x[2, 0] for x in flight.states.p.columns()], abs=2e-6)
+    assert v == pytest.approx([x[2, 0] for x in flight.states.v.columns()], abs=1e-8)
+
+
+def test_refusals(flight: Flight, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="episodes 0 to 1, got 2"):
+        write_ccsds(flight, tmp_path, 2)
+    with pytest.raises(ConfigError, match=r"flight must be a .*Flight, got 'flight.npz'"):
+        write_ccsds("flight.npz", tmp_path)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ConfigError, match=r"target must be a .*OrbitState, got 'target.opm'"):
+        relative_state("target.opm", "craft.opm")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ConfigError, match="epoch must be an instant"):
+        write_ccsds(flight, tmp_path, 0, "tomorrow")
+    other = tmp_path / "other.opm"
+    other.write_text("CCSDS_OEM_VERS = 3.0\n")
+    with pytest.raises(ConfigError, match="no Orbit Parameter Message"):
+        read_opm(other)
+    other.write_text("CCSDS_OPM_VERS = 3.0\nCENTER_NAME = EARTH\nTIME_SYSTEM = UTC\nX = 7\n")
+    with pytest.raises(ConfigError, match=r"REF_FRAME of .* must be an inertial frame.*got ''"):
+        read_opm(other)
+    now = datetime(2026, 1, 1, tzinfo=UTC)
+    speed = 1.1 * np.sqrt(EARTH / RADIUS)
+    eccentric = OrbitState("", "EME2000", now, np.array([RADIUS, 0, 0]), np.array([0, speed, 0]))
+    with pytest.raises(ConfigError, match=r"eccentricity must be at most 0.01, got 0.21"):
+        relative_state(eccentric, eccentric)
+
+
+STATE = {
+    "CCSDS_OPM_VERS": "3.0",
+    "CREATION_DATE": "2026-01-01T00:00:00",
+    "ORIGINATOR": "TEST",
+    "OBJECT_NAME": "A",
+    "OBJECT_ID": "2026-001A",
+    "CENTER_NAME": "EARTH",
+    "REF_FRAME": "EME2000",
+    "TIME_SYSTEM": "UTC",
+    "EPOCH": "2026-01-01T00:00:00",
+    "X": "7000.0",
+    "Y": "0",
+    "Z": "0",
+    "X_DOT": "0",
+    "Y_DOT": "7.546",
+    "Z_DOT": "0",
+}
+
+
+def opm(folder: Path, more: str = "", **changed: str | None) -> Path:
+    """A message with other values, or without a keyword (None)."""
+    lines = [f"{key} = {value}" for key, value in (STATE | changed).items() if value is not None]
+    file = folder / "a.opm"
+    file.write_text("\n".join(lines) + f"\n{more}\n")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("changed", "p", "v"),
+    [
+        ({}, 7e6, 7546.0),
+        ({"X": "7000000.0 [m]", "Y_DOT": "7546.0 [m/s]"}, 7e6, 7546.0),
+        ({"X": "7000.0 [km]", "Y_DOT": "7.546[km/s]"}, 7e6, 7546.0),
+        ({"X": "7.0D3", "Y_DOT": "75.46d-1"}, 7e6, 7546.0),
+        ({"X": "+.7e4", "Y_DOT": "7546.E-3"}, 7e6, 7546.0),
+    ],
+)
+def test_units_and_numbers(tmp_path: Path, changed: dict[str, Any], p: float, v: float) -> None:
+    state = read_opm(opm(tmp_path, **changed))
+    assert (state.p[0], state.v[1]) == pytest.approx((p, v), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"X": "23e6 [ft]"}, r"X of .*a\.opm is in '\[ft\]', and km and m are read"),
+        ({"X": "7000 [km/s]"}, r"is in '\[km/s\]'"),
+        ({"Y_DOT": "7.546 [km]"}, r"Y_DOT of .* is in '\[km\]', and km/s and m/s are read"),
+        ({"X": "7000 [km"}, r"is in '\[km'"),
+        ({"X": "7000000.0"}, r"6,350 to 1,500,000 km .* got 7e\+06 km: .*other units"),
+        ({"X": "7.0"}, "got 7 km"),
+        ({"X": "7_000"}, "X of .* must be a finite number, got '7_000'"),
+        ({"X": "nan"}, "must be a finite number, got 'nan'"),
+        ({"X": None}, "got none for X"),
+        ({"CCSDS_OPM_VERS": "99"}, "must be 1.0, 2.0 or 3.0, got '99'"),
+        ({"CENTER_NAME": "MOON"}, "must be EARTH, got 'MOON'"),
+        ({"TIME_SYSTEM": "GPS"}, "must be UTC, got 'GPS'"),
+        ({"more": "X = 6900"}, "X stands twice in .* again in line 16"),
+        ({"more": "X 6900"}, "line 16 of .* is no keyword of an OPM with a value, got 'X 6900'"),
+        ({"more": "XX = 6900"}, "line 16 of .* is no keyword"),
+    ],
+)
+def test_what_a_message_says_otherwise_is_refused(
+    tmp_path: Path, changed: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        read_opm(opm(tmp_path, **changed))
+
+
+@pytest.mark.parametrize("frame", ["EME2000", "GCRF", "ICRF", "TEME", "TOD", "TOD_EARTH", "J2000"])
+def test_inertial_frames_are_read(tmp_path: Path, frame: str) -> None:
+    state = read_opm(opm(tmp_path, REF_FRAME=frame))
+    assert relative_state(state, state)[1].tolist() == [0.0, 0.0, 0.0]
+
+
+TURNING = ["ITRF2000", "ITRF-97", "TDR", "GTOD", "RTN", "TNW", "LVLH"]
+
+
+@pytest.mark.parametrize("frame", [*TURNING, "anything", "EME1950", "", None])
+def test_frames_that_may_turn_are_refused_by_name(tmp_path: Path, frame: str | None) -> None:
+    reason = "turns with the Earth or the orbit" if frame in TURNING else "turns is not known"
+    sentence = rf"inertial frame, .*got '{frame or ''}': .*{reason}"
+    with pytest.raises(ConfigError, match=sentence):
+        read_opm(opm(tmp_path, REF_FRAME=frame))
+    state = replace(read_opm(opm(tmp_path)), frame=frame or "")
+    with pytest.raises(ConfigError, match=f"the frame of the target .*{reason}"):
+        relative_state(state, state)
+
+
+@pytest.mark.parametrize(
+    ("text", "micro"),
+    [
+        ("2024-12-31T12:30:05.123456789", 5_123_456),
+        ("2024-12-31T12:30:05.1", 5_100_000),
+        ("2024-12-31T12:30:05", 5_000_000),
+        ("2024-12-31T12:30", 0),
+        ("2024-366T12:30:05Z", 5_000_000),
+    ],
+)
+def test_epochs_as_other_programs_write_them(tmp_path: Path, text: str, micro: int) -> None:
+    state = read_opm(opm(tmp_path, EPOCH=text))
+    whole = datetime(2024, 12, 31, 12, 30, tzinfo=UTC)
+    assert (state.epoch - whole).total_seconds() == micro * 1e-6
+    assert not state.is_leap_second
+
+
+def test_a_leap_second_is_an_instant_of_its_own(tmp_path: Path) -> None:
+    states = [
+        read_opm(opm(tmp_path, EPOCH=text))
+        for text in ("2016-12-31T23:59:59.5", "2016-12-31T23:59:60.5", "2017-01-01T00:00:00.5")
+    ]
+    for k, state in enumerate(states):
+        for other in (*states[:k], *states[k + 1 :]):
+            with pytest.raises(ConfigError, match="must have one epoch and frame"):
+                relative_state(state, other)
+        relative_state(state, state)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "2026-366T00:00:00",
+        "2026-000T00:00:00",
+        "2026-02-29T00:00:00",
+        "2026-03-15T23:59:60",
+        "2016-12-31T23:59:61",
+        "2026-01-01T24:00:00",
+        "2026-01-01 00:00:00",
+        "2026-01-01T00:00:00+01:00",
+    ],
+)
+def test_instants_that_are_none(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r"EPOCH of .* must be an instant"):
+        read_opm(opm(tmp_path, EPOCH=text))
+
+
+def test_manoeuvres_are_named(tmp_path: Path) -> None:
+    burn = "MAN_EPOCH_IGNITION = 2026-01-01T00:01:00\nMAN_DURATION = 5 [s]"
+    with pytest.warns(rans.RansWarning, match="has 2 manoeuvres, which RANS does not read"):
+        read_opm(opm(tmp_path, f"{burn}\n{burn}"))
+
+
+def test_a_foreign_reader_agrees(tmp_path: Path) -> None:
+    """On a message with covariance and Keplerian elements, which are not read."""
+    more = "SEMI_MAJOR_AXIS = 7000 [km]\nECCENTRICITY = 0.001\nINCLINATION = 0 [deg]\n"
+    more += "RA_OF_ASC_NODE = 0 [deg]\nARG_OF_PERICENTER = 0 [deg]\nTRUE_ANOMALY = 0 [deg]\n"
+    more += "GM = 398600.44 [km**3/s**2]\nMASS = 10 [kg]"
+    file = opm(tmp_path, more, X="7001.5 [km]", Z_DOT="-1.25 [km/s]")
+    foreign = read(file).body.segment.data.state_vector
+    state = read_opm(file)
+    expected = [float(foreign.x.value), float(foreign.y_dot.value), float(foreign.z_dot.value)]
+    assert [state.p[0], state.v[1], state.v[2]] == pytest.approx([1e3 * x for x in expected])

@@ -1,0 +1,80 @@
+"""Optimal problems that installed packages solve: bounds in comparisons, and ``rans optimal``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rans.errors import ConfigError, brief
+from rans.model.spacecraft import Spacecraft
+from rans.progress import Progress, unseen
+from rans.registry import Registry
+from rans.tasks.base import Task
+
+if TYPE_CHECKING:
+    from rans.evaluation.compare.contest import Contest
+    from rans.evaluation.compare.mission_bounds import MissionBounds
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is known about the optimum of a kind of task (`rans.tasks.base.Task.optimal_problem`)."""
+
+    bounded: Callable[[Contest], bool]
+    """Whether the starts of a contest have bounds."""
+    bounds: Callable[[Contest, int, Progress, MissionBounds | None], MissionBounds]
+    """Bounds of the first starts of a contest that is `bounded`, and of the front of the first start: of contest,
+    number of starts, progress, and bounds of fewer starts, which are not computed again."""
+    steps: Callable[[Contest, int], int]
+    """Largest number of steps of progress that `bounds` reports, of contest and number of starts."""
+    opponents: tuple[str, ...] = ()
+    """Default opponents of comparisons (`rans.evaluation.fly.controllers.BESIDE`); empty: those of any task."""
+    solve: Callable[[Any, Spacecraft, Task], int] | None = None
+    """What ``rans optimal`` does: of the command (`rans.cli.optimal.Optimal`), craft and task, its exit code. None:
+    such a task has no optimum that the command computes."""
+
+
+def _checked(found: Any) -> Problem:
+    if not isinstance(found, Problem):
+        raise ConfigError(
+            f"an optimal problem must be a rans.evaluation.problems.Problem, got {brief(found)}."
+        )
+    return found
+
+
+PROBLEMS: Registry[Problem] = Registry(
+    kind="optimal problem", group="rans.problems", built_in={}, checked=_checked
+)
+"""Problems that installed packages solve, by `Task.optimal_problem`."""
+
+
+def problem_of(task: Task) -> Problem | None:
+    """The problem of a task; None: a trajectory, which `rans.optimal.trajectory` optimises.
+
+    Raises:
+        ConfigError: no installed package solves it.
+    """
+    return None if task.optimal_problem == "trajectory" else PROBLEMS[task.optimal_problem]
+
+
+def bounded(contest: Contest) -> bool:
+    """Whether a package bounds the starts of a contest."""
+    problem = problem_of(contest.task)
+    return problem is not None and problem.bounded(contest)
+
+
+def problem_bounds(
+    contest: Contest, count: int, progress: Progress = unseen, before: MissionBounds | None = None
+) -> MissionBounds:
+    """See `Problem.bounds`."""
+    problem = problem_of(contest.task)
+    assert problem is not None, "only for a contest that is bounded"
+    return problem.bounds(contest, count, progress, before)
+
+
+def steps_of(contest: Contest, count: int) -> int:
+    """See `Problem.steps`."""
+    problem = problem_of(contest.task)
+    assert problem is not None, "only for a contest that is bounded"
+    return problem.steps(contest, count)
