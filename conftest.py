@@ -13,6 +13,7 @@ import gymnasium
 import pytest
 from hypothesis import settings
 
+from rans.abilities import EXTRA_OF
 from rans.errors import EXTRAS, MissingPackage
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -36,6 +37,9 @@ def pytest_collection_finish() -> None:
 READERS = {"ccsds_ndm", "distributed", "mcap_ros2"}
 """Libraries of the extra dev that only tests import."""
 
+PACKAGES = {f"rans_{extra}" for extra in EXTRA_OF.values()}
+"""Packages of this repository, without which the core's own tests run."""
+
 
 class Module(pytest.Module):
     """A file of tests, passed over where a library that it needs is not installed.
@@ -54,7 +58,8 @@ class Module(pytest.Module):
                 missing = cause.module
             else:
                 missing = cause.name if isinstance(cause, ModuleNotFoundError) else None
-            if missing in {*EXTRAS, *READERS}:  # not one of its modules, which would be misspelt
+            # Not one of its modules, which would be misspelt.
+            if missing in {*EXTRAS, *READERS, *PACKAGES}:
                 pytest.skip(f"needs {missing}", allow_module_level=True)
             raise
 

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_robot.identify.fit import fit, parameters_of
+from rans_robot.identify.log import FlightLog
+from rans_robot.identify.result import SPREAD, Identification
 
 from campaigns.command import ended
 from campaigns.markdown import Table
 from rans.episode import Setup, World, step
-from rans.evaluation.identify.fit import fit, parameters_of
-from rans.evaluation.identify.log import FlightLog
-from rans.evaluation.identify.result import SPREAD, Identification
 from rans.files import environment, read_json, write_json
 from rans.model.actuators import Wheel
 from rans.model.fields import Vec2, Vec3, leaves

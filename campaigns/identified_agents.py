@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_robot.identify.fit import fit, parameters_of
+from rans_robot.identify.result import Identification
 from tyro.conf import Positional
 
 from campaigns.command import ended
@@ -26,8 +28,6 @@ from campaigns.markdown import Table
 from rans.api.training import train
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.identify.fit import fit, parameters_of
-from rans.evaluation.identify.result import Identification
 from rans.evaluation.measure.aggregate import measure
 from rans.files import environment, read_json, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft

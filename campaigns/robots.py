@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rans_robot.bus import BusName, open_bus
+from rans_robot.messages import FLOATS, unpack
+from rans_robot.node import fly_over, replay_bag
+from rans_robot.pilot import Plan, export_for_flight
+from rans_robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 
-from rans.deploy.robot.bus import BusName, open_bus
-from rans.deploy.robot.messages import FLOATS, unpack
-from rans.deploy.robot.node import fly_over, replay_bag
-from rans.deploy.robot.pilot import Plan, export_for_flight
-from rans.deploy.robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 from rans.files import environment, read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from rans.api.agent import Agent, load_agent
     from rans.api.drafting import init_spacecraft, join_spacecraft
     from rans.api.flying import fly
-    from rans.api.identification import excite, identify
     from rans.api.judging import benchmark, compare, evaluate, validate
     from rans.api.limits import certify, optimal_trajectory, state
     from rans.api.names import load_conditions, load_spacecraft, load_task
@@ -113,8 +112,6 @@ _LAZY = {
     "Agent": "rans.api.agent",
     "evaluate": "rans.api.judging",
     "compare": "rans.api.judging",
-    "identify": "rans.api.identification",
-    "excite": "rans.api.identification",
     "init_spacecraft": "rans.api.drafting",
     "join_spacecraft": "rans.api.drafting",
     "validate": "rans.api.judging",
@@ -209,8 +206,6 @@ __all__ = [
     "Agent",
     "evaluate",
     "compare",
-    "identify",
-    "excite",
     "init_spacecraft",
     "join_spacecraft",
     "validate",

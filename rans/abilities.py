@@ -25,10 +25,15 @@ EXTRA_OF = {
         "missions",
     ),
     "assure": "assurance",
+    "excite": "robot",
     "faults": "assurance",
+    "fly": "robot",
     "follow": "assurance",
+    "identify": "robot",
     "prove": "proof",
+    "replay": "robot",
     "stress": "assurance",
+    "twin": "robot",
 }
 """Commands and public names that packages of this repository add, and the extra that installs each package."""
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import random
 import shutil
-import warnings
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +10,8 @@ import numpy as np
 import pytest
 
 import rans
-from rans.deploy.robot.bag import BagMessage, BagWriter, bag_entries
-from rans.deploy.robot.messages import TEXT, make, pack
-from rans.deploy.robot.node import FLIGHT_TOPIC, replay_bag
-from rans.deploy.robot.pilot import MessagePilot, Plan, export_for_flight
+from rans.deploy.export import write_export
 from rans.episode import Setup
-from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.exported import load_exported
@@ -32,66 +24,14 @@ from rans.pretrained import pretrained_folder
 from rans.scenario import scenario
 from rans.show.pages.report import report_from_run
 from rans.tasks import GoToPose
-from tests.support.damage import damaged
-from tests.support.robots import AWAY
+from tests.support.damage import COUNTS, check
 from tests.support.training import CONFIG, after, ignore, tiny_trainer
-
-ODD = [None, True, -1, 0, 2**70, 1e308, -1e-320, "", "x", "nan", "inf", [], [1], {}, {"a": 1}, [[]]]
-"""What takes the place of a value of JSON."""
-
-
-def odd_json(value: Any, chance: random.Random) -> Any:
-    """Copy of a nested value with one entry, anywhere in it, replaced, missing or renamed."""
-    if not isinstance(value, dict | list) or not value or chance.random() < 0.15:
-        return chance.choice(ODD)
-    if isinstance(value, list):
-        at = chance.randrange(len(value))
-        return [*value[:at], odd_json(value[at], chance), *value[at + 1 :]]
-    key = chance.choice(sorted(value))
-    if chance.random() < 0.15:
-        return {k: x for k, x in value.items() if k != key}
-    return value | {key: odd_json(value[key], chance)}
-
-
-def mutations(file: Path, count: int, seed: int) -> Iterator[int]:
-    """Damage a file in so many ways, one after the other; yield the number of each."""
-    whole = file.read_bytes()
-    for number in range(count):
-        chance = random.Random(f"{file.name} {seed} {number}")
-        if file.suffix == ".json" and number % 2:
-            file.write_text(json.dumps(odd_json(json.loads(whole), chance)))
-        else:
-            file.write_bytes(damaged(whole, chance))
-        yield number
-    file.write_bytes(whole)
-
-
-def check(files: list[Path], ask: Callable[[], object], count: int) -> None:
-    """Damage each of the files `count` times, and ask; only a RansError may come out."""
-    ask()  # while nothing is damaged
-    refused = 0
-    for file in files:
-        for number in mutations(file, count, 7):
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    ask()
-            except RansError as error:
-                refused += bool(str(error))
-            except Exception as error:
-                raise AssertionError(f"{file.name}, mutation {number}") from error
-    assert refused > 0
-
-
-COUNTS = pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.slow)])
 
 
 @pytest.fixture(scope="module")
 def export(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("export") / "mine"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans.deploy.robot.pilot._RANGE_FLIGHTS", 64)
-        export_for_flight(pretrained_folder("go-to-pose-2d"), folder)
+    write_export(pretrained_folder("go-to-pose-2d"), folder, "numpy", episodes=8, margins=0)
     return folder
 
 
@@ -102,31 +42,6 @@ def mine(export: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path(shutil.copytree(export, tmp_path / "mine"))
 
 
-def plan(folder: Path) -> Plan:
-    return Plan(str(folder), {"name": "go-to-pose", "settings": {}})
-
-
-@COUNTS
-def test_bags(mine: Path, count: int) -> None:
-    pytest.importorskip("mcap")
-    bag = Path("flight.mcap")
-    pilot = MessagePilot(plan(mine), GoToPose())
-    writer = BagWriter(bag)
-    about = json.dumps({"folder": str(mine), "task": {"name": "go-to-pose", "settings": {}}})
-    writer.write(BagMessage(1, FLIGHT_TOPIC, TEXT, pack(TEXT, make(TEXT, data=about))))
-    for k in range(1, 6):
-        now = k * 200_000_000
-        for message in pilot.interface.state(AWAY, now):
-            pilot.receive(message.topic, message.data, now)
-            writer.write(BagMessage(now, *message))
-        for message in pilot.messages(pilot.decide(now + 1), now + 1):
-            writer.write(BagMessage(now + 1, *message))
-    writer.close()
-    assert replay_bag(bag).decisions == 5
-    check([bag], lambda: [*bag_entries(bag)], 12 * count)
-    check([bag], lambda: replay_bag(bag), count // 2)
-
-
 @pytest.mark.slow
 @COUNTS
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -134,7 +49,6 @@ def test_exports(mine: Path, count: int) -> None:
     # NumPy leaves a damaged agent.npz open, which Python warns of.
     names = "contract.json", "golden.json", "spacecraft.toml", "agent.npz"
     check([mine / name for name in names], lambda: load_exported(mine), count)
-    check([mine / name for name in names], lambda: MessagePilot(plan(mine), GoToPose()), count // 2)
 
 
 @COUNTS

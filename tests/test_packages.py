@@ -11,6 +11,7 @@ import pytest
 import rans
 from rans.abilities import EXTRA_OF, PUBLIC
 from rans.cli.commands import COMMANDS
+from rans.deploy.export import EXPORTERS
 from rans.evaluation.fly.controllers import CONTROLLERS
 
 ROOT = Path(__file__).parents[1]
@@ -55,7 +56,7 @@ def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Pa
         *points.get("rans.commands", {}),
         *points.get("rans.public", {}),
     }
-    for group, registry in (("rans.controllers", CONTROLLERS),):
+    for group, registry in (("rans.controllers", CONTROLLERS), ("rans.exporters", EXPORTERS)):
         for name in points.get(group, {}):
             assert registry[name]
             assert registry.comes_with_rans(name)

@@ -400,9 +400,9 @@ ANSWERS: dict[str, dict[str, Answer | str]] = {
 }
 
 ELSEWHERE = {
-    "read_csv": "tests/evaluation/identify",
-    "read_ulog": "tests/deploy/robot",
-    "read_bag": "tests/deploy/robot",
+    "read_csv": "packages/robot/tests/identify",
+    "read_ulog": "packages/robot/tests",
+    "read_bag": "packages/robot/tests",
     "read_certificate": "packages/proof/tests",
     "read_problem": "packages/proof/tests",
     "read_network": "packages/proof/tests",

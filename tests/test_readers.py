@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 from rans.archives import read_arrays
-from rans.cli import main
-from rans.deploy.robot.bag import bag_entries
 from rans.errors import ConfigError
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import code_of
@@ -201,17 +199,6 @@ def test_what_is_trusted_is_the_text_that_lies_there(tmp_path: Path) -> None:
         code_of(file)
 
 
-def test_a_replay_asks_for_trust_once_there_is_something_to_trust(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("mcap")
-    monkeypatch.setenv("RANS_TRUST", "")
-    assert main(["replay", str(tmp_path / "none.mcap")]) == 2
-    said = capsys.readouterr().err
-    assert "No such file" in said
-    assert "--trust" not in said
-
-
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -221,6 +208,3 @@ def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
                 ConfigError, match="it is not a file, but a folder, a pipe or a device"
             ):
                 read(place)
-    pytest.importorskip("mcap")
-    with pytest.raises(ConfigError, match="it is not a file"):
-        list(bag_entries(pipe))

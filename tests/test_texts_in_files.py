@@ -17,9 +17,6 @@ import pytest
 
 import rans
 from rans.cli import main
-from rans.deploy.robot.bag import BagMessage, BagWriter
-from rans.deploy.robot.messages import TEXT, make, pack
-from rans.deploy.robot.node import replay_bag
 from rans.episode import Setup
 from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
@@ -290,6 +287,9 @@ def test_optimal_folder(here: Path, trained: Path) -> None:
 
 def test_plan_of_a_bag(here: Path, trained: Path) -> None:
     pytest.importorskip("mcap")
+    bags = pytest.importorskip("rans_robot.bag")
+    messages = pytest.importorskip("rans_robot.messages")
+    replay_bag = pytest.importorskip("rans_robot.node").replay_bag
     settings = CONTRACT["settings"]
     plan = {
         "folder": "shipped",
@@ -298,10 +298,10 @@ def test_plan_of_a_bag(here: Path, trained: Path) -> None:
     }
     for where, changed in texts(plan):
         Path("flight.mcap").unlink(missing_ok=True)
-        writer = BagWriter(Path("flight.mcap"))
-        writer.write(
-            BagMessage(1, "rans/flight", TEXT, pack(TEXT, make(TEXT, data=json.dumps(changed))))
-        )
+        writer = bags.BagWriter(Path("flight.mcap"))
+        text = messages.make(messages.TEXT, data=json.dumps(changed))
+        packed = messages.pack(messages.TEXT, text)
+        writer.write(bags.BagMessage(1, "rans/flight", messages.TEXT, packed))
         writer.close()
         call(lambda: replay_bag(Path("flight.mcap")))
         call(command("replay flight.mcap"))

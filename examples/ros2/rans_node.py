@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rans_robot.bus import Receive
+from rans_robot.node import fly_over
+from rans_robot.pilot import Plan
+from rans_robot.signals import stop_on_signals
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosidl_runtime_py.utilities import get_message
-
-from rans.deploy.robot.bus import Receive
-from rans.deploy.robot.node import fly_over
-from rans.deploy.robot.pilot import Plan
-from rans.deploy.robot.signals import stop_on_signals
 
 READS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
@@ -40,17 +39,17 @@ class RosBus:
         self.publishers: dict[str, Any] = {}
 
     def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
-        """See `rans.deploy.robot.bus.Bus`."""
+        """See `rans_robot.bus.Bus`."""
         self.node.create_subscription(get_message(kind), topic, receive, READS, raw=True)
 
     def publish(self, topic: str, kind: str, data: bytes) -> None:
-        """See `rans.deploy.robot.bus.Bus`."""
+        """See `rans_robot.bus.Bus`."""
         if topic not in self.publishers:
             self.publishers[topic] = self.node.create_publisher(get_message(kind), topic, WRITES)
         self.publishers[topic].publish(data)
 
     def close(self) -> None:
-        """See `rans.deploy.robot.bus.Bus`."""
+        """See `rans_robot.bus.Bus`."""
         self.node.destroy_node()
 
 

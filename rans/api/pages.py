@@ -252,9 +252,8 @@ def export(
     Raises:
         ConfigError: this is no trained agent, or the folder is another agent's.
     """
-    from rans.deploy.export import Form
+    from rans.deploy.export import EXPORTERS, Form
     from rans.deploy.export import write_export as write
-    from rans.deploy.foreign import write_foreign_export
     from rans.evaluation.fly.contestant_name import ContestantName
 
     one_of("form", form, get_args(Form))
@@ -269,7 +268,7 @@ def export(
         )
     folder = Path(text_of_name("output", output, Path))
     if name.kind == "policy":
-        write_foreign_export(name.text, folder, form, whole("episodes", episodes))
+        EXPORTERS[name.kind](name.text, folder, form, whole("episodes", episodes))
         return folder
     write(name.folder, folder, form, whole("episodes", episodes))
     return folder

@@ -58,8 +58,7 @@ class Export:
 
     def run(self) -> int:
         """Write the export and print its files."""
-        from rans.deploy.export import write_export
-        from rans.deploy.foreign import write_foreign_export
+        from rans.deploy.export import EXPORTERS, write_export
         from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.contestant_name import ContestantName
 
@@ -84,6 +83,7 @@ class Export:
         # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.
         margins = self.episodes // 4 if self.episodes >= 256 else 0
         # Before minutes of flights.
+        write_policy = EXPORTERS[name.kind] if is_foreign else None
         if self.format in _PACKAGES:
             require(_PACKAGES[self.format])
         # The folder of an agent for any craft is named after its craft too.
@@ -96,10 +96,8 @@ class Export:
         )
         output = self.output or Path("runs/exports") / label
         with doing(f"flying {label} for its contract and its card, and writing {output}"):
-            if is_foreign:
-                card = write_foreign_export(
-                    name.text, output, self.format, self.episodes, margins=margins
-                )
+            if write_policy is not None:
+                card = write_policy(name.text, output, self.format, self.episodes, margins=margins)
             else:
                 card = write_export(folder, output, self.format, self.episodes, margins=margins)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from rans.deploy.c_file import C_FILES, stack_of, write_c
 from rans.deploy.contract import (
@@ -57,6 +57,32 @@ CONTRACT_ENTRIES: Registry[Callable[[Path], dict[str, Any]]] = Registry(
     checked=lambda entries: entries,
 )
 """What installed packages add to the contract of an exported agent: functions of its run folder."""
+
+
+class Exporter(Protocol):
+    """Writes contestants of a kind as exports; see `write_export` for the arguments and what is written."""
+
+    def __call__(
+        self,
+        spec: str,
+        folder: Path,
+        form: Form = ...,
+        episodes: int = ...,
+        seed: int = ...,
+        margins: int = ...,
+    ) -> dict[str, Any]:
+        """Write the contestant that a text names into a folder, and return its card."""
+        ...
+
+
+EXPORTERS: Registry[Exporter] = Registry(
+    kind="export of a",
+    group="rans.exporters",
+    built_in={},
+    checked=lambda exporter: exporter,
+    extra_of={"policy": "robot"},
+)
+"""What installed packages export beside agents of RANS, by `ContestantName.kind`."""
 
 _FILES: dict[Form, tuple[str, ...]] = {
     "sb3": ("policy.zip", "config.json"),

@@ -15,7 +15,7 @@ from campaigns.robots import PERIOD, agent_at, kill, long_flight
 @pytest.fixture(scope="module")
 def agent(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans.deploy.robot.pilot._RANGE_FLIGHTS", 64)
+        patch.setattr("rans_robot.pilot._RANGE_FLIGHTS", 64)
         return agent_at(tmp_path_factory.mktemp("agent") / "agent", PERIOD)
 
 

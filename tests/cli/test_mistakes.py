@@ -9,6 +9,7 @@ import pytest
 
 import rans
 from rans import cli
+from rans.abilities import EXTRA_OF
 from rans.cli import COMMANDS, main
 from rans.cli.mistakes import COMMAND_NAMES, check_options
 from rans.cli.train import Train, _has_solved, _train_on
@@ -18,6 +19,7 @@ from rans.fast.learn.member import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure
+from tests.support.installed import needs_command
 
 
 @pytest.mark.parametrize(
@@ -93,6 +95,7 @@ from rans.structure import structure
 def test_leads_to_what_it_is_called_here(
     typed: str, answer: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    needs_command(typed)
     try:
         code = main(typed.split())
     except SystemExit as error:  # of tyro, for values that are no numbers
@@ -113,7 +116,7 @@ def test_a_solved_task_is_trained_on() -> None:
 
 
 def test_words_of_other_programs_lead_to_commands_and_hide_none() -> None:
-    assert set(COMMAND_NAMES.values()) <= set(COMMANDS)
+    assert set(COMMAND_NAMES.values()) <= {*COMMANDS, *EXTRA_OF}
     assert not set(COMMAND_NAMES) & set(COMMANDS)
 
 

@@ -9,6 +9,7 @@ import pytest
 from rans.cli import _parse, main
 from rans.cli.compare import Compare
 from rans.cli.options import with_numbers_named
+from tests.support.installed import needs_command
 
 
 @pytest.mark.parametrize("second", [["--certified", "4"], ["--certified=4"]])
@@ -39,6 +40,7 @@ def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
 
 @pytest.mark.parametrize("command", ["compare", "evaluate", "fly", "view"])
 def test_every_guard_takes_a_number(command: str) -> None:
+    needs_command(command)
     assert _parse([command, "avoid-2d", "--guard", "0.2"]).guard_slack == 0.2
 
 

@@ -23,7 +23,6 @@ from rans.deploy.contract import (
     golden,
     recorded,
 )
-from rans.deploy.robot.twin import Craft, TwinPlan
 from rans.episode import Setup
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
@@ -309,24 +308,6 @@ def test_readings_may_be_as_old_as_in_any_condition_of_the_training() -> None:
     readings = contract("", config, run.spacecraft(), "", 0, seen)["readings"]
     assert readings["age_of_training"] == pytest.approx(0.4)
     assert readings["oldest"] == pytest.approx(0.6)
-
-
-def test_a_contract_tells_which_way_a_wheel_turns_the_craft() -> None:
-    """Its sentence, beside the motion of the craft over one period of the command 1."""
-    run = RunFolder(pretrained_folder("go-to-pose-2d-pingu"))
-    config = run.config()
-    craft = run.spacecraft()
-    about = contract("", config, craft, "", 0, np.zeros((1, 1, 10), np.float32))
-    assert "the motor turns its wheel about +axis" in about["command"]["wheel_command"]
-    assert "and the spacecraft about -axis" in about["command"]["wheel_command"]
-    twin = Craft(TwinPlan(craft, 0.1, start=(1.0, 0.0, 0.0)))
-    twin.hold(np.array([*[0.0] * 8, 1.0]))
-    twin.advance()
-    (wheel,) = about["command"]["wheels"]
-    # Torque over inertia, for the 0.01 s between two states of the twin.
-    assert twin.motion.spin[2] == pytest.approx(
-        -wheel["max_torque"] * wheel["axis"][2] / craft.inertia[2][2] * 0.01, rel=1e-6
-    )
 
 
 @pytest.mark.slow

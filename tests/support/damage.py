@@ -1,8 +1,17 @@
-"""Random damage to files."""
+"""Random damage to files, and what must come of it: each is read as it is, or refused in a sentence."""
 
 from __future__ import annotations
 
+import json
 import random
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rans.errors import RansError
 
 
 def damaged(content: bytes, chance: random.Random) -> bytes:
@@ -23,3 +32,54 @@ def damaged(content: bytes, chance: random.Random) -> bytes:
         else:
             del result[at:]
     return bytes(result)
+
+
+ODD = [None, True, -1, 0, 2**70, 1e308, -1e-320, "", "x", "nan", "inf", [], [1], {}, {"a": 1}, [[]]]
+"""What takes the place of a value of JSON."""
+
+
+def odd_json(value: Any, chance: random.Random) -> Any:
+    """Copy of a nested value with one entry, anywhere in it, replaced, missing or renamed."""
+    if not isinstance(value, dict | list) or not value or chance.random() < 0.15:
+        return chance.choice(ODD)
+    if isinstance(value, list):
+        at = chance.randrange(len(value))
+        return [*value[:at], odd_json(value[at], chance), *value[at + 1 :]]
+    key = chance.choice(sorted(value))
+    if chance.random() < 0.15:
+        return {k: x for k, x in value.items() if k != key}
+    return value | {key: odd_json(value[key], chance)}
+
+
+def mutations(file: Path, count: int, seed: int) -> Iterator[int]:
+    """Damage a file in so many ways, one after the other; yield the number of each."""
+    whole = file.read_bytes()
+    for number in range(count):
+        chance = random.Random(f"{file.name} {seed} {number}")
+        if file.suffix == ".json" and number % 2:
+            file.write_text(json.dumps(odd_json(json.loads(whole), chance)))
+        else:
+            file.write_bytes(damaged(whole, chance))
+        yield number
+    file.write_bytes(whole)
+
+
+def check(files: list[Path], ask: Callable[[], object], count: int) -> None:
+    """Damage each of the files `count` times, and ask; only a RansError may come out."""
+    ask()  # while nothing is damaged
+    refused = 0
+    for file in files:
+        for number in mutations(file, count, 7):
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    ask()
+            except RansError as error:
+                refused += bool(str(error))
+            except Exception as error:
+                raise AssertionError(f"{file.name}, mutation {number}") from error
+    assert refused > 0
+
+
+COUNTS = pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.slow)])
+"""Kinds of damage to a file that a test asks about."""

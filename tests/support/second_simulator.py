@@ -10,10 +10,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from rans_robot.identify.log import FlightLog
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rans.evaluation.identify.log import FlightLog
 from rans.model.spacecraft import Spacecraft
 
 

@@ -312,10 +312,3 @@ def test_a_state_of_another_shape_than_it_is_taken_is_refused(tmp_path: Path) ->
         ConfigError, match=r"state m of .*odd\.onnx must be \(N, m\).*4.* taken.*8.*after"
     ):
         user_policy(f"onnx:{file}", CRAFT, TASK)
-
-
-def test_a_network_with_states_is_not_exported(tmp_path: Path) -> None:
-    from rans.deploy.foreign_program import foreign_program
-
-    with pytest.raises(ConfigError, match="3 inputs"):
-        foreign_program(network(tmp_path / "lstm.onnx"), 10, CRAFT)

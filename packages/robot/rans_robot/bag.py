@@ -1,0 +1,268 @@
+"""Flights as MCAP bags, which Foxglove and ``ros2 bag`` open; what a killed process wrote can be read too."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import struct
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rans.errors import ConfigError
+from rans.files import first_line, open_regular, replace_file
+from rans_robot.messages import definition
+
+LARGEST_BAG = 2**31
+"""Bytes: some twelve hours of a flight with a hundred states a second."""
+_MOST_WAITING = 2**26
+"""Bytes that may wait for a slow disk."""
+_OVERHEAD = 31
+"""Bytes of a message in a bag beside its data: opcode, length, channel, number and two times."""
+_PATIENCE = 5.0
+"""s that the end of a flight waits for the disk, once the valves are shut."""
+
+
+class BagMessage(NamedTuple):
+    """One message of a bag."""
+
+    time: int
+    """ns; the messages of one decision share it."""
+    topic: str
+    kind: str
+    data: bytes
+
+
+class BagWriter:
+    """Writes messages as they come, without chunks, so that a bag ends where its process ended.
+
+    Raises:
+        ConfigError: the package mcap is missing, the file exists already, or the disk refuses.
+    """
+
+    def __init__(self, file: Path) -> None:
+        try:
+            from mcap.writer import Writer
+        except ImportError as error:
+            raise ConfigError("bags need the package mcap: pip install 'rans[robot]'.") from error
+        if file.exists():
+            raise ConfigError(f"{file} exists already: a bag is never written over.")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = file.open("xb")
+            self._writer = Writer(self._stream, use_chunking=False)
+            self._writer.start(profile="ros2", library="rans")
+        except OSError as error:
+            raise ConfigError(
+                f"cannot write {file}: {error.strerror or error}; is the disk full or read-only?"
+            ) from error
+        self._channels: dict[str, int] = {}
+        self._count = 0
+
+    def declare(self, topic: str, kind: str) -> None:
+        """Announce a topic: the first message of one that is not takes milliseconds."""
+        if topic not in self._channels:
+            text = definition(kind).encode()
+            schema = self._writer.register_schema(kind, "ros2msg", text)
+            self._channels[topic] = self._writer.register_channel("/" + topic, "cdr", schema)
+
+    def write(self, entry: BagMessage) -> None:
+        """Add a message."""
+        self.declare(entry.topic, entry.kind)
+        self._count += 1
+        self._writer.add_message(
+            channel_id=self._channels[entry.topic],
+            log_time=entry.time,
+            publish_time=entry.time,
+            sequence=self._count,
+            data=entry.data,
+        )
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Finish the bag."""
+        try:
+            self._writer.finish()
+        finally:
+            self._stream.close()
+
+
+class Recorder:
+    """Writes a bag in a thread of its own: a flight neither waits for its disk nor ends by an error of it.
+
+    When the disk refuses, is too slow, or the bag has its largest size, the bag ends there, and `trouble` says why.
+
+    Args:
+        file: see `BagWriter`.
+        topics: types of topics to announce.
+
+    Raises:
+        ConfigError: see `BagWriter`.
+    """
+
+    def __init__(self, file: Path, topics: Mapping[str, str]) -> None:
+        self.trouble = ""
+        """Why the bag goes on no more, in a sentence; "" while it does."""
+        self._file = file
+        self._bag = BagWriter(file)
+        self._topics = dict(topics)
+        self._queue: queue.SimpleQueue[BagMessage | None] = queue.SimpleQueue()
+        self._taken = 0
+        """Bytes that came, which only the flight's thread counts."""
+        self._written = 0
+        """Bytes that are in the bag, which only the bag's thread counts."""
+        self._thread = threading.Thread(target=self._run, daemon=True, name="bag")
+        self._thread.start()
+
+    def write(self, entry: BagMessage) -> None:
+        """Add a message; it returns at once and never fails."""
+        if self.trouble:
+            return
+        size = len(entry.data) + _OVERHEAD
+        if self._taken + size > LARGEST_BAG:
+            self._end(f"it has {LARGEST_BAG:,} bytes, the largest size of a bag")
+        elif self._taken + size - self._written > _MOST_WAITING:
+            self._end(f"its disk is too slow, {_MOST_WAITING:,} bytes wait for it")
+        else:
+            self._taken += size
+            self._queue.put(entry)
+
+    def close(self) -> None:
+        """Finish the bag; a disk that does not answer is not waited for."""
+        self._queue.put(None)
+        self._thread.join(_PATIENCE)
+        if self._thread.is_alive() and not self.trouble:
+            self._end(f"its disk took nothing for {_PATIENCE:g} s")
+
+    def _end(self, why: str) -> None:
+        self.trouble = f"the bag {self._file} ends here: {why}. The flight goes on without it."
+        self._queue.put(None)
+
+    def _run(self) -> None:
+        try:
+            for topic, kind in self._topics.items():
+                self._bag.declare(topic, kind)
+            while (entry := self._queue.get()) is not None:
+                self._bag.write(entry)
+                self._written += len(entry.data) + _OVERHEAD
+                if self._queue.empty():
+                    self._bag.flush()
+            self._bag.close()
+        except Exception as error:  # of the disk, or of the library that writes
+            self._end(f"it cannot be written ({error})")
+            with contextlib.suppress(Exception):
+                self._bag.close()
+
+
+def index_bag(file: Path) -> None:
+    """Rewrite a finished bag in chunks with an index, by which tools seek in it; its messages stay as they are.
+
+    A bag that is being recorded has no chunks, so that no message waits in memory. The file is replaced as a
+    whole: where that fails it stays as it was.
+
+    Raises:
+        ConfigError: the file is no finished bag, or the disk refuses.
+    """
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, DataEnd, Message, Schema
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import CompressionType, Writer
+
+    def indexed(draft: Path) -> None:
+        with open_regular(file) as recorded, draft.open("wb") as stream:
+            writer = Writer(stream, compression=CompressionType.NONE)  # every reader can read it
+            writer.start(profile="ros2", library="rans")
+            for record in StreamReader(recorded).records:
+                match record:
+                    case Schema():
+                        writer.register_schema(record.name, record.encoding, record.data)
+                    case Channel():
+                        writer.register_channel(
+                            record.topic, record.message_encoding, record.schema_id
+                        )
+                    case Message():
+                        writer.add_message(
+                            record.channel_id,
+                            record.log_time,
+                            record.data,
+                            record.publish_time,
+                            record.sequence,
+                        )
+                    case DataEnd():  # the summary follows, which is written anew
+                        break
+                    case _:
+                        pass
+            writer.finish()
+
+    try:
+        replace_file(file, indexed)
+    except (McapError, struct.error) as error:
+        raise ConfigError(f"{file} is no finished MCAP bag: {error}.") from error
+
+
+_LARGEST_RECORD = 2**27
+"""Largest number of bytes of a record of a bag, and of a chunk when it is unpacked; flights have some hundred."""
+
+
+def bag_entries(file: Path) -> Iterator[BagMessage]:
+    """Messages of a bag in the order in which they were written.
+
+    A bag whose process was killed ends with its last whole message. Checksums are compared where the bag has them:
+    that of a chunk before its messages come, that of all messages at the end.
+
+    Raises:
+        ConfigError: the package mcap is missing, or the file is no bag, or damaged in its middle.
+    """
+    try:
+        from mcap.exceptions import EndOfFile
+        from mcap.records import Channel, Chunk, Message, Schema
+        from mcap.stream_reader import StreamReader, breakup_chunk
+    except ImportError as error:
+        raise ConfigError("bags need the package mcap: pip install 'rans[robot]'.") from error
+    schemas: dict[int, Any] = {}
+    channels: dict[int, Any] = {}
+    with open_regular(file) as stream:
+        try:
+            reader = StreamReader(
+                stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LARGEST_RECORD
+            )
+            for outer in reader.records:
+                is_chunk = isinstance(outer, Chunk)
+                for record in breakup_chunk(_unpacked(outer), True) if is_chunk else [outer]:
+                    if isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        channels[record.id] = record
+                    elif isinstance(record, Message):
+                        channel = channels[record.channel_id]
+                        kind = schemas[channel.schema_id].name
+                        topic = channel.topic.removeprefix("/")
+                        yield BagMessage(record.log_time, topic, kind, record.data)
+        except Exception as error:  # a damaged bag may raise anything
+            # A process that was killed may have been in the middle of a record, or of a number.
+            if channels and isinstance(error, EndOfFile | struct.error):
+                return
+            raise ConfigError(f"{file} is no MCAP bag, or damaged: {first_line(error)}.") from error
+
+
+def _unpacked(chunk: Any) -> Any:
+    """Chunk whose records are not compressed; ValueError if they would be too large."""
+    if chunk.compression == "zstd":
+        import zstandard
+
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
+            data = stream.read(_LARGEST_RECORD + 1)
+    elif chunk.compression == "lz4":
+        import lz4.frame
+
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, _LARGEST_RECORD + 1)
+    else:
+        data = chunk.data
+    if len(data) > _LARGEST_RECORD:
+        raise ValueError(f"a chunk would unpack to more than {_LARGEST_RECORD:,} bytes")
+    return replace(chunk, compression="", data=data)

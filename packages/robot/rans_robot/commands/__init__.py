@@ -1,0 +1,1 @@
+"""The commands, dataclasses whose fields are options."""

@@ -1,0 +1,131 @@
+"""``rans identify``: a spacecraft and its conditions from logs of its flights, and flights for it."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from rans.cli.options import Former
+from rans.errors import ConfigError
+from rans.terminal import Terminal, doing
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Identify forces, inertia, centre of mass, delays and disturbances from logs of flights.
+
+    Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Writes
+    spacecraft.toml, conditions.toml with the intervals, and identified.json. With --excite it writes an agent
+    that flies the most informative commands, instead.
+    """
+
+    group = "Deploy"
+    guide = "docs/identify.md"
+    examples = ("rans identify flight.csv --spacecraft floating-platform",)
+
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
+    """Bags (.mcap) of `rans fly` or of ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or CSV files
+    with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
+    spacecraft: str = ""
+    """Data sheet from which to begin: a name, or a TOML file."""
+    excite: str = ""
+    """Instead of reading logs, write an agent that flies the most informative commands about this spacecraft (name
+    or TOML file) for a minute, by `rans fly --trust`. They keep it in a box of 3 m round the goal of the flight, or
+    of another side (m), as in `--excite mine.toml,box=2`."""
+    output: Path | None = None
+    """Folder of the results; by default identified, or excitation with --excite."""
+    robot: Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"] | None = None
+    """Kind of robot whose topics a bag has; by default the bag says it."""
+    namespace: str = ""
+    """Name before the topics of the robot in a bag, such as robot1 for /robot1/pose."""
+    box: Annotated[float | None, Former("write --excite CRAFT,box=SIDE")] = None
+    """Side of the box in which these commands keep the spacecraft, m."""
+    window: Annotated[
+        float | None, Former("leave it out, or call rans.identify(..., window=...) in Python")
+    ] = None
+    """Length of the windows over which the log is predicted, s."""
+
+    def following(self) -> tuple[str, ...]:
+        """See `rans.cli.commands.Command`."""
+        return ("rans train go-to-pose --spacecraft FOLDER/spacecraft.toml",)
+
+    def run(self) -> int:
+        """Print what was identified and what the logs do not determine."""
+        from rans_robot.functions import identify
+        from rans_robot.identify.result import UNITS
+
+        if self.excite:
+            return self._excite()
+        if not self.logs:
+            raise ConfigError("name at least one log, a bag (.mcap), a ULog (.ulg) or a CSV file.")
+        if not self.spacecraft:
+            raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
+        console = Terminal()
+        # Identify; a result that explains nothing is shown, and not written.
+        with doing("identifying: the flights are predicted for every candidate"):
+            result = identify(self.logs, self.spacecraft, self.robot, self.window, self.namespace)
+
+        def cells(digits: int) -> list[tuple[str, ...]]:
+            return [
+                (
+                    f"{row.name}, {row.unit}",
+                    f"{row.nominal:.{digits}g}",
+                    f"{row.value:.{digits}g}",
+                    f"{row.low:.{digits}g} to {row.high:.{digits}g}"
+                    if row.is_identifiable
+                    else "not identifiable",
+                )
+                for row in result.rows()
+            ]
+
+        console.show("Identified", ("quantity", "data sheet", "value", "95 %"), cells(4), cells(3))
+        # How much better the identified craft predicts the same logs.
+        predictions = [
+            [channel.name, f"{channel.before:.4g}", f"{channel.after:.4g}", UNITS[channel.name]]
+            for channel in result.channels()
+        ]
+        console.show(
+            f"Error of predictions over {result.fit.window:g} s, rms",
+            ("reading", "data sheet", "identified", "unit"),
+            predictions,
+        )
+        console.say(
+            f"The force follows a command {1e3 * result.delay:.1f} ms later in the mean (95 %: "
+            f"+-{1.96e3 * result.delay_deviation:.1f} ms)."
+        )
+        for sentence in result.notes():
+            console.say(sentence)
+        folder = result.write(self.output or Path("identified"))
+        console.say(f"Written to {folder}. Train for it:")
+        spacecraft = ["--spacecraft", str(folder / "spacecraft.toml")]
+        conditions = ["--conditions", str(folder / "conditions.toml")]
+        console.command(shlex.join(["rans", "train", "go-to-pose", *spacecraft, *conditions]))
+        return 0
+
+    def _excite(self) -> int:
+        """Write the commands, and say how to fly them."""
+        from rans_robot.functions import excite
+
+        if self.logs or self.spacecraft:
+            raise ConfigError(
+                "--excite reads no logs and takes the spacecraft itself: leave out both."
+            )
+        craft, comma, text = self.excite.rpartition(",box=")
+        craft, side = (craft, text) if comma else (self.excite, "3")
+        try:
+            box = float(side) if self.box is None else self.box
+        except ValueError:
+            raise ConfigError(f"--excite CRAFT,box=SIDE takes a side in m, got {side!r}.") from None
+        folder = excite(craft, self.output or Path("excitation"), box)
+        console = Terminal()
+        console.say(
+            f"Written to {folder}: 60 s of commands that keep {craft} in a box of {box:g} m. Fly them "
+            "from the middle of the box, and identify the spacecraft from the bag:"
+        )
+        console.command(shlex.join(["rans", "fly", str(folder), "--trust", "--seconds", "60"]))
+        console.command(f"rans identify FLIGHT.mcap --spacecraft {shlex.quote(craft)}")
+        return 0

@@ -1,0 +1,464 @@
+"""Predicted motion of a spacecraft whose forces, mass properties and delays are to be identified.
+
+Between the instants of a fine grid the thrust is constant in B. Forces follow commands after a latency and a linear
+rise, which is the command convolved with a box: an own formulation beside `rans.randomization.valves`, for whole
+windows of a log at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.body import Body
+from rans.model.dynamics import Wrench, thrust
+from rans.model.fields import Quat, Vec3, leaves
+from rans.model.spacecraft import Spacecraft
+from rans_robot.identify.log import FlightLog
+
+STEP = 0.02
+"""s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
+2e-4 rad under 4 rad/s^2, far below the noise of readings."""
+
+_FEW_WINDOWS = 8
+"""Up to so many windows in space are predicted one after the other, in floats: a step of floats takes a tenth of
+the time of one of arrays, however few their entries are."""
+
+
+class Physics(NamedTuple):
+    """Parameters of the motion for K windows, as fields (K,)."""
+
+    body: Body
+    """Mass properties, and a factor on the force of each thruster."""
+    disturbance: Wrench
+    """Constant force and torque in W, N and N m."""
+    latency: np.ndarray
+    """(K,), s from a command until the force begins to change."""
+    rise: np.ndarray
+    """(K,), s of the linear change of the force."""
+    wheel_torques: tuple[np.ndarray, ...] = ()
+    """(K,) of each reaction wheel, N m: torque of the motor at full command."""
+    wheel_inertias: tuple[np.ndarray, ...] = ()
+    """(K,) of each, kg m^2 about its axis."""
+
+
+@dataclass(frozen=True)
+class Motors:
+    """Commands of the motors of reaction wheels."""
+
+    times: np.ndarray
+    """(T,), s: instants of commands, which motors follow at once."""
+    commands: np.ndarray
+    """(T, W): shares of full torque that were commanded."""
+    period: float
+    """Control period, s."""
+    limits: np.ndarray
+    """(W,), N m s: largest momenta, at which motors give no more torque."""
+    measured: np.ndarray
+    """(W,), whether the log has speeds of a wheel: then the state at the start of a window says how far it is from
+    its largest momentum; otherwise it began the log at rest."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft, log: FlightLog) -> Motors:
+        """Commands of a log of a spacecraft."""
+        count = craft.wheel_count
+        measured = np.zeros(count, dtype=bool)
+        if log.wheel_speeds is not None:
+            measured = np.asarray(np.isfinite(log.wheel_speeds).any(axis=0))
+        commands = log.commands[:, craft.thruster_count :][:, :count]
+        limits = np.array([wheel.max_momentum for wheel in craft.wheels])
+        return cls(log.command_times, commands, log.period, limits, measured)
+
+    def momenta(self, t: np.ndarray, torques: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Momenta of wheels about their axes at times (K, S), from those at the first time: (K, S, W), N m s.
+
+        Args:
+            t: s, ascending.
+            torques: (K, W), N m at full command.
+            first: (K, W), N m s.
+        """
+        result = self._run(t[:, 0], first, torques, np.arange(len(t)), t)
+        if not self.measured.all():
+            from_rest = self.from_rest(t, torques)
+            gained = first[:, None] + from_rest - from_rest[:, :1]
+            result = np.where(self.measured, result, gained)
+        return result
+
+    def from_rest(self, t: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Momenta at times (K, S) of wheels that rest at the first command: (K, S, W), N m s."""
+        # Few of the K are different: each parameter is changed in all windows at once.
+        full, which = np.unique(torques, axis=0, return_inverse=True)
+        begin = np.full(len(full), self.times[0])
+        return self._run(begin, np.zeros_like(full), full, which.reshape(-1), t)
+
+    def _run(
+        self,
+        begin: np.ndarray,
+        first: np.ndarray,
+        torques: np.ndarray,
+        row: np.ndarray,
+        t: np.ndarray,
+    ) -> np.ndarray:
+        """Momenta (K, S, W) at times (K, S), each row of which is one (K,) of R runs.
+
+        A motor gives less where the momentum would leave its limit by the end of the control period, and takes back
+        what is beyond it, so that a start which the fit moves across the limit changes the motion smoothly.
+
+        Args:
+            begin: (R,), s, the beginnings of the runs.
+            first: (R, W), N m s, momenta then.
+            torques: (R, W), N m at full command.
+            row: (K,), number of the run.
+            t: (K, S), s.
+        """
+        before = np.clip(np.searchsorted(self.times, begin, side="right") - 1, 0, None)
+        periods = np.searchsorted(self.times, t, side="right") - 1 - before[row][:, None]
+        periods = np.clip(periods, 0, None)
+        # The commands that are held from the beginning on, from when, and how long.
+        index = np.minimum(before[:, None] + np.arange(periods.max() + 1), len(self.times) - 1)
+        since = self.times[index]
+        since[:, 0] = np.maximum(begin, since[:, 0])
+        ends = np.append(self.times[1:], self.times[-1] + self.period)[index]
+        left = self.period - np.mod(since - self.times[index], self.period)
+        left = np.maximum(np.minimum(left, ends - since), 1e-9)
+        given = np.empty((*index.shape, len(self.limits)))
+        momenta = np.empty_like(given)
+        momenta[:, 0] = first
+        for k in range(index.shape[1]):
+            least = (-self.limits - momenta[:, k]) / left[:, k, None]
+            largest = (self.limits - momenta[:, k]) / left[:, k, None]
+            given[:, k] = np.clip(self.commands[index[:, k]] * torques, least, largest)
+            if k + 1 < index.shape[1]:
+                gained = given[:, k] * (ends - since)[:, k, None]
+                momenta[:, k + 1] = self._within(momenta[:, k], gained)
+        at = row[:, None], periods
+        lasting = np.maximum(t - since[at], 0.0)[..., None]
+        return self._within(momenta[at], given[at] * lasting)
+
+    def _within(self, momenta: np.ndarray, gained: np.ndarray) -> np.ndarray:
+        """Sum of momenta and gains up to a limit that lies between, as a command may be held for many periods."""
+        low = np.minimum(momenta, -self.limits)
+        high = np.maximum(momenta, self.limits)
+        return np.clip(momenta + gained, low, high)
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """Forces that thrusters of designed strength would give at once: steps in time, and their integrals."""
+
+    times: np.ndarray
+    """(E,), s: instants of change."""
+    first: np.ndarray
+    """(E, n): integral of the shares of full force up to each instant, s."""
+    second: np.ndarray
+    """(E, n): integral of that, s^2."""
+    shares: np.ndarray
+    """(E, n): shares of full force from each instant on."""
+    motors: Motors
+    """Commands of the motors of wheels."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft, log: FlightLog) -> Thrust:
+        """Shares of full force under the commands of a log, with pulses and the limit of the supply."""
+        count = craft.thruster_count
+        times = []
+        shares = []
+        periods = np.diff(log.command_times, append=log.command_times[-1] + log.period)
+        periods = np.minimum(periods, log.period * 1.5)  # a pulse is a share of the control period
+        for time, command, period in zip(log.command_times, log.commands, periods, strict=True):
+            gone = 0.0
+            for part, levels in craft.actuators.pulses(tuple(map(float, command[:count]))):
+                if part <= 0.0:
+                    continue
+                times.append(time + gone)
+                shares.append([float(x) for x in thrust(craft, tuple(levels))])
+                gone += float(part) * min(period, log.period)
+        t = np.array(times)
+        u = np.array(shares)
+        steps = np.diff(t)[:, None]
+        first = np.zeros_like(u)
+        second = np.zeros_like(u)
+        first[1:] = np.cumsum(u[:-1] * steps, axis=0)
+        second[1:] = np.cumsum(first[:-1] * steps + 0.5 * u[:-1] * steps**2, axis=0)
+        return cls(t, first, second, u, Motors.of(craft, log))
+
+    def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First and second integral at times of any shape: (..., n) each."""
+        index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
+        since = np.maximum(t - self.times[index], 0.0)[..., None]  # nothing acts before the log
+        first = self.first[index] + self.shares[index] * since
+        second = (
+            self.second[index] + self.first[index] * since + 0.5 * self.shares[index] * since**2
+        )
+        return first, second
+
+    def delivered(self, t: np.ndarray, latency: np.ndarray, rise: np.ndarray) -> np.ndarray:
+        """Integral of the delayed shares up to times (K, S): (K, S, n), s.
+
+        A share that rises linearly is the mean of the commanded one over the rise time before.
+        """
+        late = t - latency[:, None]
+        first, second = self._integrals(late)
+        _, before = self._integrals(late - rise[:, None])
+        ramp = np.maximum(rise, 1e-6)[:, None, None]
+        return np.where(rise[:, None, None] > 1e-6, (second - before) / ramp, first)
+
+
+def check_identifiable(craft: Spacecraft) -> None:
+    """Refuse craft whose motion this module does not predict.
+
+    Raises:
+        ConfigError: the craft has no thruster, burns propellant, has a sloshing liquid, or effectors of other
+            kinds.
+    """
+    reasons = {
+        "has no thruster": not craft.thrusters,
+        "burns propellant": craft.propellant is not None,
+        "has a sloshing liquid": craft.slosh is not None,
+        "has effectors of other kinds": bool(craft.further_effectors),
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise ConfigError(
+                f"{craft.name!r} {reason}, and only spacecraft with thrusters and reaction wheels can be "
+                "identified from a log."
+            )
+
+
+def windows_of(log: FlightLog, length: float) -> list[slice]:
+    """Slices of the readings into windows of about a length (s), each of which begins with a pose.
+
+    A window ends before a gap longer than itself: readings after it, up to the next pose, are in none.
+    """
+    has_pose = ~np.isnan(log.position).any(axis=1)
+    has_pose &= ~np.isnan(log.attitude.reshape(len(log.times), -1)).any(axis=1)
+    edges = np.arange(log.times[0], log.times[-1], length)
+    if len(edges) > 1 and log.times[-1] - edges[-1] < 0.5 * length:
+        edges = edges[:-1]
+    starts = []
+    for edge in edges:
+        after = np.flatnonzero((log.times >= edge - 1e-9) & has_pose)
+        if len(after) and (not starts or after[0] > starts[-1]):
+            starts.append(int(after[0]))
+    gaps = np.flatnonzero(np.diff(log.times) > length) + 1
+    ends = []
+    for begin, end in zip(starts, [*starts[1:], len(log.times)], strict=True):
+        after = gaps[(gaps > begin) & (gaps < end)]
+        ends.append(int(after[0]) if len(after) else end)
+    return [slice(begin, end) for begin, end in zip(starts, ends, strict=True)]
+
+
+def predicted(
+    craft: Spacecraft,
+    thrusts: Thrust,
+    physics: Physics,
+    start: np.ndarray,
+    begin: np.ndarray,
+    times: np.ndarray,
+    longest: float = STEP,
+) -> np.ndarray:
+    """States at the readings of K windows of M readings each: columns (K, M, 6 + W or 13 + W).
+
+    They are x, y, heading, vx, vy, spin, or p, quaternion, v, w, and the speeds of wheels.
+
+    Args:
+        craft: spacecraft as designed.
+        thrusts: forces that were commanded.
+        physics: parameters.
+        start: (K, 6 + W or 13 + W), states at the beginnings of the windows.
+        begin: (K,), s, the beginnings.
+        times: (K, M), s, times of the readings, ascending.
+        longest: s, longest step of the grid.
+    """
+    # Readings lie on the grid: between its instants velocities have kinks where thrusters open.
+    gaps = np.diff(np.concatenate([begin[:, None], times], axis=1), axis=1)
+    counts = np.maximum(1, np.ceil(np.max(gaps, axis=0) / longest - 1e-9).astype(int))
+    step = np.repeat(np.maximum(gaps, 1e-12) / counts, counts, axis=1)
+    grid = begin[:, None] + np.concatenate(
+        [np.zeros((len(begin), 1)), np.cumsum(step, axis=1)], axis=1
+    )
+    delivered = thrusts.delivered(grid, physics.latency, physics.rise)
+    gain = np.stack([np.broadcast_to(g, len(times)) for g in physics.body.gain], axis=-1)
+    fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
+    wrenches = fractions @ craft.wrenches
+
+    # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
+    momenta = np.zeros((*grid.shape, craft.wheel_count))
+    if craft.wheels:
+        axes = np.array([wheel.axis for wheel in craft.wheels])
+        spin = start[:, 5:6] * axes[:, 2] if craft.dimension == 2 else start[:, 10:13] @ axes.T
+        first = _stacked(physics.wheel_inertias) * (start[:, -craft.wheel_count :] + spin)
+        momenta = thrusts.motors.momenta(grid, _stacked(physics.wheel_torques), first)
+    if craft.dimension == 2:
+        path = _planar(craft, physics, start, wrenches, step, momenta)
+    else:
+        path = _spatial(craft, physics, start, wrenches, step, momenta)
+
+    return path[:, np.cumsum(counts)]
+
+
+def _planar(
+    craft: Spacecraft,
+    physics: Physics,
+    start: np.ndarray,
+    wrench: np.ndarray,
+    step: np.ndarray,
+    momenta: np.ndarray,
+) -> np.ndarray:
+    """States (K, S + 1, 6 + W) in the plane, as cumulative sums with the heading at the middle of each step.
+
+    They are some hundred times as fast as the engine's steps, one after the other; the error of a step is of third
+    order in its turn, 1e-6 of the thrust at 1 rad/s.
+    """
+    force = wrench[..., :2]
+    x, y = (np.asarray(c)[:, None] for c in physics.body.centre)
+    push = physics.disturbance
+    torque = wrench[..., 2] - (x * force[..., 1] - y * force[..., 0])
+    axes = [wheel.axis[2] for wheel in craft.wheels]
+    for k, axis in enumerate(axes):
+        torque = torque - axis * np.diff(momenta[..., k], axis=1) / step
+    rate = (torque + np.asarray(push.torque)[:, None]) / np.asarray(physics.body.inertia[0])[
+        :, None
+    ]
+    h = step
+    spin = _summed(start[:, 5], rate * h)
+    heading = _summed(start[:, 2], spin[:, :-1] * h + 0.5 * rate * h**2)
+    middle = heading[:, :-1] + 0.5 * h * spin[:, :-1] + 0.125 * h**2 * rate
+    cos = np.cos(middle)
+    sin = np.sin(middle)
+    pushed = (
+        cos * force[..., 0] - sin * force[..., 1] + np.asarray(push.force.x)[:, None],
+        sin * force[..., 0] + cos * force[..., 1] + np.asarray(push.force.y)[:, None],
+    )
+    columns = []
+    for j, component in enumerate(pushed):
+        acceleration = component / craft.mass
+        velocity = _summed(start[:, 3 + j], acceleration * h)
+        position = _summed(start[:, j], velocity[:, :-1] * h + 0.5 * acceleration * h**2)
+        columns.append((position, velocity))
+    (x, vx), (y, vy) = columns
+    speeds = [
+        momenta[..., k] / np.asarray(physics.wheel_inertias[k])[:, None] - axis * spin
+        for k, axis in enumerate(axes)
+    ]
+    return np.stack([x, y, heading, vx, vy, spin, *speeds], axis=-1)
+
+
+def _summed(start: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Values (K, S + 1) that begin at (K,) and change by (K, S)."""
+    return start[:, None] + np.concatenate(
+        [np.zeros((len(start), 1)), np.cumsum(changes, axis=1)], axis=1
+    )
+
+
+def _spatial(
+    craft: Spacecraft,
+    physics: Physics,
+    start: np.ndarray,
+    wrench: np.ndarray,
+    step: np.ndarray,
+    momenta: np.ndarray,
+) -> np.ndarray:
+    """States (K, S + 1, 13 + W) in space, by the midpoint rule."""
+    body = physics.body
+    force = wrench[..., :3]
+    torque = wrench[..., 3:] - np.cross(_stacked(body.centre)[:, None], force)
+    xx, xy, xz, yy, yz, zz = (np.asarray(x) for x in body.inertia)
+    inertia = np.stack(
+        [_stacked(row) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))], axis=1
+    )
+    push = _stacked(physics.disturbance.force.columns()) / craft.mass
+    twist = _stacked(physics.disturbance.torque.columns())
+
+    axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
+    stored = momenta @ axes
+    torque = torque - np.diff(stored, axis=1) / step[..., None]
+
+    constant = start[:, :13], inertia, np.linalg.inv(inertia), push, twist
+    middle = 0.5 * (stored[:, :-1] + stored[:, 1:])
+    acting = step, force / craft.mass, torque, stored[:, :-1], middle
+    parts = [slice(None)]
+    if len(start) <= _FEW_WINDOWS:
+        parts = [slice(k, k + 1) for k in range(len(start))]
+    path = np.concatenate(
+        [_midpoints([x[part] for x in constant], [x[part] for x in acting]) for part in parts]
+    )
+    if not craft.wheels:
+        return path
+    speeds = momenta / _stacked(physics.wheel_inertias)[:, None] - path[..., 10:] @ axes.T
+    return np.concatenate([path, speeds], axis=-1)
+
+
+def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> np.ndarray:
+    """States (K, S + 1, 13) of the midpoint rule.
+
+    Args:
+        constant: start (K, 13), inertia and its inverse (K, 3, 3), acceleration (K, 3) and torque (K, 3) in W.
+        acting: length of each step (K, S), s, and what acts in it (K, S, 3): thrust per mass and torque in B, and
+            the momentum of wheels at its beginning and in its middle, in B.
+    """
+    columns, inertia, inverse, push, twist = (_fields(x) for x in constant)
+    p, q, v, w = Vec3(*columns[:3]), Quat(*columns[3:7]), Vec3(*columns[7:10]), Vec3(*columns[10:])
+    push = Vec3(*push)
+    twist = Vec3(*twist)
+
+    def times(matrix: list[Any], vector: Vec3) -> Vec3:
+        a, b, c = (row[0] * vector.x + row[1] * vector.y + row[2] * vector.z for row in matrix)
+        return Vec3(a, b, c)
+
+    def rate(spin: Vec3, attitude: Quat, thrust: Vec3, wheels: Vec3) -> Vec3:
+        """Angular acceleration in B: Euler's equations, with the momentum of wheels."""
+        outside = attitude.inverse().rotate(twist)
+        return times(inverse, thrust + outside - spin.cross(times(inertia, spin) + wheels))
+
+    path = [columns]
+    for h, force, torque, before, between in zip(*(_fields(x) for x in acting), strict=True):
+        turning = Vec3(*torque)
+        w_half = w + rate(w, q, turning, Vec3(*before)).scale(0.5 * h)
+        q_half = q.times(_turn((w + w_half).scale(0.25 * h)))
+        acceleration = q_half.rotate(Vec3(*force)) + push
+        p = p + (v + acceleration.scale(0.5 * h)).scale(h)
+        v = v + acceleration.scale(h)
+        w = w + rate(w_half, q_half, turning, Vec3(*between)).scale(h)
+        q = q.times(_turn(w_half.scale(h)))
+        path.append(list(leaves((p, q, v, w))))
+    return np.moveaxis(np.array(path).reshape(len(path), 13, -1), -1, 0)
+
+
+def _fields(table: np.ndarray) -> list[Any]:
+    """Entries of a table (K, ...) as lists of arrays (K,), or of floats where K is 1."""
+    if len(table) == 1:
+        return table[0].tolist()
+    return list(np.ascontiguousarray(np.moveaxis(table, 0, -1)))
+
+
+def _turn(vector: Vec3) -> Quat:
+    """Unit quaternion of a rotation vector, rad, by a series whose error is 1e-6 rad for 1 rad."""
+    squared = vector.dot(vector)
+    cosine = 1.0 - squared * (0.125 - squared / 384.0)
+    factor = 0.5 - squared * (1.0 / 48.0 - squared / 3840.0)
+    scale = (cosine * cosine + factor * factor * squared) ** -0.5
+    imaginary = vector.scale(factor * scale)
+    return Quat(cosine * scale, imaginary.x, imaginary.y, imaginary.z)
+
+
+def _stacked(fields: Iterable[Any]) -> np.ndarray:
+    """Fields (K,) as columns (K, n)."""
+    return np.stack([np.asarray(x) for x in fields], axis=-1)
+
+
+def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Hamilton product of quaternions (..., 4), scalar first."""
+    q = Quat(*np.moveaxis(a, -1, 0)).times(Quat(*np.moveaxis(b, -1, 0)))
+    return np.stack([q.w, q.x, q.y, q.z], axis=-1)
+
+
+def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) turned by unit quaternions (..., 4)."""
+    axis = quaternion[..., 1:]
+    across = 2.0 * np.cross(axis, vector)
+    return vector + quaternion[..., :1] * across + np.cross(axis, across)

@@ -1,0 +1,349 @@
+"""What was identified: a spacecraft, the conditions to train for, and how well they predict the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.files import ready_folder, write_json, write_text
+from rans.model.body import Body
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import to_toml
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.randomization.conditions_file import conditions_text
+from rans_robot.identify.fit import CHANNELS, Fit, channel_columns
+
+_EXPLAINED = 0.9
+"""Noise of a channel as a part of what a coast leaves, up to which the model explains something of it."""
+_PERFECT = 1e-5
+"""Noise (SI) below which nothing is left to explain: ten times the least that a fit assumes."""
+_LARGEST_ANGLE = 0.5
+"""rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
+_AT_LIMIT = 0.99
+"""Part of a wheel's largest speed from which it counts as at its limit."""
+SPREAD = 1.96
+"""Standard deviations of a two-sided interval of 95 %."""
+UNITS = {
+    "position": "m",
+    "attitude": "rad",
+    "velocity": "m/s",
+    "spin": "rad/s",
+    "wheel speed": "rad/s",
+}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How well one measured quantity was predicted over the windows of the logs."""
+
+    name: str
+    before: float
+    """Root mean square of reading minus prediction with the data sheet, in the unit of `UNITS`."""
+    after: float
+    """Root mean square of reading minus prediction with what was identified."""
+    correlation: float
+    """Correlation of successive residuals; 0 for white ones."""
+    bound: float
+    """Correlation that white residuals exceed in one of a thousand logs at most."""
+    is_explained: bool
+    """Whether the model predicts it better than a coast does, or leaves nothing but independent noise."""
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the model explains all but independent errors of the readings.
+
+        Fitted starts of short windows make residuals unlike the ones before them, which is no fault of the model.
+        """
+        return self.correlation <= self.bound
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Row of a table: a quantity with its data sheet's value and its interval of 95 %."""
+
+    name: str
+    unit: str
+    nominal: float
+    value: float
+    low: float
+    high: float
+    is_identifiable: bool
+    """Whether the logs determine it: they halve the standard deviation that was assumed before, at least."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Spacecraft and conditions that logs of flights determine (`rans.identify`)."""
+
+    fit: Fit
+
+    @property
+    def spacecraft(self) -> Spacecraft:
+        """The spacecraft with the identified forces, inertia and centre of mass."""
+        craft = self.fit.craft
+        count = craft.thruster_count
+        values = [float(x) for x in self.fit.values]
+        thrusters = tuple(
+            replace(thruster, force=force)
+            for thruster, force in zip(craft.thrusters, values[:count], strict=True)
+        )
+        moments = values[count : count + len(Body.of(craft).inertia)]
+        if craft.dimension == 2:
+            tensor = (moments[0] * np.eye(3)).tolist()
+        else:
+            xx, xy, xz, yy, yz, zz = moments
+            tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        offset = [self.fit.value(f"centre {axis}") for axis in "xyz"[: craft.dimension]]
+        centre = np.array(craft.centre_of_mass)
+        centre[: craft.dimension] += offset
+        wheels = tuple(
+            replace(
+                wheel,
+                max_torque=self.fit.value(f"motor of wheel {k}"),
+                inertia=self.fit.value(f"rotor of wheel {k}"),
+            )
+            for k, wheel in enumerate(craft.wheels)
+        )
+        return replace(
+            craft,
+            wheels=wheels,
+            name=f"{craft.name}-identified",
+            thrusters=thrusters,
+            inertia=tuple(map(tuple, tensor)),
+            centre_of_mass=tuple(map(float, centre)),
+        )
+
+    @property
+    def conditions(self) -> Conditions:
+        """Conditions whose ranges are the intervals of what was identified, for the identified spacecraft.
+
+        Where the rise of the force could not be separated from the latency, the latency has half of it.
+
+        Raises:
+            ConfigError: a channel is not explained (`check`).
+        """
+        self.check()
+        rows = {row.name: row for row in self.rows()}
+        craft = self.fit.craft
+        count = craft.thruster_count
+        deviations = self.fit.deviations
+
+        def factor(relative: float) -> tuple[float, float]:
+            return round(max(1.0 - SPREAD * relative, 0.05), 4), round(1.0 + SPREAD * relative, 4)
+
+        forces = np.maximum(self.fit.values[:count], 1e-9)
+        moments = len(Body.of(craft).inertia)
+        diagonal = [0] if moments == 1 else [0, 3, 5]
+        inertia = np.array([deviations[count + k] / self.fit.values[count + k] for k in diagonal])
+        axes = "xyz"[: craft.dimension]
+        centre = float(
+            np.linalg.norm([rows[f"centre {a}"].high - rows[f"centre {a}"].value for a in axes])
+        )
+        names = [parameter.name for parameter in self.fit.parameters]
+        latency, rise = (names.index(name) for name in ("latency", "rise"))
+        thrusters = ThrusterConditions(thrust=factor(float(np.max(deviations[:count] / forces))))
+        if rows["rise"].is_identifiable:
+            thrusters = replace(
+                thrusters,
+                latency=_positive(rows["latency"].low, rows["latency"].high),
+                rise=_positive(rows["rise"].low, rows["rise"].high),
+            )
+        else:
+            mean = self.fit.values[latency] + 0.5 * self.fit.values[rise]
+            spread = SPREAD * self.delay_deviation
+            thrusters = replace(thrusters, latency=_positive(mean - spread, mean + spread))
+        turns = ("z",) if craft.dimension == 2 else axes
+        noise = self.fit.noise
+        position, attitude, velocity, spin = (
+            SensorConditions(noise=round(noise.get(name, 0.0), 6)) for name in CHANNELS[:4]
+        )
+        return Conditions(
+            body=BodyConditions(
+                inertia=factor(float(np.max(inertia))), centre=(0.0, round(centre, 5))
+            ),
+            thrusters=thrusters,
+            disturbances=DisturbanceConditions(
+                force=self._magnitude([f"disturbance {axis}" for axis in axes]),
+                torque=self._magnitude([f"torque {axis}" for axis in turns]),
+            ),
+            sensors=SensorsConditions(position, attitude, velocity, spin),
+            description=f"identified from {len(self.fit.logs)} log(s) of {craft.name}",
+        )
+
+    @property
+    def delay(self) -> float:
+        """Mean delay of the force after a command, s: latency plus half of the rise."""
+        return self.fit.value("latency") + 0.5 * self.fit.value("rise")
+
+    @property
+    def delay_deviation(self) -> float:
+        """Standard deviation of `delay`, s."""
+        names = [parameter.name for parameter in self.fit.parameters]
+        weights = np.zeros(len(names))
+        weights[names.index("latency")] = 1.0
+        weights[names.index("rise")] = 0.5
+        return float(np.sqrt(weights @ self.fit.covariance @ weights))
+
+    def _magnitude(self, names: list[str]) -> tuple[float, float]:
+        rows = [row for row in self.rows() if row.name in names]
+        size = float(np.linalg.norm([row.value for row in rows]))
+        spread = max(row.high - row.value for row in rows)
+        return _positive(size - spread, size + spread)
+
+    def rows(self) -> list[Identified]:
+        """Every quantity with its interval, in the order of the spacecraft file."""
+        identifiable = self.fit.is_identifiable()
+        return [
+            Identified(
+                parameter.name,
+                parameter.unit,
+                parameter.nominal,
+                float(value),
+                max(float(value - SPREAD * deviation), parameter.least),
+                float(value + SPREAD * deviation),
+                bool(is_identifiable),
+            )
+            for parameter, value, deviation, is_identifiable in zip(
+                self.fit.parameters, self.fit.values, self.fit.deviations, identifiable, strict=True
+            )
+        ]
+
+    def channels(self) -> list[Channel]:
+        """How well each measured quantity is predicted, before and after."""
+        columns = channel_columns(self.fit.craft)
+        result = []
+        for name in CHANNELS:
+            if name not in self.fit.noise:
+                continue
+            before, after = (
+                [part[:, columns[name]] for part in parts]
+                for parts in (self.fit.nominal_residuals, self.fit.residuals)
+            )
+            correlation, bound = self.fit.correlation(name)
+            noise = self.fit.noise[name]
+            beats = noise < max(_EXPLAINED * self.fit.coasting.get(name, np.inf), _PERFECT)
+            explained = (beats or correlation <= bound) and not (
+                name == "attitude" and noise > _LARGEST_ANGLE
+            )
+            result.append(Channel(name, _rms(before), _rms(after), correlation, bound, explained))
+        return result
+
+    def check(self) -> None:
+        """Refuse a result whose residuals are no noise of a sensor.
+
+        Raises:
+            ConfigError: the model predicts a channel no better than a coast does, and leaves more than noise.
+        """
+        wrong = [channel for channel in self.channels() if not channel.is_explained]
+        if wrong:
+            names = ", ".join(
+                f"{channel.name} (error {channel.after:.3g} {UNITS[channel.name]})"
+                for channel in wrong
+            )
+            raise ConfigError(
+                f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
+                "written. The usual cause is a column in other units, such as a heading in degrees, or in another "
+                "frame or order, a filter that lags, or another spacecraft."
+            )
+
+    def notes(self) -> list[str]:
+        """Sentences on what the logs do not determine, and whether the intervals can be believed."""
+        craft = self.fit.craft
+        result = [
+            f"Motion determines forces and inertia only in proportion to the mass: the mass is {craft.mass:g} kg, "
+            "as in the file. Weigh the spacecraft."
+        ]
+        result.append(
+            "The mean delay has in it what lies between the clocks of commands and readings, such as an offset, or "
+            "readings that are late."
+        )
+        result += [
+            f"Wheel {k} came to its largest momentum, so that its motor and inertia are in proportion to that of "
+            f"the file, {craft.wheels[k].max_momentum:g} N m s."
+            for k in self._wheels_at_limit()
+        ]
+        silent = [row.name for row in self.rows() if not row.is_identifiable]
+        if "latency" in silent and self.delay_deviation < 0.05:
+            silent.remove("latency")
+        rotors = [name for name in silent if name.startswith("rotor")]
+        motors = [name for name in silent if name.startswith("motor")]
+        is_measured = "wheel speed" in self.fit.noise
+        if not is_measured:
+            silent = [name for name in silent if name not in rotors]
+        if silent:
+            result.append(
+                f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; fire "
+                "thrusters that the flight did not fire, one at a time and in both directions."
+            )
+        if motors:
+            result.append(
+                "Wheels that turn a craft determine motors only in proportion to the moments of inertia; thrusters "
+                "that turn it determine both."
+            )
+        if rotors and not is_measured:
+            result.append(
+                "No log has the speeds of the wheels, which alone determine the inertia of their rotors: a CSV "
+                "file has them in the columns s0, s1, ... (rad/s), a bag on the topic joint_states."
+            )
+        coloured = [channel for channel in self.channels() if not channel.is_white]
+        if coloured:
+            names = ", ".join(f"{pair.name} ({pair.correlation:+.2f})" for pair in coloured)
+            result.append(
+                f"Successive residuals are correlated in {names}: something acts that the model lacks, or a filter "
+                "smooths the readings, and intervals are too narrow."
+            )
+        return [*result, *(note for log in self.fit.logs for note in log.notes)]
+
+    def _wheels_at_limit(self) -> list[int]:
+        """Numbers of the wheels whose measured speeds came to the largest."""
+        result = []
+        for k, wheel in enumerate(self.fit.craft.wheels):
+            largest = wheel.max_momentum / self.fit.value(f"rotor of wheel {k}")
+            speeds = [log.wheel_speeds for log in self.fit.logs if log.wheel_speeds is not None]
+            if any(np.any(np.abs(rows[:, k]) > _AT_LIMIT * largest) for rows in speeds):
+                result.append(k)
+        return result
+
+    def write(self, folder: str | Path) -> Path:
+        """Write spacecraft.toml, conditions.toml and identified.json, and return the folder.
+
+        Raises:
+            ConfigError: a channel is not explained (`check`), or the folder cannot be made or written.
+        """
+        self.check()
+        folder = ready_folder(Path(folder))
+        write_text(folder / "spacecraft.toml", to_toml(self.spacecraft))
+        write_text(folder / "conditions.toml", conditions_text(self.conditions))
+        write_json(folder / "identified.json", self.table())
+        return folder
+
+    def table(self) -> dict[str, Any]:
+        """Quantities, prediction, notes and sources as plain values."""
+        return {
+            "logs": [log.source for log in self.fit.logs],
+            "seconds": sum(log.duration for log in self.fit.logs),
+            "window, s": self.fit.window,
+            "quantities": [vars(row) for row in self.rows()],
+            "mean delay, s": [self.delay, SPREAD * self.delay_deviation],
+            "prediction": [vars(channel) for channel in self.channels()],
+            "notes": self.notes(),
+        }
+
+
+def _positive(low: float, high: float) -> tuple[float, float]:
+    return round(max(float(low), 0.0), 6), round(max(float(high), 0.0), 6)
+
+
+def _rms(parts: list[np.ndarray]) -> float:
+    return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))

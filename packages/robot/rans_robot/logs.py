@@ -1,0 +1,400 @@
+"""Logs of flights from bags: what a robot published and what it was commanded."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linprog
+
+from rans.errors import ConfigError, brief, counted
+from rans.files import first_line, parse_json, read_text
+from rans.model.spacecraft import Spacecraft
+from rans_robot.bag import BagMessage, bag_entries
+from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
+from rans_robot.interfaces import WHEELS_TOPIC, Interface, RobotName, interface, read_wheels
+from rans_robot.messages import TEXT, unpack
+from rans_robot.node import FLIGHT_TOPIC
+from rans_robot.validator import Validator
+
+_METADATA = "metadata.yaml"
+"""File in which ``ros2 bag record`` lists the parts of a bag."""
+_MOST_LISTED = 20
+"""Topics of a bag that a message lists."""
+_LATEST = 2**62
+"""ns: largest time that is read, a century hence; times and their differences fit 64 bits."""
+_NEAR = 30 * 10**9
+"""ns: messages of so long a part, and of those beside it, give the difference of two clocks, which drift apart by
+1 ms in that time at worst."""
+_RATE = 0.01
+"""Difference of the rates of two clocks that is refused, a hundred times that of crystals."""
+_SET = 5 * 10**8
+"""ns: difference of the lengths of a log by two clocks that is refused, if it is above that of `_RATE` too."""
+
+
+_FEWEST_STEPS = 20
+"""Commands that show whether they left at a steady rate."""
+_PUNCTUAL = 10**6
+"""ns: delay of commands that changes nothing, a hundredth of the shortest period in use."""
+
+
+@dataclass
+class _Topic:
+    """Readings of one topic, in the order of the bag."""
+
+    arrived: list[int] = field(default_factory=list)
+    """When the bag recorded each, ns."""
+    stamps: list[int] = field(default_factory=list)
+    """When each was measured by its sender's clock, ns; 0: not said."""
+    parts: list[tuple[Any, ...]] = field(default_factory=list)
+    """Position, attitude, velocity, spin and speeds of wheels; None: not in this message."""
+
+
+def read_bag(
+    source: Path, craft: Spacecraft, robot: RobotName | None = None, namespace: str = ""
+) -> FlightLog:
+    """Log of an MCAP bag, of `rans fly` or of ``ros2 bag record``.
+
+    Readings have the times at which they were measured, by their time stamps: the message that came soonest gives
+    the difference of the sender's clock from the bag's, as in flight (`rans_robot.validator`). Commands have
+    no time stamp: theirs are the times at which they were recorded (and `FlightLog.steady_times`). Speeds of
+    reaction wheels are those of ``joint_states``, a sensor_msgs/JointState with one velocity a wheel.
+
+    Args:
+        source: the bag, which may end anywhere, or the folder of ``ros2 bag record`` with its parts.
+        craft: spacecraft, in whose order commands are.
+        robot: kind of robot (`rans_robot.interfaces`); None: the bag says it, or "ros".
+        namespace: name before the topics of the robot, such as "robot1".
+
+    Raises:
+        ConfigError: the file is no bag, none of its messages is a pose or a command of this kind of robot, or the
+            clocks of messages and bag do not agree.
+    """
+    kind: RobotName = robot or "ros"
+    ends = interface(kind, craft.command_count, craft.thruster_count)
+    prefix = namespace.strip("/") + "/" if namespace.strip("/") else ""
+    topics: dict[str, _Topic] = {}
+    commands: dict[int, np.ndarray] = {}
+    validator = Validator(craft.dimension == 2, np.inf)
+    refused: Counter[str] = Counter()
+    reasons: dict[str, str] = {}
+    """Why the first message of a topic was refused."""
+    seen: set[str] = set()
+    is_of_rans = False
+    for entry in _entries(source):
+        if entry.topic == FLIGHT_TOPIC and robot is None:
+            ends = _ends_of_plan(source, entry, craft)
+            is_of_rans = True
+            continue
+        seen.add(entry.topic)
+        if not entry.topic.startswith(prefix):
+            continue
+        topic = entry.topic.removeprefix(prefix)
+        try:
+            if not 0 <= entry.time < _LATEST:
+                raise ValueError(f"its time is {entry.time:,} ns")
+            if topic in ends.outputs:
+                command = ends.commanded(topic, entry.data)
+                if command is not None:
+                    commands[entry.time] = command
+            elif topic in ends.inputs or (topic == WHEELS_TOPIC and craft.wheels):
+                stamp, parts = _reading(ends, validator, topic, entry.data, craft.wheel_count)
+                column = topics.setdefault(topic, _Topic())
+                column.arrived.append(entry.time)
+                column.stamps.append(stamp)
+                column.parts.append(parts)
+                if len(column.parts) > MOST_READINGS:
+                    raise ConfigError(
+                        f"the bag {source} has more than {MOST_READINGS:,} messages of {topic}, the most that are "
+                        "fitted: cut it."
+                    )
+        except ValueError as error:  # a message that the robot's node would refuse too
+            refused[topic] += 1
+            reasons.setdefault(topic, f"; {topic}: {error}")
+    # Without what has no time, both must be left.
+    given = np.array(sorted(commands), dtype=np.int64)
+    early = {
+        "command": unstamped(given * 1e-9),
+        "reading": sum(_drop_unstamped(x) for x in topics.values()),
+    }
+    given = given[early["command"] :]
+    readings = sum(len(column.parts) for column in topics.values())
+    if not readings or not len(given):
+        raise ConfigError(
+            f"the bag {source} has {readings} readings and {len(given)} commands on the topics "
+            f"{', '.join(prefix + topic for topic in (*ends.inputs, *ends.outputs))}{''.join(reasons.values())}; "
+            f"{_cause(ends, prefix, seen, is_of_rans)}."
+        )
+    # Both by the bag's clock, in the order of time, in seconds since the first.
+    dated, notes = _dated(source, prefix, topics)
+    times, (position, attitude, velocity, spin, speeds) = _merged(dated, topics, craft.wheel_count)
+    notes = [
+        f"{source}: commands have no time stamp; theirs are the times at which they were recorded.",
+        *notes,
+        *unstamped_note(source, early),
+        *(
+            f"{source}: {counted(count, 'message')} left out{reasons[topic]}."
+            for topic, count in refused.items()
+        ),
+    ]
+    begin = min(int(times[0]), int(given[0]))
+    return log_in_space(
+        source,
+        craft,
+        (given - begin) * 1e-9,
+        np.array([commands[int(time)] for time in given]),
+        (times - begin) * 1e-9,
+        (position, attitude, velocity, spin),
+        None if np.isnan(speeds).all() else speeds,
+        tuple(notes),
+        None if (steady := _steady(given)) is None else (steady - begin) * 1e-9,
+    )
+
+
+def _steady(given: np.ndarray) -> np.ndarray | None:
+    """When commands that were recorded at times (T,), ns, left if they did at a steady rate; None if they did not.
+
+    That is the highest line of even steps that is above none of them, since no delay is negative (Moon, Skelly and
+    Towsley, Estimation and removal of clock skew, INFOCOM 1999).
+    """
+    if len(given) < _FEWEST_STEPS:
+        return None
+    steps = np.diff(given)
+    number = np.append(0, np.cumsum(np.rint(steps / np.median(steps))))
+    since = (given - given[0]) * 1e-9
+    bounds = np.column_stack([number, np.ones(len(number))])
+    line = linprog([-number.mean(), -1.0], bounds, since, bounds=(None, None)).x
+    if line is None:
+        return None
+    late = (since - bounds @ line) * 1e9
+    is_steady = (np.diff(number) >= 1.0).all() and late.max() < 0.5e9 * line[0]
+    if not is_steady or late.max() < _PUNCTUAL:
+        return None
+    return given - np.rint(late).astype(np.int64)
+
+
+def _entries(source: Path) -> Iterator[BagMessage]:
+    """Messages of a bag, or of the parts in a folder of ``ros2 bag record``, which metadata.yaml lists.
+
+    Raises:
+        ConfigError: the folder holds no bag, or one in a form that is not read.
+    """
+    if not source.is_dir():
+        yield from bag_entries(source)
+        return
+    names = sorted((file.name for file in source.glob("*.mcap")), key=_number)
+    if (source / _METADATA).exists():
+        names = _listed_parts(source)
+    elif not names:
+        raise ConfigError(f"the folder {source} has no {_METADATA} and no .mcap: it is no bag.")
+    for name in names:
+        yield from bag_entries(source / name)
+
+
+def _number(name: str) -> tuple[int, str]:
+    """Number of a part, as that of mybag_10.mcap, by which parts are sorted."""
+    number = re.search(r"_(\d{1,9})\.mcap$", name)
+    return (int(number[1]) if number else 0, name)
+
+
+def _listed_parts(folder: Path) -> list[str]:
+    """Names of the parts that a folder's metadata.yaml lists, which rosbag2 writes at the end of a recording."""
+    from ruamel.yaml import YAML
+
+    file = folder / _METADATA
+    try:
+        table = YAML(typ="safe").load(read_text(file))
+        parts = table["rosbag2_bagfile_information"]["relative_file_paths"]
+        if not (isinstance(parts, list) and parts and all(isinstance(x, str) for x in parts)):
+            raise TypeError(f"relative_file_paths is {brief(parts)}")
+    except ConfigError:
+        raise
+    except Exception as error:  # the library raises what a damaged file makes of it
+        raise ConfigError(f"{file} is damaged, or none of rosbag2: {first_line(error)}.") from error
+    # Before version 4 of the file they were paths from where it was recorded.
+    names = [Path(part).name for part in parts]
+    if others := [name for name in names if not name.endswith(".mcap")]:
+        raise ConfigError(
+            f"{file} lists {brief(others[0])}, and only .mcap is read: convert it by `ros2 bag convert`, with the "
+            "storage mcap and without compression of files."
+        )
+    return names
+
+
+def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interface:
+    """Topics of the kind of robot that the plan of a bag of `rans fly` names."""
+    try:
+        plan = parse_json(unpack(TEXT, entry.data).data, f"{source}, {FLIGHT_TOPIC}")
+    except ValueError as error:
+        raise ConfigError(f"{source}, {FLIGHT_TOPIC}, is damaged: {error}.") from error
+    name = plan.get("robot", "ros") if isinstance(plan, dict) else None
+    if not isinstance(name, str):
+        raise ConfigError(
+            f"{source}, {FLIGHT_TOPIC}, is damaged: it names no kind of robot, but {brief(name)}."
+        )
+    return interface(name, craft.command_count, craft.thruster_count)  # type: ignore[arg-type]
+
+
+def _reading(
+    ends: Interface, validator: Validator, topic: str, data: bytes, wheels: int
+) -> tuple[int, tuple[Any, ...]]:
+    """Time stamp, ns, and position, attitude, velocity, spin and speeds of wheels of a message (`ValueError`)."""
+    if topic in ends.inputs:
+        reading = ends.read(topic, data)
+        validator.pose(topic, reading.frame, reading.position, reading.attitude)
+        stamp = reading.measured
+        parts = (reading.position, reading.attitude, reading.velocity, reading.spin, None)
+    else:
+        stamp, speeds = read_wheels(data, wheels)
+        parts = (None, None, None, None, speeds)
+    if not 0 <= stamp < _LATEST:
+        raise ValueError(f"its time stamp is {stamp:,} ns")
+    return stamp, parts
+
+
+def _cause(ends: Interface, prefix: str, seen: set[str], is_of_rans: bool) -> str:
+    """Why a bag may have no readings or no commands, from the topics that it has."""
+    below = {
+        topic.removesuffix(f"/{end}")
+        for topic in seen
+        for end in (*ends.inputs, *ends.outputs)
+        if topic.endswith(f"/{end}")
+    } - {prefix.rstrip("/")}
+    listed = ", ".join(sorted(seen)[:_MOST_LISTED]) or "none"
+    more = f" and {len(seen) - _MOST_LISTED:,} more" if len(seen) > _MOST_LISTED else ""
+    has = f"the bag has {listed}{more}"
+    if below:
+        names = " or ".join(f"--namespace {name}" for name in sorted(below)[:_MOST_LISTED])
+        return f"{has}: name what stands before the topics with {names}"
+    if is_of_rans:
+        return "no state came while `rans fly` recorded it, as when the robot or its twin was not there"
+    return f"{has}: name the kind of robot with --robot"
+
+
+def _drop_unstamped(column: _Topic) -> int:
+    """Leave out the first readings of a topic that have no time, and return how many they are."""
+    arrived = np.array(column.arrived, dtype=np.int64)
+    stamps = np.array(column.stamps, dtype=np.int64)
+    count = max(unstamped(arrived * 1e-9), unstamped(stamps * 1e-9))
+    for rows in (column.arrived, column.stamps, column.parts):
+        del rows[:count]
+    return count
+
+
+def _dated(
+    source: Path, prefix: str, topics: dict[str, _Topic]
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """When the readings of each topic were measured, by the bag's clock, ns, and sentences on how that was found.
+
+    Raises:
+        ConfigError: the clock of time stamps runs at another rate than the bag's, or was set.
+    """
+    times = {}
+    notes = []
+    for topic, column in topics.items():
+        arrived = np.array(column.arrived, dtype=np.int64)
+        stamps = np.array(column.stamps, dtype=np.int64)
+        name = prefix + topic
+        if not len(stamps):
+            continue
+        if not (stamps > 0).all() or (len(stamps) > 1 and np.ptp(stamps) == 0):
+            notes.append(
+                f"{source}: {name} has no time stamps in its headers; its readings are dated by when they were "
+                "recorded, which a link makes late and uneven: forces and delays err by it, beyond their intervals."
+            )
+            times[topic] = arrived
+            continue
+        by_bag, by_stamps = int(np.ptp(arrived)), int(np.ptp(stamps))
+        if abs(by_bag - by_stamps) > max(_SET, _RATE * by_bag):
+            raise ConfigError(
+                f"the bag {source}: {name} covers {by_stamps * 1e-9:.4g} s by its time stamps and "
+                f"{by_bag * 1e-9:.4g} s by the bag's clock; a simulator that is slower than real time is recorded "
+                "with --use-sim-time, and a clock may not be set during a flight."
+            )
+        # Topics that have stamps in common have one clock, and what was measured at once stays at one time.
+        others = [other for other in times if np.isin(stamps, topics[other].stamps).any()]
+        both_arrived = np.concatenate([arrived, *(topics[other].arrived for other in others)])
+        both_stamps = np.concatenate([stamps, *(topics[other].stamps for other in others)])
+        measured = _by_bag_s_clock(both_arrived, both_stamps)
+        ends = np.cumsum([len(stamps), *(len(topics[other].stamps) for other in others)])
+        times |= dict(zip([topic, *others], np.split(measured, ends[:-1]), strict=True))
+    for topic, measured in times.items():
+        late = (np.array(topics[topic].arrived) - measured) * 1e-6
+        if late.any():
+            notes.append(
+                f"{source}: {prefix}{topic} is dated by its time stamps; its messages were recorded up to "
+                f"{late.max():.3g} ms later than the soonest, {np.median(late):.3g} ms in the median."
+            )
+    return times, notes
+
+
+def _by_bag_s_clock(arrived: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """When messages (N,) were measured by the clock of their arrival, ns.
+
+    The least difference of both clocks nearby is that of the message that came soonest, and that delay is part of
+    it: it cannot be told from a difference of the clocks.
+    """
+    difference = arrived - stamps
+    parts, which = np.unique((arrived - arrived.min()) // _NEAR, return_inverse=True)
+    least = np.full(len(parts), np.iinfo(np.int64).max)
+    np.minimum.at(least, which, difference)
+    # With the parts beside it, where there are any.
+    beside = np.diff(parts) == 1
+    near = least.copy()
+    near[1:][beside] = np.minimum(near[1:][beside], least[:-1][beside])
+    near[:-1][beside] = np.minimum(near[:-1][beside], least[1:][beside])
+    return stamps + near[which]
+
+
+def _merged(
+    dated: dict[str, np.ndarray], topics: dict[str, _Topic], wheels: int
+) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Times (M,) of readings, ns, ascending, and what was measured then; NaN is what was not.
+
+    That is position (M, 3), attitude (M, 4), velocity (M, 3), spin (M, 3) and speeds of wheels (M, W).
+    """
+    times = np.unique(np.concatenate(list(dated.values())))
+    rows = tuple(np.full((len(times), size), np.nan) for size in (3, 4, 3, 3, wheels))
+    for topic, own in dated.items():
+        for row, parts in zip(np.searchsorted(times, own), topics[topic].parts, strict=True):
+            for values, part in zip(rows, parts, strict=True):
+                if part is not None:
+                    values[row] = part
+    return times, rows
+
+
+def log_in_space(
+    file: Path,
+    craft: Spacecraft,
+    command_times: np.ndarray,
+    commands: np.ndarray,
+    times: np.ndarray,
+    readings: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    wheel_speeds: np.ndarray | None = None,
+    notes: tuple[str, ...] = (),
+    steady_times: np.ndarray | None = None,
+) -> FlightLog:
+    """Log of readings in space (M, 3), (M, 4), (M, 3), (M, 3), of which a planar craft has its plane.
+
+    Speeds of wheels are (M, W), or None if none was measured; ``steady_times`` are of `FlightLog`.
+    """
+    position, attitude, velocity, spin = readings
+    flat = craft.dimension == 2
+    return FlightLog(
+        str(file),
+        command_times,
+        commands,
+        times,
+        position[:, :2] if flat else position,
+        2.0 * np.arctan2(attitude[:, 3], attitude[:, 0]) if flat else attitude,
+        velocity[:, :2] if flat else velocity,
+        spin[:, 2] if flat else spin,
+        wheel_speeds,
+        notes,
+        steady_times,
+    )

@@ -1,0 +1,585 @@
+"""What decides in a flight on a robot: from the messages that came, and when, to the commands that go.
+
+It knows no bus and no clock: the same messages at the same times give the same commands, bit for bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import deque
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_training, golden
+from rans.deploy.export import write_agent
+from rans.effectors.commands import command_bounds
+from rans.episode import Setup, World
+from rans.errors import ConfigError, is_finite, positive
+from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.fly.exported import code_of, failing_as_config_error, read_contract
+from rans.fast.agent_files.agent import read_policy
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import plain, read_text, write_json, write_text
+from rans.guard import safety_filter
+from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import read_spacecraft
+from rans.scenario import scenario
+from rans.structure import LARGEST_TOML
+from rans.tasks.base import Task, observation
+from rans.tasks.shapes import Ball
+from rans_robot.frames import Motion, heading_of, quaternion_of
+from rans_robot.interfaces import (
+    WHEELS_TOPIC,
+    Interface,
+    Message,
+    RobotName,
+    interface,
+    point_numbers,
+    wxyz,
+)
+from rans_robot.messages import JOINTS, POSE, TEXT, text_message, unpack
+from rans_robot.validator import Validator, command, description, finite_vector, unit
+from rans_robot.velocity import VelocityFilter
+
+AGENT_FILES = ("agent.py", "agent.npz", "contract.json", "golden.json", "spacecraft.toml")
+CRAFT_TOPIC = "rans/craft"
+"""Topic on which a robot says which spacecraft it is, as JSON in a text."""
+AGENT_TOPIC = "rans/agent"
+"""Topic on which a node says which agent it flies and on which topics it commands, as JSON in a text."""
+NOTE_TOPIC = "rans/note"
+"""Topic on which a node says why valves are shut."""
+GOAL_TOPIC = "goal_pose"
+"""Topic on which a goal may come, such as RViz's."""
+_RANGE_FLIGHTS = 512
+_SPREAD = 20
+"""Intervals between states by whose median their rate is judged."""
+
+
+def craft_hash(craft: Spacecraft) -> str:
+    """Digest of what a spacecraft is made of: numbers to nine digits, without its name and looks."""
+    table = asdict(craft)
+    for key in ("name", "radius", "shape", "solids"):
+        table.pop(key)
+
+    def rounded(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: rounded(x) for key, x in value.items()}
+        if isinstance(value, list | tuple):
+            return [rounded(x) for x in value]
+        return f"{value + 0.0:.9g}" if isinstance(value, float | int) else value
+
+    text = json.dumps(rounded(table), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def export_for_flight(run: Path, folder: Path) -> None:
+    """Write what a node flies: an agent as NumPy with contract, golden pairs and spacecraft, without a card.
+
+    Raises:
+        ConfigError: the run holds no agent, or the disk refuses.
+    """
+    load_policy(run)
+    source = RunFolder(run)
+    config = source.config()
+    craft = source.spacecraft()
+    saved = read_policy(source.agent_file)
+    text = read_text(source.spacecraft_file, LARGEST_TOML)
+    setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
+    flights = flights_of_training(saved.network, setup, count=_RANGE_FLIGHTS)
+    few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    memory = saved.network.architecture.memory
+    about = contract(run.name, config, craft, text, memory, flights.observations)
+    title = f"{run.name}: flies {craft.name} by RANS's task {config.task}."
+    write_agent(folder, "numpy", saved, config.ppo, title, json.dumps(plain(about)), craft)
+    write_text(folder / "spacecraft.toml", text)
+    write_text(folder / "golden.json", json.dumps(golden(saved.network, few, craft)) + "\n")
+    write_json(folder / "contract.json", about)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a flight is: everything that decides its commands beside the messages."""
+
+    folder: str
+    """Folder of the exported agent, with the files of `AGENT_FILES`."""
+    task: dict[str, Any]
+    """Settings of the task, with its name under "name"."""
+    robot: RobotName = "ros"
+    """Kind of robot (`rans_robot.interfaces`)."""
+    goal: tuple[float, ...] = ()
+    """The goal: x, y (m) and heading (degrees) in the plane; x, y, z and roll, pitch, yaw in space. Empty: the
+    origin."""
+    goal_velocity: tuple[float, ...] = ()
+    """Velocity of the goal in W, m/s, and after it its angular velocity, rad/s, for tasks that track one."""
+    zones: tuple[float, ...] = ()
+    """Keep-out zones that stand still, for tasks that observe some: x, y (in space also z) and radius of each, m.
+    A radius includes the spacecraft's own."""
+    guard: bool = False
+    """Whether the safety filter for the spacecraft and the task (`rans.guard.safety_filter`) stands between the
+    agent and the valves."""
+    guard_slack: float | None = None
+    """Slack of that filter, in the unit of each constraint, m or m/s; None: its own."""
+    trade_off: float | None = None
+    """Trade-off input of agents that have one, 0 (fast) to 1 (thrifty)."""
+    pose_noise: tuple[float, float] = (0.002, 0.005)
+    """Standard deviation of measured poses, m and rad, for velocities from poses."""
+    lost_after: float = 1.0
+    """s without a state after which the flight ends."""
+    wait: float = 10.0
+    """s until the first state has to come."""
+
+    def __post_init__(self) -> None:
+        """Reject (`ConfigError`) numbers that are not finite, and times that are not above 0."""
+        numbers = {"goal": self.goal, "goal's velocity": self.goal_velocity, "zone": self.zones}
+        for what, several in numbers.items():
+            if not all(map(is_finite, several)):
+                raise ConfigError(f"the numbers of a {what} must be finite, got {several}.")
+        positive("--lost-after", self.lost_after)
+        positive("--wait", self.wait)
+
+
+class Decision(NamedTuple):
+    """One command, and why it is none of the agent's."""
+
+    command: np.ndarray
+    """Commands in the contract's order."""
+    note: str = ""
+    """One sentence; "" where all is well."""
+    over: bool = False
+    """Whether the flight ends with this command, which shuts the valves."""
+    guarded: bool = False
+    """Whether the safety filter gave another command than the agent's."""
+
+
+def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None:
+    """Check that a plan fits a spacecraft and its task, before an agent is written for it.
+
+    Args:
+        plan: its folder is not looked at.
+        craft: the agent's spacecraft.
+        task: the agent's task.
+        period: the agent's control period, s.
+
+    Raises:
+        ConfigError: it does not, as `MessagePilot` says.
+    """
+    interface(plan.robot, craft.command_count, craft.thruster_count)
+    task = _with_trade_off(task, plan.trade_off)
+    _goal(craft, task, plan)
+    if plan.guard:
+        setup = Setup(craft, task, replace(task.timing, control_period=period))
+        safety_filter(setup, plan.guard_slack)
+    elif plan.guard_slack is not None:
+        raise ConfigError("--guard-slack is the slack of a safety filter: add --guard.")
+
+
+@dataclass
+class _Part:
+    """What is known of one topic of a robot's state."""
+
+    came: int | None = None
+    """When its last reading came, ns; None: none did."""
+    moment: int | None = None
+    """When that was measured, by our clock, ns."""
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_SPREAD))
+    """s between readings."""
+    refused: tuple[int, str] | None = None
+    """When the last message came that gave no reading, and why, since the last reading."""
+
+
+class MessagePilot:
+    """Turns messages into states, and states into commands.
+
+    Args:
+        plan: what to fly.
+        task: the task of the plan.
+        link: bus and domain over which messages come, as sentences name them; "" leaves them out.
+
+    Raises:
+        ConfigError: the agent's files do not fit one another, or the plan does not fit the agent.
+    """
+
+    def __init__(self, plan: Plan, task: Task, link: str = "") -> None:
+        # The agent, its craft and its contract, and how messages of this robot become states.
+        self.plan = plan
+        self._link = link
+        folder = Path(plan.folder)
+        self.contract = read_contract(folder, for_flight=True)
+        self.craft = read_spacecraft(folder / "spacecraft.toml")
+        self.period = float(self.contract["control_period"])
+        self.oldest = float(self.contract["readings"]["oldest"])
+        self.agent = exported_agent(folder)
+        self.interface: Interface = interface(
+            plan.robot, self.craft.command_count, self.craft.thruster_count
+        )
+        self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
+        if self.craft.wheels:  # recorded for `rans identify`; nothing is decided by them
+            self.inputs[WHEELS_TOPIC] = JOINTS
+        # The goal, and what filters commands and readings.
+        self._task = _with_trade_off(task, plan.trade_off)
+        self._goal = _goal(self.craft, self._task, plan)
+        self._goal_came: int | None = None
+        """Time of the goal, ns, from which on it moves; None: the first decision."""
+        self._world: World | None = None
+        if plan.guard:
+            timing = replace(self._task.timing, control_period=self.period)
+            setup = Setup(self.craft, self._task, timing)
+            self._world = World(setup._replace(guard=safety_filter(setup, plan.guard_slack)))
+        self._filter: VelocityFilter | None = None
+        if not self.interface.has_velocity:
+            self._filter = VelocityFilter(_agility(self.craft), plan.pose_noise)
+        self._limits = command_bounds(self.craft)
+        self._hash = craft_hash(self.craft)
+        self._validator = Validator(self.craft.dimension == 2, self.oldest)
+        # What has come, and what was wrong with it.
+        self._reading: dict[str, np.ndarray] = {}
+        self._parts = {topic: _Part() for topic in self.interface.inputs}
+        self._began: int | None = None
+        self._resting = True
+        """Whether the agent's next command is the first of an episode."""
+        self._fault = ""
+        self._troubles: dict[str, str] = {}
+        """What was wrong with messages since the last decision, in a sentence of each topic."""
+
+    def receive(self, topic: str, data: bytes, now: int) -> None:
+        """Take a message that came at a time, ns."""
+        try:
+            if topic == CRAFT_TOPIC:
+                self._check_craft(data)
+            elif topic == GOAL_TOPIC:
+                self._take_goal(data, now)
+            elif topic in self._parts:
+                self._take_state(topic, data, now)
+        except ValueError as error:
+            end = "" if str(error).endswith("?") else "."
+            self._troubles[topic] = f"{topic}: {error}{end}"
+            if topic in self._parts:
+                self._parts[topic].refused = (now, f"its messages are refused: {error}")
+
+    def _take_state(self, topic: str, data: bytes, now: int) -> None:
+        part = self._parts[topic]
+        reading = self.interface.read(topic, data)
+        verdict = self._validator.state(topic, reading, now)
+        if verdict.moment is None:  # a reading that is published again is no newer
+            stamp = f"{reading.measured * 1e-9:.6f} s"
+            part.refused = (
+                now,
+                f"messages come, but all have the time stamp {stamp}: is the sensor or its clock frozen?",
+            )
+            return
+        if verdict.note:
+            self._troubles[topic] = f"{topic}: {verdict.note}."
+        self._reading |= {
+            name: value for name in Motion._fields if (value := getattr(reading, name)) is not None
+        }
+        if self._filter is not None:
+            motion = self._filter.update(
+                reading.measured, self._reading["position"], self._reading["attitude"]
+            )
+            self._reading |= motion._asdict()
+        if part.came is not None:
+            part.intervals.append((now - part.came) * 1e-9)
+        part.came = now
+        part.moment = verdict.moment
+        part.refused = None
+
+    def _take_goal(self, data: bytes, now: int) -> None:
+        message = unpack(POSE, data)
+        position = finite_vector("position", point_numbers(message.pose.position))
+        attitude = unit(wxyz(message.pose.orientation))
+        self._validator.pose(GOAL_TOPIC, message.header.frame_id, position, attitude)
+        self._goal = _moved_goal(self._goal, position, attitude)
+        self._goal_came = now
+        # An episode has one goal: to another begins another one.
+        self._resting = True
+
+    def _check_craft(self, data: bytes) -> None:
+        robot = description(data)
+        if robot.sha256 != self._hash:
+            self._fault = (
+                f"the robot is the spacecraft {robot.name} ({robot.sha256[:8]}), but the agent was trained for "
+                f"{self.craft.name} ({self._hash[:8]}): valves shut."
+            )
+        elif not abs(robot.control_period - self.period) <= 1e-6:
+            self._fault = (
+                f"the robot takes a command every {robot.control_period:g} s, but the agent gives one every "
+                f"{self.period:g} s: valves shut."
+            )
+
+    def decide(self, now: int) -> Decision:
+        """The command of the control period that begins at a time, ns."""
+        # Without a state, or after a fault, all valves are shut.
+        self._began = now if self._began is None else self._began
+        shut = np.zeros(self.craft.command_count)
+        troubles, self._troubles = self._troubles, {}
+        if self._fault:
+            return Decision(shut, self._fault, over=True)
+        unfit = self._unfit(now, self._began)
+        if unfit is not None:
+            self._resting = True
+            sentence, over = unfit
+            others = [text for topic, text in troubles.items() if topic not in self._parts]
+            return Decision(shut, " ".join([f"{sentence}: valves shut.", *others]), over)
+        if self._resting:
+            self.agent.reset()
+            self._resting = False
+        # The agent's command for the goal as it is now.
+        state = self._state()
+        since = self._began if self._goal_came is None else self._goal_came
+        goal = self._task.later(self._goal, (now - since) * 1e-9)
+        row = observation(self._task, state, goal)
+        try:
+            given = command(self.agent.act(np.array(row, dtype=np.float32)), *self._limits)
+        except ValueError as error:
+            self._resting = True
+            return Decision(shut, f"the agent: {error}: valves shut.")
+        note = " ".join(troubles.values()) or self.agent.note
+        if self._world is None:
+            return Decision(given, note)
+        # The safety filter has the last word.
+        guard = self._world.setup.guard
+        assert guard is not None
+        wanted = tuple(given.tolist())
+        admitted, changed = guard.admitted(self._world, state, goal, wanted)
+        if changed:
+            note = note or "the safety filter replaced the command."
+        return Decision(np.array(admitted, dtype=float), note, guarded=bool(changed))
+
+    def messages(self, decision: Decision, now: int) -> list[Message]:
+        """What goes over the bus for a decision."""
+        sent = self.interface.command(decision.command.tolist(), now)
+        if decision.note:
+            sent.append(Message(NOTE_TOPIC, TEXT, text_message(decision.note)))
+        return sent
+
+    def shut(self, now: int) -> list[Message]:
+        """What goes over the bus to shut all valves."""
+        return self.interface.command([0.0] * self.craft.command_count, now)
+
+    def _unfit(self, now: int, began: int) -> tuple[str, bool] | None:
+        """Why there is no state to decide by, and whether that ends the flight; None: there is one.
+
+        A state is as old as the oldest of its parts, each of which has a topic.
+        """
+        # Ages, s; of a part that never came, since the begin.
+        ages = {
+            topic: (now - (began if part.moment is None else part.moment)) * 1e-9
+            for topic, part in self._parts.items()
+        }
+        age = max(ages.values())
+        if missing := self._missing():
+            if age > self.plan.wait:
+                return self._no_state(missing, now, age), True
+            causes = self._causes(missing, now)
+            return f"waiting for a state on {' and '.join(missing)}{causes}", False
+        # Parts that are older than the contract allows: wait, or give the robot up.
+        stale = [topic for topic in ages if ages[topic] > self.oldest + 1e-9]
+        if stale:
+            on = " and ".join(stale)
+            causes = self._causes(stale, now)
+            if age > self.plan.lost_after:
+                return f"the robot is lost: its last state on {on} is {age:.2f} s old{causes}", True
+            return (
+                f"the state on {on} is {age:.2f} s old, more than the {self.oldest:g} s of the contract{causes}",
+                False,
+            )
+        # Parts that come too seldom, in the median.
+        for topic, part in self._parts.items():
+            usual = median(part.intervals) if len(part.intervals) == _SPREAD else 0.0
+            if usual > 1.5 * self.period:
+                return (
+                    f"states on {topic} come every {usual:.2f} s, but the agent decides every {self.period:g} s",
+                    True,
+                )
+        return None
+
+    def never_came(self, now: int) -> str:
+        """Why no state was complete until a time, ns, in a sentence; "" if one was or nothing was decided."""
+        missing = self._missing()
+        if not missing or self._began is None:
+            return ""
+        return f"{self._no_state(missing, now, (now - self._began) * 1e-9)}."
+
+    def _missing(self) -> list[str]:
+        """Topics of the state on which no reading ever came."""
+        return [topic for topic, part in self._parts.items() if part.moment is None]
+
+    def _no_state(self, missing: list[str], now: int, age: float) -> str:
+        """Sentence that no reading has come on the missing topics for an age in s, with the usual cause."""
+        causes = self._causes(missing, now)
+        came = [topic for topic in self._parts if topic not in missing]
+        robot = self.plan.robot
+        if not causes and came:
+            causes = f" (only {' and '.join(came)} came: is the robot another kind than --robot {robot}?)"
+        elif not causes:
+            causes = (
+                " (is the robot, or its twin, running on the same bus and in the same domain, and does it "
+                f"publish these topics, as --robot {robot} expects?)"
+            )
+        over = f" over {self._link}" if self._link else ""
+        return f"no state came on {' and '.join(missing)}{over} for {age:.2f} s{causes}"
+
+    def _causes(self, topics: list[str], now: int) -> str:
+        """Why there is no new reading on topics on which messages come, as " (...)"; "" where none come."""
+        recent = [
+            f"{topic}: {refused[1]}"
+            for topic in topics
+            if (refused := self._parts[topic].refused) is not None
+            and (now - refused[0]) * 1e-9 <= self.plan.lost_after
+        ]
+        return f" ({'; '.join(recent)})" if recent else ""
+
+    def _state(self) -> State:
+        return state_of(self.craft, Motion(**self._reading))
+
+
+def state_of(craft: Spacecraft, motion: Motion) -> State:
+    """State of a craft as tasks take it, of plain numbers."""
+    p = [float(x) for x in motion.position]
+    v = [float(x) for x in motion.velocity]
+    w = [float(x) for x in motion.spin]
+    stores = tuple(store.initial for store in craft.stores)
+    if craft.dimension == 2:
+        return PlanarState(
+            Vec2(*p[:2]), Heading(heading_of(motion.attitude)), Vec2(*v[:2]), w[2], stores=stores
+        )
+    attitude = Quat(*(float(x) for x in motion.attitude))
+    return SpatialState(Vec3(*p), attitude, Vec3(*v), Vec3(*w), stores=stores)
+
+
+def motion_of(state: Any) -> Motion:
+    """Motion of a state of numbers."""
+    if isinstance(state.w, Vec3):
+        q = state.attitude
+        attitude = np.array([q.w, q.x, q.y, q.z], dtype=float)
+        return Motion(
+            np.array(state.p.columns(), dtype=float),
+            attitude,
+            np.array(state.v.columns(), dtype=float),
+            np.array(state.w.columns(), dtype=float),
+        )
+    return Motion(
+        np.array([state.p.x, state.p.y, 0.0], dtype=float),
+        quaternion_of(float(state.attitude.angle)),
+        np.array([state.v.x, state.v.y, 0.0], dtype=float),
+        np.array([0.0, 0.0, state.w], dtype=float),
+    )
+
+
+def exported_agent(folder: Path) -> Any:
+    """The ``Agent`` of an exported agent.py, with a check of its golden pairs.
+
+    Raises:
+        ConfigError: files are missing, or some pairs do not come out as they should.
+    """
+    missing = [name for name in AGENT_FILES if not (folder / name).exists()]
+    if missing:
+        raise ConfigError(
+            f"{folder} has no {' and no '.join(missing)}: write it with rans export --format numpy."
+        )
+    file = folder / "agent.py"
+    module = code_of(file)
+    with failing_as_config_error(file):
+        right, count = module.check()
+        agent = module.Agent()
+    if right != count:
+        raise ConfigError(
+            f"{count - right} of {count} golden pairs of {folder} come out wrong: its files are of "
+            "different agents, or damaged."
+        )
+    return agent
+
+
+def _with_trade_off(task: Task, trade_off: float | None) -> Task:
+    """The task with its trade-off input held."""
+    if task.draws_trade_off or task.held_trade_off is not None:
+        return task.with_trade_off(0.5 if trade_off is None else trade_off)
+    if trade_off is not None:
+        raise ConfigError("this agent has no trade-off input.")
+    return task
+
+
+def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
+    """Goal of a plan."""
+    planar = craft.dimension == 2
+    wanted = 3 if planar else 6
+    numbers = plan.goal or (0.0,) * wanted
+    if len(numbers) != wanted:
+        names = "x, y and heading" if planar else "x, y, z, roll, pitch and yaw"
+        raise ConfigError(f"a goal is {wanted} numbers, {names}, got {len(numbers)}.")
+    speeds = plan.goal_velocity or (0.0,) * wanted
+    if len(speeds) != wanted:
+        raise ConfigError(
+            f"a goal's velocity is {wanted} numbers, of the linear and the angular one, got {len(speeds)}."
+        )
+    notes = _notes(craft, task, plan)
+    half = craft.dimension
+    if planar:
+        return PlanarState(
+            Vec2(*numbers[:2]),
+            Heading(float(np.radians(numbers[2]))),
+            Vec2(*speeds[:half]),
+            speeds[2],
+            notes,
+        )
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_quat()
+    attitude = Quat(float(w), float(x), float(y), float(z))
+    return SpatialState(
+        Vec3(*numbers[:3]), attitude, Vec3(*speeds[:half]), Vec3(*speeds[half:]), notes
+    )
+
+
+def _notes(craft: Spacecraft, task: Task, plan: Plan) -> tuple[Any, ...]:
+    """Data of a goal that an agent observes beside its pose: its trade-off, or keep-out zones."""
+    name = type(task).__name__
+    sampled = scenario(task, craft.dimension, seed=0, episode=0).goal.notes
+    if not any(isinstance(note, Ball) for note in sampled):
+        if plan.zones:
+            raise ConfigError(f"{name} has no keep-out zones: leave out --zones.")
+        if task.held_trade_off is not None:
+            return (task.held_trade_off,)
+        if sampled:
+            raise ConfigError(
+                f"goals of {name} have data that no robot publishes, such as a deadline: rans fly flies agents "
+                "whose goal is a pose, a velocity, or a pose among keep-out zones."
+            )
+        return ()
+    size = craft.dimension + 1
+    rows = [plan.zones[k : k + size] for k in range(0, len(plan.zones), size)]
+    if len(plan.zones) != size * len(sampled) or any(row[-1] <= 0.0 for row in rows):
+        names = "x, y and radius" if craft.dimension == 2 else "x, y, z and radius"
+        raise ConfigError(
+            f"--zones are {names} (m, above 0) of each of the {len(sampled)} zones that the agent observes, "
+            f"{size * len(sampled)} numbers, got {plan.zones}: zones far away stand for those that are not there."
+        )
+    vector = Vec2 if craft.dimension == 2 else Vec3
+    still = vector(*(0.0,) * craft.dimension)
+    return tuple(Ball(vector(*row[:-1]), still, row[-1]) for row in rows)
+
+
+def _moved_goal(goal: State, position: np.ndarray, attitude: np.ndarray) -> State:
+    """The goal at another pose."""
+    if isinstance(goal, PlanarState):
+        x, y = (float(value) for value in position[:2])
+        return replace(goal, p=Vec2(x, y), attitude=Heading(heading_of(attitude)))
+    p = Vec3(*(float(value) for value in position))
+    return replace(goal, p=p, attitude=Quat(*(float(value) for value in attitude)))
+
+
+def _agility(craft: Spacecraft) -> tuple[float, float]:
+    """Largest acceleration by one thruster, m/s^2, and angular, rad/s^2: how quickly velocities change."""
+    rows = craft.wrenches
+    size = craft.dimension
+    force = float(np.linalg.norm(rows[:, :size], axis=1).max())
+    torque = float(np.linalg.norm(rows[:, size:], axis=1).max())
+    inertia = min(craft.inertia[k][k] for k in range(3))
+    return force / craft.mass, torque / inertia

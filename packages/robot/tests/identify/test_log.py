@@ -1,0 +1,184 @@
+"""Logs as other programs write them: times, units and lines, read rightly or refused in a sentence and at once."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rans_robot.identify.log import FlightLog, checked_log, read_csv
+from rans_robot.identify.motion import windows_of
+
+import rans
+from rans.errors import ConfigError
+from rans.model.spacecraft_file import load_spacecraft
+
+PLATFORM = load_spacecraft("floating-platform")
+HEADER = "time,x,y,heading," + ",".join(f"u{k}" for k in range(8))
+
+
+def csv_file(folder: Path, rows: list[str], header: str = HEADER) -> Path:
+    file = folder / "log.csv"
+    file.write_text("\n".join([header, *rows]) + "\n")
+    return file
+
+
+def still(time: Callable[[int], float], count: int = 60) -> list[str]:
+    """Lines of a craft that drifts by 1 cm a reading, with all valves shut."""
+    return [f"{time(k)!r},{0.01 * k},0,0{',0' * 8}" for k in range(count)]
+
+
+@pytest.mark.parametrize("zeros", [1, 3])
+def test_messages_before_the_clock_are_left_out(zeros: int, tmp_path: Path) -> None:
+    """Those of a recorder with simulated time are stamped 0 until the first /clock."""
+    file = csv_file(tmp_path, still(lambda k: 0.0 if k < zeros else 1.7e9 + 0.2 * k))
+    log = checked_log(read_csv(file, PLATFORM), PLATFORM)
+    assert len(log.times) == len(log.commands) == 60 - zeros
+    assert log.duration == pytest.approx(0.2 * (59 - zeros), abs=1e-6)
+    assert any(f"{zeros} command" in note for note in log.notes)
+
+
+def test_a_log_that_begins_at_zero_keeps_its_first_line(tmp_path: Path) -> None:
+    log = read_csv(csv_file(tmp_path, still(lambda k: 0.2 * k)), PLATFORM)
+    assert len(log.times) == 60
+    assert len(log.notes) == 1
+
+
+@pytest.mark.parametrize(
+    ("time", "words"),
+    [
+        (lambda k: 2e2 * k, "period of 200 s.*milliseconds"),
+        (lambda k: 2e5 * k, "period of 200000 s.*microseconds"),
+        (lambda k: 2e8 * k, "period of 2e.08 s.*nanoseconds"),
+        (lambda k: 1e-9 * k, "period of 1e-09 s"),
+        (lambda k: 0.2 * k + (1.7e9 if k > 30 else 0.0), "jump by 1.7e.09 s after 6 s"),
+        (lambda k: 50.0 * k, "longer than a window, 5 s"),
+        (lambda k: 1e300 * (k - 30), "period of 1e.300 s"),
+        (lambda k: 1e308 * (k - 1) if k < 3 else 1e308 + 1e300 * k, "are the times"),
+    ],
+)
+def test_times_that_cannot_be_seconds_are_refused_before_anything_is_as_long(
+    time: Callable[[int], float], words: str, tmp_path: Path
+) -> None:
+    """They once made arrays of (last - first) / 0.02 s entries: 88 GB, or no end."""
+    with pytest.raises(ConfigError, match=words):
+        rans.identify(csv_file(tmp_path, still(time)), PLATFORM)
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("3.0,1e308,0,0", "position at 3 s is 1e.308 m"),
+        ("3.0,inf,0,0", "position at 3 s is inf m"),
+        ("3.0,0,0,1e15", "attitude at 3 s is 1e.15 rad"),
+    ],
+)
+def test_readings_beyond_all_measure_are_refused(row: str, words: str, tmp_path: Path) -> None:
+    rows = still(lambda k: 0.2 * k)
+    rows[15] = row + ",0" * 8
+    with pytest.raises(ConfigError, match=words):
+        rans.identify(csv_file(tmp_path, rows), PLATFORM)
+
+
+def test_blank_lines_are_skipped_and_lines_are_still_counted_from_the_top(tmp_path: Path) -> None:
+    rows = still(lambda k: 0.2 * k)
+    whole = read_csv(csv_file(tmp_path, rows), PLATFORM)
+    file = csv_file(tmp_path, [*rows[:10], "", "   ", *rows[10:], "", ""])
+    assert read_csv(file, PLATFORM).times == pytest.approx(whole.times)
+    with pytest.raises(ConfigError, match="line 14, column x: 'one'"):
+        read_csv(csv_file(tmp_path, [*rows[:10], "", "", f"2.0,one,0,0{',0' * 8}"]), PLATFORM)
+
+
+def test_tabs_are_named(tmp_path: Path) -> None:
+    rows = [row.replace(",", "\t") for row in still(lambda k: 0.2 * k)]
+    with pytest.raises(ConfigError, match="tabs between its columns"):
+        read_csv(csv_file(tmp_path, rows, HEADER.replace(",", "\t")), PLATFORM)
+
+
+def test_a_cell_longer_than_any_number_is_a_sentence(tmp_path: Path) -> None:
+    file = csv_file(tmp_path, [f"0.{'0' * 131_073},0,0,0{',0' * 8}"])
+    with pytest.raises(ConfigError, match="line 2"):
+        read_csv(file, PLATFORM)
+
+
+def test_columns_that_are_not_read_are_named_and_need_no_numbers(tmp_path: Path) -> None:
+    rows = [f"{row},manual" for row in still(lambda k: 0.2 * k)]
+    log = read_csv(csv_file(tmp_path, rows, HEADER + ",Mode"), PLATFORM)
+    assert any("not read: 'Mode'" in note for note in log.notes)
+    with pytest.raises(ConfigError, match="column x twice"):
+        read_csv(csv_file(tmp_path, [f"{row},0" for row in still(float)], HEADER + ",x"), PLATFORM)
+
+
+def test_a_craft_without_thrusters_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with warnings.catch_warnings(action="ignore"):  # it cannot push
+        craft = replace(load_spacecraft("pingu"), thrusters=())
+    header = "time,x,y,heading,u0"
+    rows = [f"{0.2 * k},0,0,0,0" for k in range(60)]
+    with pytest.raises(ConfigError, match="has no thruster"):
+        rans.identify(csv_file(tmp_path, rows, header), craft)
+
+
+def test_a_log_without_positions_is_refused_in_a_sentence() -> None:
+    """Attitudes alone, as a satellite has them."""
+    times = 0.2 * np.arange(60)
+    unknown = np.full((60, 3), np.nan)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (60, 1))
+    craft = load_spacecraft("free-flyer")
+    commands = np.zeros((60, craft.command_count))
+    log = FlightLog("log", times, commands, times, unknown, level, unknown, np.zeros((60, 3)))
+    with pytest.raises(ConfigError, match="has no positions"):
+        rans.identify(log, craft)
+    with pytest.raises(ConfigError, match="quaternion at 0 s has the length 2"):
+        rans.identify(replace(log, position=np.zeros((60, 3)), attitude=2.0 * level), craft)
+
+
+def test_no_window_reaches_over_a_gap_longer_than_itself() -> None:
+    """Readings of velocity after it belong to no window: the model would need an instant for every 0.02 s of it."""
+    times = np.concatenate([0.2 * np.arange(50), 3000.0 + 0.2 * np.arange(50)])
+    position = np.zeros((100, 2))
+    position[50:55] = np.nan
+    log = FlightLog(
+        "log", times, np.zeros((100, 8)), times, position, times * 0.0, position, times * 0.0
+    )
+    parts = windows_of(log, 5.0)
+    assert max(np.ptp(times[part]) for part in parts) < 10.0
+    covered = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    assert covered.tolist() == [*range(50), *range(55, 100)]
+
+
+def turning(heading: float = 1.0, spin: float = 1.0, place: float = 1.0) -> list[str]:
+    """Lines of a craft that swings in place and heading, by hand; factors make columns of other units."""
+    random = np.random.default_rng(0)
+    rows = []
+    for k in range(80):
+        t = 0.2 * k
+        x, h = 0.3 * np.sin(0.9 * t), 2.0 * np.sin(0.7 * t)
+        vx, w = 0.27 * np.cos(0.9 * t), 1.4 * np.cos(0.7 * t)
+        values = (place * x, 0.0, heading * h, vx, 0.0, spin * w)
+        noisy = ",".join(f"{value + random.normal(0.0, 0.005):.6f}" for value in values)
+        rows.append(f"{t:.3f},{noisy}{',0' * 8}")
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("factors", "words"),
+    [
+        ({"heading": 57.29578}, "attitude changes 57.* times .* heading in degrees"),
+        ({"spin": 57.29578}, "spin in degrees"),
+        ({"heading": -1.0}, "attitude changes -1 .* clockwise"),
+        ({"place": 1000.0}, "position changes 9.. times .* thousandths"),
+        ({"place": 3.28084}, "position changes 3.2. times .* other units"),
+    ],
+)
+def test_poses_and_rates_of_one_motion_are_in_the_same_units(
+    factors: dict[str, float], words: str, tmp_path: Path
+) -> None:
+    """A heading in degrees was identified with a sensor noise of 1.86 rad, and offered for training."""
+    header = "time,x,y,heading,vx,vy,spin," + ",".join(f"u{k}" for k in range(8))
+    with pytest.raises(ConfigError, match=words):
+        checked_log(read_csv(csv_file(tmp_path, turning(**factors), header), PLATFORM), PLATFORM)
+    log = checked_log(read_csv(csv_file(tmp_path, turning(), header), PLATFORM), PLATFORM)
+    assert len(log.times) == 80

@@ -1,0 +1,403 @@
+"""Predicted motion against hand-worked integrals and against the engine."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_robot.identify.fit import WINDOW, fit, parameters_of, physics_of
+from rans_robot.identify.log import FlightLog, read_csv
+from rans_robot.identify.motion import Thrust, predicted, windows_of
+from rans_robot.identify.result import Identification
+
+from campaigns.identification import hidden_flights
+from rans.flight import fly
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions_file import load_conditions
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer", "cubesat-6u", "afrl-12kg"])
+def test_every_quantity_has_a_prior(name: str) -> None:
+    """Also where all thrusters push through the centre of mass, as those of afrl-12kg: 0.5 of 1 N at 0.2 m."""
+    parameters = {one.name: one for one in parameters_of(load_spacecraft(name))}
+    assert all(one.prior > 0.0 for one in parameters.values())
+    if name == "afrl-12kg":
+        assert parameters["torque x"].prior == pytest.approx(0.1)
+
+
+def log_of(commands: np.ndarray, period: float = 0.5) -> FlightLog:
+    times = np.arange(len(commands)) * period
+    still = np.zeros((len(commands), 2))
+    return FlightLog("log", times, commands, times, still, still[:, 0], still, still[:, 0])
+
+
+def test_a_delayed_ramp_delivers_what_is_worked_by_hand() -> None:
+    """Open from 0.5 s on, 0.1 s late, with a rise of 0.2 s: half of the rise is lost, then every second counts."""
+    commands = np.zeros((6, 8))
+    commands[1:, 3] = 1.0
+    thrust = Thrust.of(PLATFORM, log_of(commands))
+    late, ramp = np.array([0.1]), np.array([0.2])
+    at = thrust.delivered(np.array([[0.55, 0.6, 0.7, 0.8, 2.0]]), late, ramp)[0, :, 3]
+    assert at == pytest.approx([0.0, 0.0, 0.025, 0.1, 1.3], abs=1e-12)
+    assert thrust.delivered(np.array([[2.0]]), late, ramp)[0, 0, 0] == 0.0
+
+
+def test_a_pulse_is_part_of_its_period() -> None:
+    craft = load_spacecraft("atmos")
+    commands = np.zeros((5, len(craft.commands)))
+    commands[1, 0] = 0.3
+    thrust = Thrust.of(craft, log_of(commands, 0.1))
+    none = np.zeros(1)
+    # 0.3 of a period of 0.1 s, in a pulse at its beginning.
+    delivered = thrust.delivered(np.array([[0.1, 0.115, 0.13, 0.4]]), none, none)[0, :, 0]
+    assert delivered == pytest.approx([0.0, 0.015, 0.03, 0.03], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
+def test_the_prediction_is_the_engine_s_motion(name: str) -> None:
+    """The engine has other equations of valves and of motion; its readings have noise of 5 mm and 0.5 degrees."""
+    craft = load_spacecraft(name)
+    logs, truth = hidden_flights(craft, 2, 6.0, 0.2, seed=3)
+    width = 6 if craft.dimension == 2 else 13
+    for log, values in zip(logs, truth, strict=True):
+        columns = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
+        path = predicted(
+            craft,
+            Thrust.of(craft, log),
+            physics_of(craft, values[None]),
+            columns[:1],
+            log.times[:1],
+            log.times[None],
+        )[0]
+        assert path.shape == (30, width)
+        # Six seconds multiply the start's error of 1 cm/s to 6 cm, and 0.5 deg/s to 3 degrees, three times of each.
+        assert np.abs(path[:, : craft.dimension] - log.position).max() < 0.2
+        spin = path[:, -1 if craft.dimension == 2 else slice(-3, None)]
+        assert np.abs(spin - log.spin).max() < 0.1
+
+
+def test_windows_cover_the_log_once() -> None:
+    log = log_of(np.zeros((101, 8)), 0.1)
+    parts = windows_of(log, 3.0)
+    covered = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    assert covered.tolist() == list(range(101))
+    assert len(parts) == 3
+
+
+def test_hidden_craft_are_found_within_their_intervals() -> None:
+    """Errors weighed by their covariance: the sum of 32 squares, below 62.5 in 999 of 1,000 samples."""
+    logs, truth = hidden_flights(PLATFORM, 2, 15.0, 0.2, seed=11)
+    squares = 0.0
+    for log, values in zip(logs, truth, strict=True):
+        found = fit(PLATFORM, [log])
+        error = found.values - values
+        squares += float(error @ np.linalg.solve(found.covariance, error))
+        forces = found.values[:8] / values[:8]
+        assert np.abs(forces - 1.0).max() < 0.15
+        assert found.noise["position"] == pytest.approx(0.005, rel=0.25)
+    assert squares < 62.5
+
+
+def test_windows_of_two_readings_leave_the_noise_of_each_channel_to_itself() -> None:
+    """Starts then fit more of the positions than of the velocities. 100 readings tell the noise to 10 %.
+
+    With degrees of freedom divided among the channels as the readings are, that of positions became 0.17 mm.
+    """
+    quiet = replace(load_conditions("lab"), sensors=load_conditions("real-space").sensors)
+    quiet = replace(quiet, body=replace(quiet.body, mass=1.0))
+    (log,), _ = hidden_flights(PLATFORM, 1, 20.0, 0.4, 7, quiet)
+    noise = fit(PLATFORM, [log], window=0.8).noise
+    assert noise["position"] == pytest.approx(0.001, rel=0.3)
+    assert noise["velocity"] == pytest.approx(0.003, rel=0.3)
+
+
+@pytest.mark.slow
+def test_long_windows_tell_more_and_are_reached_where_the_model_is_right() -> None:
+    (log,), (values,) = hidden_flights(PLATFORM, 1, 20.0, 0.2, seed=5)
+    found = fit(PLATFORM, [log])
+    assert found.window == 20.0
+    short = fit(PLATFORM, [log], window=5.0)
+    assert np.median(found.deviations[:8] / short.deviations[:8]) < 0.8
+    error = found.values - values
+    # Errors weighed by their covariance: 16 squares, below 39.3 in 999 of 1,000 samples.
+    assert float(error @ np.linalg.solve(found.covariance, error)) < 39.3
+
+
+@pytest.mark.slow
+def test_a_lever_of_the_wrong_sign_is_seen_in_the_residuals() -> None:
+    """A planted error: the log is of a craft whose first two thrusters are exchanged."""
+    (log,), _ = hidden_flights(PLATFORM, 1, 8.0, 0.2, seed=5)
+    swapped = log.commands[:, [1, 0, *range(2, 8)]]
+    wrong = FlightLog(
+        "swapped",
+        log.command_times,
+        swapped,
+        log.times,
+        log.position,
+        log.attitude,
+        log.velocity,
+        log.spin,
+    )
+    # The readings' noise is 0.0087 rad; a torque of 0.3 N m of the wrong sign turns by more in a window.
+    found = fit(PLATFORM, [wrong])
+    assert found.noise["attitude"] > 0.03
+    # What the model does not explain keeps the windows short.
+    assert found.window == WINDOW
+
+
+@pytest.fixture(scope="module")
+def wheeled() -> tuple[FlightLog, np.ndarray]:
+    (log,), (values,) = hidden_flights(load_spacecraft("pingu"), 1, 8.0, 0.2, seed=5)
+    return log, values
+
+
+@pytest.mark.slow
+def test_a_wheel_is_predicted_as_the_engine_moves_it(wheeled: tuple[FlightLog, np.ndarray]) -> None:
+    """From rest, over 8 s; speeds reach tens of rad/s and are read with 0.1 rad/s of noise."""
+    log, values = wheeled
+    craft = load_spacecraft("pingu")
+    assert log.wheel_speeds is not None
+    start = np.zeros((1, 7))
+    start[0, :2] = log.position[0]
+    start[0, 2] = log.attitude[0]
+    path = predicted(
+        craft,
+        Thrust.of(craft, log),
+        physics_of(craft, values[None]),
+        start,
+        log.times[:1],
+        log.times[None],
+    )[0]
+    assert np.ptp(log.wheel_speeds) > 10.0
+    assert np.std(path[:, 6] - log.wheel_speeds[:, 0]) < 0.12
+    assert np.std(path[:, 5] - log.spin) < 0.012
+
+
+@pytest.mark.slow
+def test_wheels_in_space_are_predicted_as_the_engine_moves_them() -> None:
+    """From rest, over 8 s, with wheels that are not all at right angles; the engine has equations of its own.
+
+    Readings have noise of 0.1 rad/s for wheels and 0.0087 rad/s for spin. Without the momentum of the wheels in
+    Euler's equations the first becomes 0.15 rad/s.
+    """
+    wheel = load_spacecraft("pingu").wheels[0]
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.6, 0.8))
+    craft = replace(
+        load_spacecraft("free-flyer"), wheels=tuple(replace(wheel, axis=axis) for axis in axes)
+    )
+    (log,), (values,) = hidden_flights(craft, 1, 8.0, 0.2, seed=5)
+    assert log.wheel_speeds is not None
+    start = np.zeros((1, 16))
+    start[0, :7] = [*log.position[0], *log.attitude[0]]
+    path = predicted(
+        craft,
+        Thrust.of(craft, log),
+        physics_of(craft, values[None]),
+        start,
+        log.times[:1],
+        log.times[None],
+    )[0]
+    assert np.ptp(log.wheel_speeds, axis=0).min() > 50.0
+    assert np.std(path[:, 13:] - log.wheel_speeds, axis=0).max() < 0.13
+    assert np.std(path[:, 10:13] - log.spin, axis=0).max() < 0.013
+
+
+@pytest.mark.slow
+def test_a_wheel_is_found_from_its_speeds(wheeled: tuple[FlightLog, np.ndarray]) -> None:
+    log, values = wheeled
+    found = fit(load_spacecraft("pingu"), [log])
+    error = found.values - values
+    # Eight seconds tell the common scale of torques to 5 %, and the wheel's own acceleration to 1 %.
+    assert np.abs(error[-2:]) / values[-2:] == pytest.approx(0.0, abs=0.15)
+    assert found.values[-1] / found.values[-2] == pytest.approx(values[-1] / values[-2], rel=0.01)
+    assert (
+        np.sum(error @ np.linalg.solve(found.covariance, error)) < 42.3
+    )  # of 18 squares in 999 of 1,000
+    unmeasured = fit(load_spacecraft("pingu"), [replace(log, wheel_speeds=None)])
+    assert unmeasured.is_identifiable()[-2:].tolist() == [True, False]
+
+
+@pytest.mark.slow
+def test_wheels_whose_speeds_are_not_measured_begin_windows_as_their_motors_turned_them(
+    tmp_path: Path,
+) -> None:
+    """The craft is the data sheet's, and readings have no noise: its predictions are the engine's.
+
+    With wheels at rest at the start of each window, the missing momentum turns the craft by up to 0.08 rad in 5 s.
+    """
+    craft = load_spacecraft("cubesat-6u")
+    random = np.random.default_rng(0)
+
+    class Shaken:
+        name = "shaken"
+
+        def reset(self, count: int) -> None:
+            pass
+
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            wheels = random.uniform(-1.0, 1.0, (1, craft.wheel_count))
+            return np.hstack([random.integers(0, 2, (1, craft.thruster_count)), wheels])
+
+    task = GoToPose()
+    flight = fly(craft, task, Shaken(), scenarios(task, craft, 1, 1), Timing(episode_steps=100))
+    log = read_csv(flight.to_csv(tmp_path / "flight.csv"), craft)
+    found = fit(craft, [log], WINDOW)
+    (nominal,) = found.nominal_residuals
+    assert np.abs(nominal[:, 3:6]).max() < 1e-3
+    assert found.values == pytest.approx([p.nominal for p in found.parameters], rel=0.1, abs=1e-3)
+
+
+@pytest.fixture(scope="module")
+def turned(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Path, Spacecraft, Spacecraft]:
+    """Table of a flight by wheels alone, whose motors are 15 % stronger than the data sheet; two reach their limit.
+
+    Readings have noise of 1 mm, 1 mrad, 3 mm/s, 3 mrad/s and 0.1 rad/s, which the table does not have.
+    """
+    sheet = load_spacecraft("cubesat-6u")
+    wheels = tuple(replace(wheel, max_torque=1.15 * wheel.max_torque) for wheel in sheet.wheels)
+    craft = replace(sheet, wheels=wheels)
+    random = np.random.default_rng(0)
+
+    class Turning:
+        name = "turning"
+
+        def reset(self, count: int) -> None:
+            pass
+
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            return np.hstack([np.zeros((1, 8)), random.uniform(-1.0, 1.0, (1, 3))])
+
+    task = GoToPose()
+    flight = fly(craft, task, Turning(), scenarios(task, craft, 1, 1), Timing(episode_steps=200))
+    folder = tmp_path_factory.mktemp("turned")
+    return flight.to_csv(folder / "flight.csv"), sheet, craft
+
+
+def noisy(log: FlightLog) -> FlightLog:
+    """The log with the noise of readings."""
+    random = np.random.default_rng(1)
+    deviations = dict(position=1e-3, attitude=1e-3, velocity=3e-3, spin=3e-3, wheel_speeds=0.1)
+    readings = {
+        name: getattr(log, name) + random.normal(0.0, deviation, getattr(log, name).shape)
+        for name, deviation in deviations.items()
+    }
+    return replace(log, **readings)
+
+
+def test_the_table_of_a_flight_balances_the_momentum_of_its_wheels(
+    turned: tuple[Path, Spacecraft, Spacecraft],
+) -> None:
+    """By hand from its columns: no torque acts from outside, and motors give the momentum of their commands."""
+    file, _, craft = turned
+    with file.open() as stream:
+        rows = list(csv.DictReader(stream))
+
+    def columns(*names: str) -> np.ndarray:
+        return np.array([[float(row[name]) for name in names] for row in rows])
+
+    spin = columns("w_x (rad/s)", "w_y (rad/s)", "w_z (rad/s)")
+    speeds = columns("s_0 (rad/s)", "s_1 (rad/s)", "s_2 (rad/s)")
+    axes = np.array([wheel.axis for wheel in craft.wheels])
+    own = np.array([wheel.inertia for wheel in craft.wheels]) * (speeds + spin @ axes.T)
+    body = spin @ np.array(craft.inertia)
+    # It began at rest: the craft has what its wheels took from it.
+    assert np.abs(own).max() > 0.02
+    assert body == pytest.approx(-own @ axes, abs=1e-9)
+    # 0.0074333 N m of the sheet times 1.15, for 0.2 s; the first ten periods are far from the limit.
+    gained = np.diff(own, axis=0)[:10]
+    assert gained == pytest.approx(
+        columns("u_8", "u_9", "u_10")[:10] * 0.0074333 * 1.15 * 0.2, rel=1e-4
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_measured", [True, False])
+def test_motors_that_are_stronger_than_the_sheet_are_found(
+    is_measured: bool, turned: tuple[Path, Spacecraft, Spacecraft]
+) -> None:
+    """Where wheels reach their limit too: the sheet's motors would reach it later, and the fit went astray."""
+    file, sheet, craft = turned
+    log = noisy(read_csv(file, sheet))
+    found = Identification(fit(sheet, [log if is_measured else replace(log, wheel_speeds=None)]))
+    rows = {row.name: row for row in found.rows()}
+    for k in range(3):
+        motor = rows[f"motor of wheel {k}"]
+        rotor = rows[f"rotor of wheel {k}"]
+        moment = rows[f"inertia {('xx', 'yy', 'zz')[k]}"]
+        # Only the proportion is determined where no thruster turns the craft.
+        ratio = craft.wheels[k].max_torque / craft.inertia[k][k]
+        assert motor.value / moment.value == pytest.approx(ratio, rel=0.02)
+        if is_measured:
+            ratio = craft.wheels[k].max_torque / craft.wheels[k].inertia
+            assert motor.value / rotor.value == pytest.approx(ratio, rel=0.01)
+        else:
+            assert not rotor.is_identifiable
+            assert rotor.low < 0.75 * rotor.nominal < 1.25 * rotor.nominal < rotor.high
+        # What was not determined is not said to be.
+        true = craft.wheels[k].max_torque
+        assert motor.value == pytest.approx(true, rel=0.01) or not motor.is_identifiable
+        assert motor.low < true < motor.high or motor.value == pytest.approx(true, rel=0.01)
+    notes = " ".join(found.notes())
+    assert ("joint_states" in notes) != is_measured
+    assert "in proportion to the moments of inertia" in notes  # wheel 2 stays far from its limit
+
+
+def test_a_motor_turns_wheel_and_craft_as_worked_by_hand() -> None:
+    """Half of the torque for 0.5 s: the craft gains -T t / J, and the wheel T t / I + T t / J relative to it."""
+    craft = load_spacecraft("pingu")
+    commands = np.zeros((5, 9))
+    commands[1, 8] = 0.5
+    log = log_of(commands)
+    values = np.array([one.nominal for one in parameters_of(craft)])[None]
+    path = predicted(
+        craft,
+        Thrust.of(craft, log),
+        physics_of(craft, values),
+        np.zeros((1, 7)),
+        np.zeros(1),
+        log.times[None],
+    )[0]
+    gained = 0.5 * craft.wheels[0].max_torque * 0.5
+    after = np.array([0.0, 0.0, 1.0, 1.0, 1.0])
+    spin = -gained / craft.inertia[2][2]
+    assert path[:, 5] == pytest.approx(spin * after, abs=1e-9)
+    assert path[:, 6] == pytest.approx((gained / craft.wheels[0].inertia - spin) * after, abs=1e-6)
+    # 0.7 N m s is its largest momentum: after 7 s of full torque the motor gives none.
+    commands = np.zeros((20, 9))
+    commands[:, 8] = 1.0
+    motors = Thrust.of(craft, log_of(commands)).motors
+    for full, momenta in (
+        (0.1, [0.5, 0.7, 0.7]),
+        (0.2, [0.7, 0.7, 0.7]),
+        (0.05, [0.25, 0.35, 0.45]),
+    ):
+        spun = motors.from_rest(np.array([[5.0, 7.0, 9.0]]), np.array([[full]]))
+        assert spun[0, :, 0] == pytest.approx(momenta)
+
+
+def test_readings_between_kinks_are_exact() -> None:
+    """A thruster that opens at once in every second period: velocities have kinks at readings."""
+    commands = np.zeros((9, 8))
+    straight = np.flatnonzero(np.array(PLATFORM.wrench_map)[:, 0] > 0.0)[:1]
+    commands[::2, straight] = 1.0
+    log = log_of(commands, 0.125)
+    physics = physics_of(PLATFORM, np.array([one.nominal for one in parameters_of(PLATFORM)])[None])
+    path = predicted(
+        PLATFORM, Thrust.of(PLATFORM, log), physics, np.zeros((1, 6)), np.zeros(1), log.times[None]
+    )
+    turned = PLATFORM.wrench_map[int(straight[0])][2] / PLATFORM.inertia[2][2] * 0.125
+    assert path[0, :, 5] == pytest.approx(
+        turned * (np.arange(10) // 2 + np.arange(10) % 2)[:9], abs=1e-9
+    )

@@ -1,0 +1,208 @@
+"""Files and sentences of an identification."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rans_robot.identify.log import FlightLog, read_csv
+from rans_robot.identify.result import Identification
+
+import rans
+from campaigns.identification import hidden_flights
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.flight import fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+@pytest.fixture(scope="module")
+def flight() -> FlightLog:
+    return hidden_flights(PLATFORM, 1, 20.0, 0.2, seed=5)[0][0]
+
+
+def written(log: FlightLog, file: Path, rates: bool = True) -> Path:
+    columns = [log.times, *log.position.T, log.attitude]
+    names = ["time", "x", "y", "heading"]
+    if rates:
+        columns += [*log.velocity.T, log.spin]
+        names += ["vx", "vy", "spin"]
+    names += [f"u{k}" for k in range(log.commands.shape[1])]
+    rows = np.column_stack([*columns, *log.commands.T])
+    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
+    return file
+
+
+def test_a_csv_file_gives_the_same_log(flight: FlightLog, tmp_path: Path) -> None:
+    again = read_csv(written(flight, tmp_path / "flight.csv"), PLATFORM)
+    for name in ("times", "commands", "position", "attitude", "velocity", "spin"):
+        assert getattr(again, name) == pytest.approx(getattr(flight, name))
+
+
+def test_the_command_writes_what_training_reads(
+    flight: FlightLog,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    file = written(flight, tmp_path / "flight.csv")
+    folder = tmp_path / "identified"
+    code = main(
+        ["identify", str(file), "--spacecraft", "floating-platform", "--output", str(folder)]
+    )
+    assert code == 0
+    craft = rans.load_spacecraft(folder / "spacecraft.toml")
+    conditions = rans.load_conditions(folder / "conditions.toml")
+    assert craft.mass == PLATFORM.mass
+    assert [t.force for t in craft.thrusters] != [t.force for t in PLATFORM.thrusters]
+    assert conditions.sensors.position.noise == pytest.approx(0.005, rel=0.3)
+    # One table, whose units are not in a second one below.
+    assert capsys.readouterr().out.count("force of thruster 0") == 1
+
+
+def test_poses_alone_are_enough(flight: FlightLog, tmp_path: Path) -> None:
+    found = rans.identify(written(flight, tmp_path / "poses.csv", rates=False), PLATFORM)
+    assert {one.name for one in found.channels()} == {"position", "attitude"}
+    with_rates = rans.identify(flight, PLATFORM)
+    assert found.fit.deviations[0] > with_rates.fit.deviations[0]
+
+
+def test_a_planar_moment_above_twice_the_sheet_s_is_written(
+    flight: FlightLog, tmp_path: Path
+) -> None:
+    """As after a ring of batteries was mounted; with the sheet's other moments no rigid body has it."""
+    fit = rans.identify(flight, PLATFORM, window=5.0).fit
+    values = fit.values.copy()
+    values[PLATFORM.thruster_count] = 2.5 * PLATFORM.inertia[2][2]
+    folder = Identification(replace(fit, values=values)).write(tmp_path / "identified")
+    craft = rans.load_spacecraft(folder / "spacecraft.toml")
+    assert craft.inertia[2][2] == pytest.approx(2.5 * PLATFORM.inertia[2][2])
+
+
+def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable() -> None:
+    (log,), _ = hidden_flights(PLATFORM, 1, 20.0, 0.2, seed=5)
+    random = np.random.default_rng(0)
+    still = replace(log, commands=np.zeros_like(log.commands))
+    still = replace(
+        still,
+        position=random.normal(0.0, 0.005, log.position.shape),
+        attitude=random.normal(0.0, 0.008, log.attitude.shape),
+        velocity=random.normal(0.0, 0.01, log.velocity.shape),
+        spin=random.normal(0.0, 0.008, log.spin.shape),
+    )
+    found = rans.identify(still, PLATFORM)
+    assert not any(row.is_identifiable for row in found.rows()[:8])
+    assert "force of thruster 7" in " ".join(found.notes())
+
+
+def test_speeds_of_wheels_are_columns_of_a_csv_file(tmp_path: Path) -> None:
+    craft = load_spacecraft("pingu")
+    file = tmp_path / "log.csv"
+    names = ["time", "x", "y", "heading", *(f"u{k}" for k in range(9)), "s0"]
+    rows = [[0.2 * k, *[0.0] * 12, 1.5 * k] for k in range(30)]
+    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
+    speeds = read_csv(file, craft).wheel_speeds
+    assert speeds is not None
+    assert speeds[:, 0] == pytest.approx(1.5 * np.arange(30))
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
+def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
+    craft = load_spacecraft(name)
+    task = GoToPose()
+    starts = scenarios(task, craft, 3, 1)
+    flight = fly(craft, task, LQR(craft, task), starts, Timing(episode_steps=4))
+    log = read_csv(flight.to_csv(tmp_path / "flight.csv"), craft)
+    states = flight.states
+    assert log.times == pytest.approx(flight.times)
+    assert log.commands[:-1] == pytest.approx(flight.commands[:, 0])
+    assert log.velocity[:, 1] == pytest.approx(states.v.y[:, 0], rel=1e-6, abs=1e-8)
+    spin = log.spin if craft.dimension == 2 else log.spin[:, 2]
+    assert spin == pytest.approx(states.spin()[-1][:, 0], rel=1e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("t (s),x (m),y (m),heading (deg)\n0,0,0,0\n", "units are s, m, rad"),
+        ("time (s),x (m),y\n0,0,0\n", r"no heading, u0, .*u7 .* 'time \(s\), x \(m\), y'"),
+        ("time;x;y;heading\n0;0;0;0\n", "commas"),
+        (f"time,x,y,heading,{','.join(f'u{k}' for k in range(9))}\n", "u8 too.*u0 to u7"),
+        (
+            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n" + "0,0,zero,0" + ",0" * 8,
+            "is no number",
+        ),
+        (f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n0,0\n", "cells instead of"),
+        (
+            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n"
+            + "".join(f"{k},0,0,0{',2' * 8}\n" for k in range(30)),
+            "between 0 and 1",
+        ),
+        (
+            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n"
+            + "".join(f"{k},0,0,0{',1' * 8}\n" for k in range(5)),
+            "at least 20",
+        ),
+    ],
+)
+def test_damaged_logs_are_refused_in_a_sentence(text: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        rans.identify(file, PLATFORM)
+
+
+def test_other_craft_and_other_files_are_refused(flight: FlightLog, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="another spacecraft"):
+        rans.identify(flight, "free-flyer")
+    with pytest.raises(ConfigError, match="burns propellant"):
+        rans.identify(flight, "mars-lander-steered")
+    with pytest.raises(ConfigError, match="a bag"):
+        rans.identify(tmp_path / "flight.txt", PLATFORM)
+
+
+@pytest.mark.parametrize("column", ["heading", "x and y"])
+def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_written(
+    column: str,
+    flight: FlightLog,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Poses alone, in which no rate contradicts them: a heading in degrees, and columns of the wrong order."""
+    wrong = replace(flight, attitude=np.degrees(flight.attitude))
+    if column == "x and y":
+        wrong = replace(flight, position=flight.position[:, ::-1])
+    file = written(wrong, tmp_path / "poses.csv", rates=False)
+    monkeypatch.chdir(tmp_path)
+    assert main(["identify", str(file), "--spacecraft", "floating-platform"]) == 2
+    said = capsys.readouterr()
+    assert ("attitude (error" if column == "heading" else "position (error") in said.err
+    assert not (tmp_path / "identified").exists()
+    found = rans.identify(file, PLATFORM)
+    with pytest.raises(ConfigError, match="do not explain"):
+        _ = found.conditions
+
+
+def test_what_flights_of_the_craft_leave_is_noise(flight: FlightLog) -> None:
+    found = rans.identify(flight, PLATFORM)
+    found.check()
+    # Nor is there anything to explain where nothing acts and no sensor errs.
+    times = 0.2 * np.arange(60)
+    still = np.zeros((60, 2))
+    drifting = np.column_stack([0.01 * np.arange(60), np.zeros(60)])
+    log = FlightLog(
+        "still", times, np.zeros((60, 8)), times, drifting, times * 0.0, still, times * 0.0
+    )
+    rans.identify(replace(log, velocity=np.tile([0.05, 0.0], (60, 1))), PLATFORM).check()
+    assert all(channel.is_explained for channel in found.channels())

@@ -1,0 +1,270 @@
+"""What other people's software reads of what we write: bags and their messages, and ROS 2 over Zenoh."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from rans_robot.bag import BagMessage, BagWriter, bag_entries, index_bag
+from rans_robot.bus import Distribution, ZenohBus, open_bus
+from rans_robot.interfaces import RobotName, interface, wheels_message
+from rans_robot.messages import FLOATS, POSE, TEXT, array, make, pack, unpack
+
+from rans.cli import main
+from rans.errors import ConfigError
+from tests.support.robots import AWAY
+
+ROBOTS: tuple[RobotName, ...] = ("ros", "odometry", "px4", "roboran", "pingu")
+MOTION = AWAY._replace(spin=np.array([0.0, 0.0, 0.25]))
+
+
+def written(folder: Path) -> tuple[Path, list[BagMessage]]:
+    """A bag with every message that a robot or the node sends, and an empty text."""
+    rows = [BagMessage(10**9, "rans/end", TEXT, pack(TEXT, make(TEXT, data="")))]
+    for at, robot in enumerate(ROBOTS):
+        ends = interface(robot, 8, 8)
+        moment = 2 * 10**9 + at
+        both = [*ends.state(MOTION, moment), *ends.command([1.0] + [0.0] * 7, moment)]
+        rows += [BagMessage(moment, f"{robot}/{one.topic}", one.kind, one.data) for one in both]
+    joints = wheels_message((12.5, -3.0), 2 * 10**9)
+    rows.append(BagMessage(3 * 10**9, joints.topic, joints.kind, joints.data))
+    file = folder / "flight.mcap"
+    bag = BagWriter(file)
+    for row in rows:
+        bag.write(row)
+    bag.close()
+    return file, rows
+
+
+def checked(kind: str, message: Any) -> None:
+    """A message that somebody else decoded holds the robot's position, 2 m and 1 m away."""
+    if kind == "geometry_msgs/msg/PoseStamped":
+        assert (message.pose.position.x, message.pose.position.y) == (2.0, 1.0)
+        assert message.header.stamp.sec == 2
+    elif kind == "nav_msgs/msg/Odometry":
+        assert (message.pose.pose.position.x, message.pose.pose.position.y) == (2.0, 1.0)
+    elif kind == "sensor_msgs/msg/JointState":
+        assert list(message.velocity) == [12.5, -3.0]
+        assert list(message.name) == ["wheel_0", "wheel_1"]
+    elif kind == "px4_msgs/msg/VehicleOdometry":  # PX4's world is north, east, down
+        np.testing.assert_allclose(message.position, (1.0, 2.0, 0.0))
+
+
+def test_the_official_decoder_reads_every_message(tmp_path: Path) -> None:
+    """By the definitions that the bag holds, as ROS 2 writes them."""
+    ros2 = pytest.importorskip("mcap_ros2.decoder")
+    from mcap.reader import make_reader
+
+    file, rows = written(tmp_path)
+    index_bag(file)
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[ros2.DecoderFactory()])
+        kinds = []
+        for schema, _, _, message in reader.iter_decoded_messages():
+            assert schema is not None
+            kinds.append(schema.name)
+            checked(schema.name, message)
+    assert sorted(kinds) == sorted(row.kind for row in rows)
+
+
+def test_rosbags_reads_every_message(tmp_path: Path) -> None:
+    """Its bag reader too goes by the definitions in the bag."""
+    from rosbags.highlevel import AnyReader
+
+    file, rows = written(tmp_path)
+    index_bag(file)
+    with AnyReader([file]) as reader:
+        kinds = []
+        for connection, _, data in reader.messages():
+            kinds.append(connection.msgtype)
+            checked(connection.msgtype, reader.deserialize(data, connection.msgtype))
+    assert sorted(kinds) == sorted(row.kind for row in rows)
+
+
+def test_an_indexed_bag_is_sought_in_and_has_the_same_messages(tmp_path: Path) -> None:
+    from mcap.reader import SeekingReader
+
+    file, rows = written(tmp_path)
+    index_bag(file)
+    assert list(bag_entries(file)) == rows
+    with file.open("rb") as stream:
+        reader = SeekingReader(stream)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(rows)
+        assert sum(len(one.message_index_offsets) for one in summary.chunk_indexes) == len(
+            {row.topic for row in rows}
+        )
+        poses = [m.data for _, _, m in reader.iter_messages(topics=["/pingu/pose"])]
+    assert poses == [row.data for row in rows if row.topic == "pingu/pose"] != []
+
+
+def test_a_bag_that_cannot_be_indexed_stays(tmp_path: Path) -> None:
+    file = tmp_path / "flight.mcap"
+    file.write_bytes(b"no bag")
+    with pytest.raises(ConfigError, match="is no finished MCAP bag"):
+        index_bag(file)
+    assert file.read_bytes() == b"no bag"
+    assert [one.name for one in tmp_path.iterdir()] == ["flight.mcap"]
+
+
+SPOKEN = pack(TEXT, make(TEXT, data="hello"))
+
+
+def session(mode: str, end: str, port: int) -> Any:
+    """A session of Zenoh itself, as rmw_zenoh configures them: without a search of the network."""
+    zenoh = pytest.importorskip("zenoh")
+    config = zenoh.Config()
+    config.insert_json5("mode", f'"{mode}"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    if mode == "peer":
+        config.insert_json5("listen/endpoints", '["tcp/localhost:0"]')
+    config.insert_json5(f"{end}/endpoints", f'["tcp/127.0.0.1:{port}"]')
+    return zenoh.open(config)
+
+
+@pytest.fixture
+def port() -> int:
+    """A port of this machine where nothing listens."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@pytest.fixture
+def router(port: int) -> Iterator[int]:
+    """Port of a router, as ROS 2's ``rmw_zenohd`` is one."""
+    opened = session("router", "listen", port)
+    yield port
+    opened.close()
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Wait until something holds; 10 s are far more than messages on one machine take."""
+    end = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("ros", ["humble", "jazzy", "kilted"])
+def test_somebody_else_reads_attachments(router: int, ros: Distribution) -> None:
+    """By zenoh-ros2-sdk, as a node of ROS 2 hears them: a peer that is connected to the router."""
+    attachment = pytest.importorskip("zenoh_ros2_sdk.attachment")
+    node = session("peer", "connect", router)
+    heard: list[Any] = []
+    node.declare_subscriber("3/rans/note/**", heard.append)
+    bus = open_bus("zenoh", 3, f"tcp/127.0.0.1:{router}", ros)
+    before = time.time_ns()
+    try:
+        until(lambda: bus.publish("rans/note", TEXT, SPOKEN) or heard)
+        bus.publish("rans/note", TEXT, SPOKEN)
+        until(lambda: len(heard) > 1)
+        samples = list(heard)  # more may come
+        first, *_, last = [attachment.Attachment.from_bytes(bytes(x.attachment)) for x in samples]
+        kinds = {str(x.key_expr).rpartition("/")[2] for x in samples}
+    finally:
+        bus.close()
+        node.close()
+    assert bytes(heard[0].payload) == SPOKEN
+    assert last.sequence_id == first.sequence_id + len(samples) - 1
+    assert before <= first.timestamp_ns <= last.timestamp_ns <= time.time_ns()
+    assert len(first.gid) == 16
+    assert first.gid == last.gid
+    # Humble's messages have no hash of their type; that of std_msgs/msg/String is known from Iron on.
+    hashed = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+    assert kinds == {"TypeHashNotSupported" if ros == "humble" else hashed}
+
+
+def test_somebody_else_lists_topics(router: int) -> None:
+    """By zenoh-ros2-sdk's ``zenoh-ros2 topic list``."""
+    discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
+    shared = pytest.importorskip("zenoh_ros2_sdk.session").ZenohSession
+    bus = open_bus("zenoh", 5, f"tcp/127.0.0.1:{router}")
+    try:
+        bus.subscribe("pose", POSE, lambda _: None)
+        bus.publish("rans/note", TEXT, SPOKEN)
+        listed: list[Any] = []
+
+        def all_are_listed() -> bool:
+            listed[:] = discovery.get_topic_names_and_types(5, "127.0.0.1", router)
+            return len(listed) == 2
+
+        until(all_are_listed)
+        about = discovery.get_topic_info("/pose", 5, "127.0.0.1", router)
+    finally:
+        bus.close()
+        if shared._instance is not None:
+            shared._instance.session.close()
+            shared._instance = None
+    assert listed == [("/pose", [POSE]), ("/rans/note", [TEXT])]
+    assert (about.publisher_count, about.subscriber_count) == (0, 1)
+
+
+@pytest.mark.slow
+def test_somebody_elses_node_is_commanded(router: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By pyzeros, which has keys, hashes, tokens and CDR of its own; its first run compiles for a minute."""
+    monkeypatch.setenv("CYDR_CACHE_DIR", str(Path(tempfile.gettempdir()) / "rans-tests-cydr"))
+    pyzeros = pytest.importorskip("pyzeros")
+    theirs = pytest.importorskip("ros2_pyterfaces.cyclone.all_msgs")
+    node = session("peer", "connect", router)
+    bus = open_bus("zenoh", 0, f"tcp/127.0.0.1:{router}")
+    heard: list[bytes] = []
+    command = pack(FLOATS, array(FLOATS, [1.0, 0.0, 0.5], np.float32))
+
+    async def robot() -> Any:
+        bus.subscribe("pose", POSE, heard.append)
+        with pyzeros.auto_context(node="robot", zenoh_session=node):
+            commands = pyzeros.Sub(theirs.Float32MultiArray, "commands")
+            poses = pyzeros.Pub(theirs.PoseStamped, "pose")
+            pose = theirs.PoseStamped()
+            pose.pose.position.x = 2.0
+            while not heard:
+                poses.publish(pose)
+                await asyncio.sleep(0.05)
+            bus.publish("commands", FLOATS, command)
+            return await asyncio.wait_for(commands.wait_for_value(), 10.0)
+
+    try:
+        taken = asyncio.run(asyncio.wait_for(robot(), 300.0))
+    finally:
+        bus.close()
+        node.close()
+    assert list(taken.data) == [1.0, 0.0, 0.5]
+    assert unpack(POSE, heard[0]).pose.position.x == 2.0
+
+
+def test_where_nothing_answers_is_said(port: int) -> None:
+    pytest.importorskip("zenoh")
+    with pytest.raises(ConfigError, match=rf"127\.0\.0\.1:{port}: Unable to connect.*rmw_zenohd"):
+        ZenohBus(0, f"tcp/127.0.0.1:{port}")
+
+
+def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match="it is not a file"):
+        list(bag_entries(tmp_path / "pipe"))
+
+
+def test_a_replay_asks_for_trust_once_there_is_something_to_trust(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mcap")
+    monkeypatch.setenv("RANS_TRUST", "")
+    assert main(["replay", str(tmp_path / "none.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert "No such file" in said
+    assert "--trust" not in said

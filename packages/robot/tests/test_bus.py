@@ -1,0 +1,94 @@
+"""Buses: every type crosses each, and the environment chooses."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_robot.bus import open_bus
+from rans_robot.commands.fly import opened_bus
+from rans_robot.interfaces import interface
+
+from rans.errors import ConfigError
+from tests.support.robots import AWAY
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+
+def test_the_bus_is_that_of_the_robots_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("rans_robot.bus.open_bus", lambda *given: opened.append(given))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    opened_bus("zenoh:listen/tcp/0.0.0.0:7447", None, "", None)
+    opened_bus("dds", 3, "", None)
+    assert opened == [("zenoh", 7, "listen/tcp/0.0.0.0:7447", "humble"), ("dds", 3, "", "humble")]
+    monkeypatch.setenv("ROS_DISTRO", "noetic")
+    opened_bus("udp", None, "", None)  # no distribution matters here
+    with pytest.raises(ConfigError, match="ROS_DISTRO must be one of humble"):
+        opened_bus("zenoh", None, "", None)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
+    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be a whole number, got 'seven'"):
+        opened_bus("dds", None, "", None)
+
+
+def _buses(name: str) -> tuple[Any, Any]:
+    if name == "udp":
+        return open_bus("udp", 37), open_bus("udp", 37)
+    if name == "zenoh":
+        pytest.importorskip("zenoh")
+        first = open_bus("zenoh", 0, "listen/tcp/127.0.0.1:17491")
+        return first, open_bus("zenoh", 0, "tcp/127.0.0.1:17491")
+    pytest.importorskip("cyclonedds")
+    os.environ.setdefault(
+        "CYCLONEDDS_URI",
+        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/>"
+        "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
+        "</ParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>",
+    )
+    return open_bus("dds", 77), open_bus("dds", 77)
+
+
+@pytest.mark.parametrize("name", ["udp", "zenoh", "dds"])
+def test_every_type_crosses_every_bus(name: str) -> None:
+    """The bytes that arrive are those that were sent."""
+    first, second = _buses(name)
+    try:
+        motion = AWAY._replace(spin=np.array([0.0, 0.0, 0.25]))
+        sent = []
+        for robot in ("ros", "odometry", "px4", "roboran"):
+            ends = interface(robot, 8, 8)
+            sent += [*ends.state(motion, 10**9), *ends.command([1.0] + [0.0] * 7, 10**9)]
+        got: dict[str, bytes] = {}
+        for message in sent:
+            second.subscribe(
+                message.topic, message.kind, lambda data, m=message: got.update({m.topic: data})
+            )
+        wanted = {message.topic: message.data for message in sent}
+        deadline = time.monotonic() + 10.0
+        while len(got) < len(wanted) and time.monotonic() < deadline:
+            for message in sent:
+                first.publish(*message)
+            time.sleep(0.1)
+        assert {topic: len(data) for topic, data in got.items()} == {
+            topic: len(data) for topic, data in wanted.items()
+        }
+        for message in sent:
+            if message.topic in ("pose", "twist"):
+                continue  # sent by two kinds of robots
+            assert got[message.topic] == wanted[message.topic]
+    finally:
+        first.close()
+        second.close()
+
+
+@pytest.mark.parametrize("locator", ["bad", "listen/bad", "tcp/nowhere", 'tcp/"'])
+def test_what_is_no_locator_is_told(locator: str) -> None:
+    pytest.importorskip("zenoh")
+    with pytest.raises(ConfigError, match=re.escape(locator.removeprefix("listen/"))):
+        open_bus("zenoh", 0, locator)

@@ -1,0 +1,58 @@
+"""Bags and agents of flights with random damage: each is read as it is, or refused in a sentence."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from rans_robot.bag import BagMessage, BagWriter, bag_entries
+from rans_robot.messages import TEXT, make, pack
+from rans_robot.node import FLIGHT_TOPIC, replay_bag
+from rans_robot.pilot import MessagePilot, Plan
+
+from rans.tasks import GoToPose
+from tests.support.damage import COUNTS, check
+from tests.support.robots import AWAY
+
+
+@pytest.fixture
+def mine(agent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("RANS_TRUST", "1")
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(agent, tmp_path / "mine"))
+
+
+def plan(folder: Path) -> Plan:
+    return Plan(str(folder), {"name": "go-to-pose", "settings": {}})
+
+
+@COUNTS
+def test_bags(mine: Path, count: int) -> None:
+    pytest.importorskip("mcap")
+    bag = Path("flight.mcap")
+    pilot = MessagePilot(plan(mine), GoToPose())
+    writer = BagWriter(bag)
+    about = json.dumps({"folder": str(mine), "task": {"name": "go-to-pose", "settings": {}}})
+    writer.write(BagMessage(1, FLIGHT_TOPIC, TEXT, pack(TEXT, make(TEXT, data=about))))
+    for k in range(1, 6):
+        now = k * 200_000_000
+        for message in pilot.interface.state(AWAY, now):
+            pilot.receive(message.topic, message.data, now)
+            writer.write(BagMessage(now, *message))
+        for message in pilot.messages(pilot.decide(now + 1), now + 1):
+            writer.write(BagMessage(now + 1, *message))
+    writer.close()
+    assert replay_bag(bag).decisions == 5
+    check([bag], lambda: [*bag_entries(bag)], 12 * count)
+    check([bag], lambda: replay_bag(bag), count // 2)
+
+
+@pytest.mark.slow
+@COUNTS
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_agents(mine: Path, count: int) -> None:
+    # NumPy leaves a damaged agent.npz open, which Python warns of.
+    names = "contract.json", "golden.json", "spacecraft.toml", "agent.npz"
+    check([mine / name for name in names], lambda: MessagePilot(plan(mine), GoToPose()), count // 2)

@@ -1,0 +1,361 @@
+"""Bags as logs of flights, of several kinds of robots, and as other programs record them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_robot.bag import BagMessage, BagWriter
+from rans_robot.frames import Motion
+from rans_robot.interfaces import RobotName, interface
+from rans_robot.logs import read_bag
+from rans_robot.messages import JOINTS, TEXT, text_message
+from rans_robot.node import FLIGHT_TOPIC
+
+from rans.errors import ConfigError
+from rans.model.spacecraft_file import load_spacecraft
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+@pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "px4", "roboran", "pingu"])
+def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
+    ends = interface(robot, 8, 8)
+    bag = BagWriter(tmp_path / "flight.mcap")
+    rows = []
+    for k in range(5):
+        angle = 0.3 * k
+        half = 0.5 * angle
+        motion = Motion(
+            np.array([0.1 * k, -0.2 * k, 0.0]),
+            np.array([np.cos(half), 0.0, 0.0, np.sin(half)]),
+            np.array([0.5, 0.25, 0.0]),
+            np.array([0.0, 0.0, 0.125]),
+        )
+        command = (np.arange(8) == k).astype(float)
+        now = (k + 1) * 200_000_000
+        for message in (*ends.state(motion, now), *ends.command(command.tolist(), now)):
+            bag.write(BagMessage(now, message.topic, message.kind, message.data))
+        rows.append((0.2 * k, 0.1 * k, -0.2 * k, angle, command))
+    bag.close()
+    log = read_bag(tmp_path / "flight.mcap", PLATFORM, robot)
+    assert log.times == pytest.approx([row[0] for row in rows])
+    assert log.position == pytest.approx(np.array([row[1:3] for row in rows]), abs=1e-6)
+    assert log.attitude == pytest.approx([row[3] for row in rows], abs=1e-6)
+    assert log.commands == pytest.approx(np.array([row[4] for row in rows]))
+    if ends.has_velocity:
+        assert log.velocity == pytest.approx(np.tile([0.5, 0.25], (5, 1)), abs=1e-6)
+        assert log.spin == pytest.approx(np.full(5, 0.125), abs=1e-6)
+    else:
+        assert np.isnan(log.velocity).all()
+
+
+def test_speeds_of_wheels_come_back_beside_poses(tmp_path: Path) -> None:
+    """A sensor_msgs/JointState as rosbags' own classes write it; one of other joints is left out."""
+    from rosbags.typesys import Stores, get_typestore
+
+    craft = load_spacecraft("pingu")
+    ends = interface("ros", 9, 8)
+    still = Motion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = store.types
+    bag = BagWriter(tmp_path / "flight.mcap")
+    for k in range(6):
+        now = (k + 1) * 200_000_000
+        for message in (*ends.state(still, now), *ends.command([0.0] * 8 + [0.1 * k], now)):
+            bag.write(BagMessage(now, message.topic, message.kind, message.data))
+        velocity = np.array([2.5 * k]) if k != 3 else np.array([7.0, 8.0])  # of two joints
+        seconds, rest = divmod(now + 10**6, 10**9)
+        header = kinds["std_msgs/msg/Header"](
+            kinds["builtin_interfaces/msg/Time"](seconds, rest), ""
+        )
+        joints = kinds[JOINTS](header, ["flywheel"], np.zeros(0), velocity, np.zeros(0))
+        bag.write(
+            BagMessage(
+                now + 10**6, "joint_states", JOINTS, bytes(store.serialize_cdr(joints, JOINTS))
+            )
+        )
+    bag.close()
+    log = read_bag(tmp_path / "flight.mcap", craft)
+    assert log.wheel_speeds is not None
+    read = np.isfinite(log.wheel_speeds[:, 0])
+    assert log.times[read] == pytest.approx([0.001, 0.201, 0.401, 0.801, 1.001])
+    assert log.wheel_speeds[read, 0] == pytest.approx([0.0, 2.5, 5.0, 10.0, 12.5])
+    assert np.isnan(log.position[read]).all()
+    assert log.commands[:, 8] == pytest.approx(0.1 * np.arange(6))
+
+
+def test_a_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
+    ends = interface("odometry", 8, 8)
+    bag = BagWriter(tmp_path / "flight.mcap")
+    for message in ends.command([0.0] * 8, 0):
+        bag.write(BagMessage(0, message.topic, message.kind, message.data))
+    bag.close()
+    with pytest.raises(ConfigError, match=r"0 readings and 1 commands .* --robot"):
+        read_bag(tmp_path / "flight.mcap", PLATFORM, "ros")
+
+
+def test_a_flight_without_its_robot_is_told_apart_from_other_topics(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "flight.mcap")
+    plan = text_message('{"robot": "ros"}')
+    bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, plan))
+    for message in interface("ros", 8, 8).command([0.0] * 8, 0):
+        bag.write(BagMessage(0, message.topic, message.kind, message.data))
+    bag.close()
+    with pytest.raises(ConfigError, match=r"0 readings and 1 commands .* no state came"):
+        read_bag(tmp_path / "flight.mcap", PLATFORM)
+
+
+def flown(k: int) -> Motion:
+    """At 0.1 k m, turned by 0.3 k rad."""
+    half = 0.15 * k
+    return Motion(
+        np.array([0.1 * k, -0.2 * k, 0.0]),
+        np.array([np.cos(half), 0.0, 0.0, np.sin(half)]),
+        np.array([0.5, 0.25, 0.0]),
+        np.array([0.0, 0.0, 1.5]),
+    )
+
+
+def recorded(
+    file: Path,
+    count: int = 30,
+    stamp: Callable[[int], int] = lambda k: 10**9 + 200_000_000 * k,
+    arrival: Callable[[int, str], int] = lambda k, _: 10**9 + 200_000_000 * k,
+    prefix: str = "",
+    numbers: range | None = None,
+    **options: Any,
+) -> Path:
+    """A bag of poses, twists and commands by the library's writer, in chunks with checksums, as rosbag2 writes."""
+    from mcap.writer import Writer
+    from rans_robot.messages import definition
+
+    ends = interface("ros", 8, 8)
+    with file.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start(profile="ros2", library="test")
+        channels: dict[str, int] = {}
+        for k in numbers or range(count):
+            command = (np.arange(8) == k % 8).astype(float).tolist()
+            for message in (*ends.state(flown(k), stamp(k)), *ends.command(command, 0)):
+                if message.topic not in channels:
+                    schema = writer.register_schema(
+                        message.kind, "ros2msg", definition(message.kind).encode()
+                    )
+                    topic = f"/{prefix}{message.topic}"
+                    channels[message.topic] = writer.register_channel(topic, "cdr", schema)
+                at = arrival(k, message.topic)
+                writer.add_message(channels[message.topic], at, message.data, at)
+        writer.finish()
+    return file
+
+
+def test_readings_are_dated_by_their_stamps_and_commands_by_the_bag(tmp_path: Path) -> None:
+    """Over a link: up to 40 ms late, by a clock that is an hour off, and the soonest message is not the first."""
+    random = np.random.default_rng(0)
+    late = {
+        topic: np.append(random.integers(1_000_000, 40_000_000, 29), 0)
+        for topic in ("pose", "twist", "commands")
+    }
+    hour = 3600 * 10**9
+    file = recorded(
+        tmp_path / "flight.mcap",
+        stamp=lambda k: 10**9 + 200_000_000 * k + hour,
+        arrival=lambda k, topic: 10**9 + 200_000_000 * k + int(late[topic][k]),
+    )
+    log = read_bag(file, PLATFORM)
+    # A pose and its twist stay one reading, though they came apart.
+    assert len(log.times) == 30
+    assert np.diff(log.times) == pytest.approx(0.2, abs=1e-9)
+    assert np.isfinite(log.velocity).all()
+    # The first command is the beginning: it came late, and readings and commands still are of one clock.
+    assert log.command_times - log.times == pytest.approx(1e-9 * late["commands"], abs=1e-9)
+    # Commands have no stamp, but left at a steady rate: the line below thirty arrivals is 10 ms off at an end.
+    assert log.steady_times is not None
+    assert log.steady_times == pytest.approx(log.times, abs=1e-2)
+    assert any(
+        "pose is dated by its time stamps" in note and " ms later" in note for note in log.notes
+    )
+
+
+def test_clocks_that_drift_apart_are_followed(tmp_path: Path) -> None:
+    """Ten minutes at 1e-4: 60 ms, of which 30 s make 3; by one difference for all the ends would be 60 ms off."""
+    file = recorded(
+        tmp_path / "flight.mcap",
+        count=3000,
+        arrival=lambda k, _: 10**9 + 200_020_000 * k,
+    )
+    log = read_bag(file, PLATFORM)
+    assert np.abs(log.times - log.command_times).max() < 7e-3
+
+
+def test_a_simulator_slower_than_real_time_is_refused(tmp_path: Path) -> None:
+    file = recorded(tmp_path / "flight.mcap", arrival=lambda k, _: 10**9 + 400_000_000 * k)
+    with pytest.raises(ConfigError, match=r"5\.8 s by its time stamps and 11\.6 s .*use-sim-time"):
+        read_bag(file, PLATFORM)
+
+
+def test_without_stamps_the_times_are_those_of_the_bag_and_that_is_said(tmp_path: Path) -> None:
+    log = read_bag(recorded(tmp_path / "flight.mcap", stamp=lambda _: 0), PLATFORM)
+    assert log.steady_times is None  # commands came as evenly as they left
+    assert log.times == pytest.approx(0.2 * np.arange(30))
+    assert any("pose has no time stamps" in note for note in log.notes)
+
+
+def test_messages_before_the_clock_are_left_out(tmp_path: Path) -> None:
+    """As of a recorder with simulated time: rosbag2 writes the time 0 until the first /clock."""
+    begin = 1_700_000_000 * 10**9
+
+    def clock(k: int, _: str = "") -> int:
+        return 0 if k < 3 else begin + 200_000_000 * k
+
+    log = read_bag(recorded(tmp_path / "flight.mcap", stamp=clock, arrival=clock), PLATFORM)
+    assert log.times == pytest.approx(0.2 * np.arange(27))
+    assert log.command_times == pytest.approx(log.times)
+    assert any("left out" in note for note in log.notes)
+    # A simulation that begins at 0 does not.
+    zero = recorded(
+        tmp_path / "zero.mcap",
+        stamp=lambda k: 200_000_000 * k,
+        arrival=lambda k, _: 200_000_000 * k,
+    )
+    assert len(read_bag(zero, PLATFORM).commands) == 30
+
+
+def test_topics_below_a_namespace_are_named_and_read(tmp_path: Path) -> None:
+    file = recorded(tmp_path / "flight.mcap", prefix="lab/robot1/")
+    with pytest.raises(ConfigError, match=r"has lab/robot1/commands, .*--namespace lab/robot1"):
+        read_bag(file, PLATFORM)
+    with pytest.raises(ConfigError, match="--namespace lab/robot1"):
+        read_bag(file, PLATFORM, namespace="robot2")
+    assert len(read_bag(file, PLATFORM, namespace="/lab/robot1").times) == 30
+
+
+@pytest.mark.parametrize("is_listed", [True, False])
+def test_the_folder_of_a_recorder_is_read_part_after_part(is_listed: bool, tmp_path: Path) -> None:
+    """metadata.yaml comes at the end of a recording; a recorder that was killed wrote none."""
+    folder = tmp_path / "mybag"
+    folder.mkdir()
+    parts = [f"mybag_{k}.mcap" for k in range(12)]
+    for k, part in enumerate(parts):
+        recorded(folder / part, numbers=range(3 * k, 3 * k + 3))
+    if is_listed:
+        lines = "\n".join(f"    - {part}" for part in parts[:-1])
+        (folder / "metadata.yaml").write_text(
+            "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n"
+            f"  relative_file_paths:\n{lines}\n  compression_format: ''\n  compression_mode: ''\n"
+        )
+    log = read_bag(folder, PLATFORM)
+    assert len(log.times) == (33 if is_listed else 36)
+    assert (np.diff(log.times) > 0.0).all()
+
+
+def test_the_folder_that_another_library_writes_is_read(tmp_path: Path) -> None:
+    """By rosbags, which writes metadata.yaml as rosbag2 does."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    ends = interface("ros", 8, 8)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(tmp_path / "mybag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections: dict[str, Any] = {}
+        for k in range(30):
+            now = 10**9 + 200_000_000 * k
+            for message in (*ends.state(flown(k), now), *ends.command([0.0] * 8, now)):
+                if message.topic not in connections:
+                    connections[message.topic] = writer.add_connection(
+                        f"/{message.topic}", message.kind, typestore=store
+                    )
+                writer.write(connections[message.topic], now, message.data)
+    log = read_bag(tmp_path / "mybag", PLATFORM)
+    assert log.times == pytest.approx(0.2 * np.arange(30))
+    assert log.position[:, 0] == pytest.approx(0.1 * np.arange(30))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "damaged"),
+        ("- 1", "damaged"),
+        ("rosbag2_bagfile_information: {relative_file_paths: 3}", "relative_file_paths is 3"),
+        ("rosbag2_bagfile_information: {relative_file_paths: [bag_0.db3]}", "only .mcap is read"),
+        ("rosbag2_bagfile_information: {relative_file_paths: [../../etc/x.mcap]}", "mybag/x.mcap"),
+        ("a: [", "damaged"),
+    ],
+)
+def test_a_damaged_list_of_parts_is_a_sentence(text: str, words: str, tmp_path: Path) -> None:
+    folder = tmp_path / "mybag"
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        read_bag(folder, PLATFORM)
+
+
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+def test_a_changed_number_in_a_bag_is_noticed(compression: str, tmp_path: Path) -> None:
+    """Chunks carry checksums. One bit of each of twenty bytes all over the bag, one after the other."""
+    from mcap.writer import CompressionType
+
+    whole = recorded(tmp_path / "whole.mcap", compression=CompressionType[compression]).read_bytes()
+    log = read_bag(tmp_path / "whole.mcap", PLATFORM)
+    file = tmp_path / "damaged.mcap"
+    refused = 0
+    for at in np.linspace(200, 0.9 * len(whole), 20).astype(int):
+        content = bytearray(whole)
+        content[at] ^= 1
+        file.write_bytes(content)
+        try:
+            again = read_bag(file, PLATFORM)
+        except ConfigError:
+            refused += 1
+            continue
+        # What lies outside of chunks may change without an effect, such as an index.
+        assert np.array_equal(again.commands, log.commands)
+        assert np.array_equal(again.position, log.position)
+        assert np.array_equal(again.times, log.times)
+    # The chunk is half of the smallest of these bags; an index follows.
+    assert refused >= 6
+
+
+@pytest.mark.parametrize(
+    "plan", ["[1]", '{"robot": ["a"]}', '{"robot": 3}', '{"robot": "b"}', "{", "3"]
+)
+def test_a_damaged_plan_is_a_sentence(plan: str, tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "flight.mcap")
+    bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, text_message(plan)))
+    bag.close()
+    with pytest.raises(ConfigError, match=r"rans/flight|robot must be"):
+        read_bag(tmp_path / "flight.mcap", PLATFORM)
+
+
+def test_a_plan_that_is_no_text_is_a_sentence(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "flight.mcap")
+    bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, text_message('{"robot": "ros"}')[:-6]))
+    bag.close()
+    with pytest.raises(ConfigError, match="rans/flight, is damaged"):
+        read_bag(tmp_path / "flight.mcap", PLATFORM)
+
+
+def test_poses_of_two_frames_are_not_one_path(tmp_path: Path) -> None:
+    """As in flight: the first frame counts, and messages of another one are left out with a note."""
+    from rans_robot.messages import POSE, make, message_header, pack, pose
+
+    ends = interface("pose", 8, 8)
+    bag = BagWriter(tmp_path / "flight.mcap")
+    for k in range(30):
+        now = (k + 1) * 200_000_000
+        other = make(
+            POSE,
+            header=message_header(now + 10**6, "map"),
+            pose=pose((9.0, 9.0, 0.0), (1, 0, 0, 0)),
+        )
+        for message in (*ends.state(flown(k), now), *ends.command([0.0] * 8, now)):
+            bag.write(BagMessage(now, message.topic, message.kind, message.data))
+        bag.write(BagMessage(now + 10**6, "pose", POSE, pack(POSE, other)))
+    bag.close()
+    log = read_bag(tmp_path / "flight.mcap", PLATFORM, "pose")
+    assert log.position[:, 0] == pytest.approx(0.1 * np.arange(30))
+    assert any("30 messages left out" in note and "'map'" in note for note in log.notes)

@@ -1,0 +1,528 @@
+"""An agent on a robot: frames by one pulse a thruster, messages, faults, bags, and two processes over loopback."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from rans_robot.bag import bag_entries
+from rans_robot.bus import Receive, UDPBus, open_bus
+from rans_robot.commands.fly import Fly
+from rans_robot.foreign.export import export_foreign_for_flight
+from rans_robot.frames import Motion
+from rans_robot.interfaces import RobotName, interface
+from rans_robot.messages import FLOATS, TEXT, array, make, pack, unpack
+from rans_robot.node import END_TOPIC, fly_over, replay_bag
+from rans_robot.pilot import (
+    CRAFT_TOPIC,
+    MessagePilot,
+    Plan,
+    craft_hash,
+    export_for_flight,
+    motion_of,
+)
+from rans_robot.twin import VALVES_TOPIC, Craft, TwinPlan, run_twin
+
+from rans.errors import ConfigError
+from rans.model.spacecraft_file import load_spacecraft
+from rans.pretrained import pretrained_folder
+from rans.tasks import Avoid, GoToPose
+from tests.support.robots import AWAY
+
+PLATFORM = "floating-platform"
+FOREIGN = Path(__file__).parents[3] / "examples" / "trainers" / "agents" / "sb3-ppo.onnx"
+TASK = {"name": "go-to-pose", "settings": {}}
+
+
+def plan_for(agent: Path, **changes: Any) -> Plan:
+    return Plan(folder=str(agent), task=TASK, **changes)
+
+
+class Wire:
+    """A bus within one process."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, bytes]] = []
+        self._receivers: dict[str, list[Receive]] = {}
+
+    def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
+        self._receivers.setdefault(topic, []).append(receive)
+
+    def publish(self, topic: str, kind: str, data: bytes) -> None:
+        self.sent.append((topic, data))
+        for receive in self._receivers.get(topic, ()):
+            receive(data)
+
+    def close(self) -> None:
+        self._receivers.clear()
+
+
+# Frames
+
+
+# Velocities from poses
+
+
+# Deciding
+
+
+def steps(pilot: MessagePilot, motion: Motion, count: int = 3, begin: int = 0) -> list[Any]:
+    """Decisions with a fresh state before each."""
+    found = []
+    for k in range(begin, begin + count):
+        now = (k + 1) * round(pilot.period * 1e9)
+        for message in pilot.interface.state(motion, now):
+            pilot.receive(message.topic, message.data, now)
+        found.append(pilot.decide(now))
+    return found
+
+
+def test_it_gives_the_agents_commands(agent: Path) -> None:
+    """The same as the agent here gives to the observation of this state, written by hand."""
+    from rans.evaluation.fly.agent import load_policy
+
+    pilot = MessagePilot(plan_for(agent, goal=(0.5, -0.5, 30.0)), GoToPose())
+    (decision, *_) = steps(pilot, AWAY)
+    turn = np.radians(30.0) - 0.5
+    row = [np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(turn), np.sin(turn)]
+    controller = load_policy(pretrained_folder("go-to-pose-2d")).controller
+    controller.reset(1)
+    expected = controller.act(None, None, np.array([row], np.float32))[0]
+    np.testing.assert_array_equal(decision.command, expected)
+    assert decision.command.any()
+    assert decision.note == ""
+
+
+def test_what_is_wrong_shuts_the_valves(agent: Path) -> None:
+    def fresh() -> MessagePilot:
+        pilot = MessagePilot(plan_for(agent), GoToPose())
+        assert steps(pilot, AWAY)[-1].command.any()
+        return pilot
+
+    second = 10**9
+
+    pilot = MessagePilot(plan_for(agent), GoToPose())
+    assert not pilot.decide(second).command.any()
+    late = pilot.decide(12 * second)
+    assert (late.over, late.command.any()) == (True, False)
+    assert "no state came on pose and twist for 11.00 s" in late.note
+    assert "valves shut" in late.note
+
+    pilot = fresh()  # last state at 0.6 s
+    stale = pilot.decide(round(0.9 * second))
+    assert (stale.over, stale.command.any()) == (False, False)
+    assert "the state on pose and twist is 0.30 s old, more than the 0.2 s" in stale.note
+    assert steps(pilot, AWAY, 1, begin=5)[0].command.any()  # and on it goes
+
+    lost = fresh().decide(2 * second)
+    assert (lost.over, lost.command.any()) == (True, False)
+    assert "the robot is lost: its last state on pose and twist is 1.40 s old" in lost.note
+
+    pilot = fresh()
+    for k in range(4, 40):  # the same reading published again is none
+        for message in pilot.interface.state(AWAY, round(0.6 * second)):
+            pilot.receive(message.topic, message.data, k * second // 5)
+    assert "the robot is lost" in pilot.decide(8 * second).note
+
+    pilot = fresh()
+    slow = []
+    for k in range(25):
+        now = (2 + k) * round(0.35 * second)
+        for message in pilot.interface.state(AWAY, now):
+            pilot.receive(message.topic, message.data, now)
+        slow.append(pilot.decide(now))
+    assert slow[-1].over
+    assert "come every 0.35 s, but the agent decides every 0.2 s" in slow[-1].note
+
+    pilot = fresh()
+    nan = AWAY._replace(velocity=np.array([np.nan, 0, 0]))
+    assert "twist: the velocity is (nan, 0, 0)" in steps(pilot, nan, 1, begin=3)[0].note
+
+
+@pytest.mark.parametrize(
+    ("craft", "period", "sentence"),
+    [
+        ("atmos", 0.2, "the robot is the spacecraft atmos"),
+        (PLATFORM, 0.1, "takes a command every 0.1 s, but the agent gives one every 0.2 s"),
+    ],
+)
+def test_another_robot_is_refused(agent: Path, craft: str, period: float, sentence: str) -> None:
+    pilot = MessagePilot(plan_for(agent), GoToPose())
+    assert steps(pilot, AWAY)[-1].command.any()
+    about = {
+        "sha256": craft_hash(load_spacecraft(craft)),
+        "control_period": period,
+        "name": craft,
+    }
+    pilot.receive(CRAFT_TOPIC, pack(TEXT, make(TEXT, data=json.dumps(about))), 0)
+    decision = steps(pilot, AWAY, 1, begin=3)[0]
+    assert (decision.over, decision.command.any()) == (True, False)
+    assert sentence in decision.note
+
+
+def test_bytes_that_are_no_message(agent: Path) -> None:
+    pilot = MessagePilot(plan_for(agent), GoToPose())
+    steps(pilot, AWAY)
+    for topic in pilot.inputs:
+        pilot.receive(topic, b"\x00\x01\x00\x00nonsense", 0)
+    assert pilot.decide(700_000_000).note
+
+
+# The twin
+
+
+# The safety filter
+
+ZONES = (1.5, 0.0, 0.4, 60.0, 60.0, 0.4, -60.0, 60.0, 0.4)
+"""One zone between start and goal, and two far away: the agent observes three."""
+
+
+@pytest.fixture(scope="module")
+def avoider(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped agent of avoid, as a node flies it."""
+    folder = tmp_path_factory.mktemp("avoider") / "avoid-2d"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rans_robot.pilot._RANGE_FLIGHTS", 64)
+        export_for_flight(pretrained_folder("avoid-2d"), folder)
+    return folder
+
+
+def avoiding(folder: Path, **changes: Any) -> Plan:
+    settings: dict[str, Any] = {"zones": ZONES} | changes
+    return Plan(str(folder), {"name": "avoid", "settings": {}}, **settings)
+
+
+class Forward:
+    """An agent that opens every thruster which pushes along -x, towards the zone."""
+
+    note = ""
+
+    def __init__(self, craft: Any) -> None:
+        self._command = (np.array(craft.wrench_map)[:, 0] < -1e-6).astype(np.float32)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        return self._command
+
+
+@pytest.mark.parametrize("guard", [False, True])
+def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) -> None:
+    """Distances by hand, of the twin's motion."""
+    pilot = MessagePilot(avoiding(avoider, guard=guard), Avoid())
+    pilot.agent = Forward(pilot.craft)
+    twin = Craft(TwinPlan(pilot.craft, 0.2, start=(3.0, 0.1, 0.0), rate=25.0))
+    nearest = np.inf
+    replaced = 0
+    for k in range(60):
+        decision = steps(pilot, twin.motion, 1, begin=k)[0]
+        replaced += decision.guarded
+        twin.hold(decision.command)
+        for _ in range(5):
+            twin.advance()
+            nearest = min(nearest, float(np.hypot(*(twin.motion.position[:2] - (1.5, 0.0)))))
+    assert (nearest > 0.4) == guard
+    assert (replaced > 0) == guard
+
+
+@pytest.mark.slow
+def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "flight.mcap"
+    plan = avoiding(avoider, guard=True, lost_after=5.0)
+    # It moves so fast towards the zone that the filter must act at once.
+    fast = AWAY._replace(position=np.array([2.1, 0.0, 0.0]), velocity=np.array([-0.45, 0.0, 0.0]))
+    wire = Wire()
+    ends = interface("ros", 8, 8)
+    stop = threading.Event()
+
+    def publish() -> None:
+        while not stop.wait(0.04):
+            for message in ends.state(fast, time.time_ns()):
+                wire.publish(*message)
+
+    robot = threading.Thread(target=publish)
+    robot.start()
+    try:
+        report = fly_over(wire, plan, bag, 1.5, lambda _: None)
+    finally:
+        stop.set()
+        robot.join()
+    assert report.guarded
+    assert "safety filter" in report.text()
+    again = replay_bag(bag)
+    assert again.decisions == report.decisions
+    assert again.equal == again.decisions
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"zones": ()}, "9 numbers"),
+        ({"zones": (*ZONES[:8], 0.0)}, "above 0"),
+    ],
+)
+def test_zones_that_are_missing(changes: dict[str, Any], sentence: str, avoider: Path) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        MessagePilot(avoiding(avoider, **changes), Avoid())
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"goal": (math.nan, 0.0, 0.0)}, "numbers of a goal must be finite"),
+        ({"goal_velocity": (0.0, math.inf, 0.0)}, "goal's velocity must be finite"),
+        ({"zones": (1.0, math.nan, 1.0)}, "numbers of a zone must be finite"),
+        ({"lost_after": math.nan}, "--lost-after must be a finite number above 0, got nan"),
+        ({"wait": 0.0}, "--wait must be a finite number above 0, got 0.0"),
+    ],
+)
+def test_a_plan_of_wild_numbers_is_refused(
+    changes: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        plan_for(tmp_path, **changes)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"goal": ("1", "2")}, "--goal takes x, y and heading"),
+        ({"goal": ("1", "2deg", "3")}, "'2deg' is an angle where a length must be"),
+        ({"bus": "udp:7"}, "--bus takes dds, zenoh, udp or zenoh:LOCATOR"),
+        ({"seconds": math.nan}, "--seconds must be a finite number above 0"),
+        ({"trade_off": 0.3}, "no trade-off input"),
+        ({"guard": True}, "has none"),
+    ],
+)
+def test_nothing_is_written_for_a_flight_that_cannot_begin(
+    options: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    output = tmp_path / "flight"
+    with pytest.raises(ConfigError, match=sentence):
+        Fly("pretrained:go-to-pose-2d", **{"bus": "udp", "output": output} | options).run()
+    assert not output.exists()
+
+
+def test_what_no_filter_keeps_is_refused(agent: Path) -> None:
+    with pytest.raises(ConfigError, match="has none"):
+        MessagePilot(plan_for(agent, guard=True), GoToPose())
+    with pytest.raises(ConfigError, match="no keep-out zones"):
+        MessagePilot(plan_for(agent, zones=ZONES), GoToPose())
+
+
+# Flights, bags and buses
+
+
+def flown(
+    wire: Any, agent: Path, bag: Path, seconds: float, **changes: Any
+) -> tuple[Any, Motion, list[str]]:
+    """A flight of a node against a twin, as two threads."""
+    said: list[str] = []
+    stop = threading.Event()
+    plan = TwinPlan(load_spacecraft(PLATFORM), 0.2, start=(0.3, 0.2, 10.0), rate=25.0, **changes)
+    ends: list[Motion] = []
+    other = changes.get("robot", "ros")
+    twin = threading.Thread(
+        target=lambda: ends.append(run_twin(wire, plan, said.append, stop.is_set))
+    )
+    twin.start()
+    try:
+        report = fly_over(
+            wire, plan_for(agent, robot=other, lost_after=5.0), bag, seconds, said.append
+        )
+    finally:
+        stop.set()
+        twin.join()
+    return report, ends[0], said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["ros", "pose"])
+def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> None:
+    bag = tmp_path / "flight.mcap"
+    report, _, _ = flown(Wire(), agent, bag, 3.0, robot=robot)
+    assert report.fault == ""
+    assert report.decisions >= 5
+    kept = list(bag_entries(bag))
+    topics = {entry.topic for entry in kept}
+    assert {"rans/flight", "pose", "commands", END_TOPIC} <= topics
+    again = replay_bag(bag)
+    assert again.decisions == report.decisions
+    assert (again.equal, again.first_difference) == (again.decisions, None)
+
+    # A bag whose process was killed.
+    short = tmp_path / "killed.mcap"
+    short.write_bytes(bag.read_bytes()[: int(bag.stat().st_size * 0.6)])
+    again = replay_bag(short)
+    assert 0 < again.decisions < report.decisions
+    assert again.equal == again.decisions
+    # It may have been killed anywhere in a message.
+    whole = short.read_bytes()
+    for cut in range(1, 200):
+        short.write_bytes(whole[:-cut])
+        assert [*bag_entries(short)] == kept[: len([*bag_entries(short)])]
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A network of another library, as a node flies it."""
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    folder = tmp_path_factory.mktemp("foreign") / "sb3-ppo"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rans_robot.foreign.export._FLIGHTS_FOR_A_FLIGHT", 16)
+        export_foreign_for_flight(f"onnx:{FOREIGN}:go-to-pose-2d@{PLATFORM}", folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_foreign_network_gives_the_commands_of_onnx_runtime(foreign: Path) -> None:
+    import onnxruntime
+
+    pilot = MessagePilot(plan_for(foreign, goal=(0.5, -0.5, 30.0)), GoToPose())
+    decision = steps(pilot, AWAY)[0]
+    turn = np.radians(30.0) - 0.5
+    row = [np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(turn), np.sin(turn)]
+    session = onnxruntime.InferenceSession(str(FOREIGN))
+    name = session.get_inputs()[0].name
+    (answer,) = session.run(None, {name: np.array([row], np.float32)})
+    expected = np.asarray(answer)[0] > 0.5
+    np.testing.assert_array_equal(decision.command > 0.5, expected)
+    assert expected.any()
+
+
+@pytest.mark.slow
+def test_a_foreign_network_flies_against_a_twin(foreign: Path, tmp_path: Path) -> None:
+    """Its bag has its commands, and it comes nearer to the goal than the start, which is 36 cm away."""
+    bag = tmp_path / "flight.mcap"
+    report, motion, _ = flown(Wire(), foreign, bag, 3.0)
+    assert report.fault == ""
+    assert report.decisions >= 5
+    again = replay_bag(bag)
+    assert (again.equal, again.first_difference) == (report.decisions, None)
+    assert float(np.linalg.norm(motion.position)) < 0.36
+
+
+def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "flight.mcap"
+    flown(Wire(), agent, bag, 2.0)
+    shut = pack(FLOATS, array(FLOATS, np.zeros(8), np.float32))
+    data = bag.read_bytes()
+    moved = [e for e in bag_entries(bag) if e.topic == "commands" and e.data != shut]
+    assert moved
+    changed = bytearray(moved[0].data)
+    changed[-1] ^= 0x40
+    bag.write_bytes(data.replace(moved[0].data, bytes(changed), 1))
+    assert replay_bag(bag).first_difference is not None
+
+
+def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    bag = tmp_path / "flight.mcap"
+    flown(Wire(), agent, bag, 1.0)
+    with bag.open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert summary is not None
+        names = {schema.name for schema in summary.schemas.values()}
+        assert {"geometry_msgs/msg/PoseStamped", FLOATS} <= names
+        count = sum(1 for _ in reader.iter_messages())
+    assert count == len(list(bag_entries(bag)))
+
+
+def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "rans", *command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def until(holds: Callable[[], bool], seconds: float = 60.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", ["node", "twin"])
+def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_path: Path) -> None:
+    """Two processes over UDP; one is ended by SIGKILL while valves are open."""
+    domain = {"node": "41", "twin": "42"}[killed]
+    monitor = UDPBus(int(domain))
+    valves: list[bool] = []
+    commands: list[bool] = []
+    monitor.subscribe(VALVES_TOPIC, FLOATS, lambda x: valves.append(any(unpack(FLOATS, x).data)))
+    monitor.subscribe("commands", FLOATS, lambda x: commands.append(any(unpack(FLOATS, x).data)))
+    shared = ["--bus", "udp", "--domain", domain]
+    twin = start(["twin", PLATFORM, *shared, "--start", "4", "0", "0", "--rate", "25"], tmp_path)
+    node = start(
+        ["fly", str(agent), "--trust", *shared, "--output", "flight", "--wait", "60"], tmp_path
+    )
+    try:
+        until(lambda: any(commands[-5:]) and any(valves[-5:]))
+        victim, survivor = (node, twin) if killed == "node" else (twin, node)
+        victim.send_signal(signal.SIGKILL)
+        victim.wait()
+        if killed == "node":
+            until(lambda: len(valves) > 3 and not any(valves[-3:]), 10.0)
+        else:
+            assert survivor.wait(30.0) == 1
+            assert not any(commands[-3:])
+        survivor.send_signal(signal.SIGTERM)
+        text, _ = survivor.communicate(timeout=30)
+        assert "valves shut" in " ".join(text.split())
+    finally:
+        for process in (twin, node):
+            process.kill()
+            process.communicate()
+        monitor.close()
+
+
+def test_a_command_to_which_no_robot_answers_fails(agent: Path, tmp_path: Path) -> None:
+    command = ["fly", str(agent), "--trust", "--bus", "udp", "--domain", "43", "--seconds", "0.5"]
+    node = start([*command, "--output", "flight"], tmp_path)
+    text, _ = node.communicate(timeout=60)
+    assert node.returncode == 1
+    assert "no state came on pose and twist over udp" in " ".join(text.split())
+    # What was recorded is whole, and can be replayed.
+    assert replay_bag(tmp_path / "flight" / "flight.mcap").decisions > 0
+
+
+def test_one_sentence_for_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module, name in (("zenoh", "zenoh"), ("cyclonedds.core", "dds")):
+        monkeypatch.setitem(sys.modules, module, None)
+        with pytest.raises(ConfigError, match=r"pip install 'rans\[robot\]'"):
+            open_bus(name)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="domain must be a whole number from 0 to 232"):
+        open_bus("udp", 500)
+    with pytest.raises(ConfigError, match="has 12 thrusters and no wheel"):
+        interface("px4", 16, 16)
+
+
+def test_states_and_motions_are_the_same() -> None:
+    """Of a state in space."""
+    twin = Craft(TwinPlan(load_spacecraft("free-flyer"), 0.2, start=(1.0, 2.0, 3.0)))
+    assert twin.motion.position == pytest.approx([1.0, 2.0, 3.0])
+    assert motion_of(twin._now.state).attitude == pytest.approx([1.0, 0.0, 0.0, 0.0])

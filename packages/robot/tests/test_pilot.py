@@ -1,0 +1,614 @@
+"""Whatever fails around a flight, its last command shuts all valves: disks, terminals, buses, agents, signals."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import gc
+import io
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from rans_robot.bag import bag_entries
+from rans_robot.bus import Receive, UDPBus
+from rans_robot.interfaces import RobotName, interface
+from rans_robot.messages import FLOATS, TEXT, text_message, unpack
+from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
+from rans_robot.pilot import AGENT_TOPIC, MessagePilot, Plan
+
+from rans.errors import ConfigError
+from tests.support.robots import AWAY
+
+OPEN = np.ones(8)
+
+
+class Wide:
+    """An agent that opens every valve, and may fail at one of its decisions."""
+
+    note = ""
+
+    def __init__(self, fails_at: int = 10**9) -> None:
+        self.calls = 0
+        self.fails_at = fails_at
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        if self.calls > self.fails_at:
+            raise MemoryError
+        return OPEN.astype(np.float32)
+
+
+class Robot:
+    """A bus with a robot, which answers each command with a state and remembers the commands that it took."""
+
+    def __init__(self, robot: RobotName = "ros", fails_at: int = 10**9, fails: int = 1) -> None:
+        self.ends = interface(robot, 8, 8)
+        self.commands: list[np.ndarray] = []
+        self.receivers: dict[str, Receive] = {}
+        self.published: dict[str, int] = {}
+        self.fails = range(fails_at, fails_at + fails)
+        self.attempts = 0
+
+    def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
+        self.receivers[topic] = receive
+
+    def publish(self, topic: str, kind: str, data: bytes) -> None:
+        self.published[topic] = self.published.get(topic, 0) + 1
+        if topic in self.ends.outputs:
+            self.attempts += 1
+            if self.attempts in self.fails:
+                raise OSError(errno.ENETDOWN, "Network is down")
+            command = self.ends.commanded(topic, data)
+            if command is not None:
+                self.commands.append(command)
+        for message in self.ends.state(AWAY, time.time_ns()):
+            self.send(message.topic, message.data)
+
+    def send(self, topic: str, data: bytes) -> None:
+        if topic in self.receivers:
+            self.receivers[topic](data)
+
+    def close(self) -> None:
+        self.receivers.clear()
+
+
+class Disk(io.RawIOBase):
+    """A disk on which some writes fail: from one on, only one, or one never returns."""
+
+    def __init__(self, fails: Callable[[int], bool], hangs: bool, error: int) -> None:
+        self.writes = 0
+        self.fails = fails
+        self.hangs = hangs
+        self.error = error
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def tell(self) -> int:
+        return 0
+
+    def write(self, data: Any) -> int:
+        self.writes += 1
+        if self.fails(self.writes):
+            if self.hangs:
+                threading.Event().wait(30.0)
+            raise OSError(self.error, os.strerror(self.error))
+        return len(data)
+
+
+class OnDisk(type(Path())):  # type: ignore[misc]
+    """Name of a file on such a disk."""
+
+    disk: Disk
+
+    def open(self, *arguments: Any, **named: Any) -> Any:
+        return io.BufferedWriter(self.disk, 64)
+
+
+@pytest.fixture(scope="module")
+def quick(agent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The agent at 100 Hz."""
+    folder = tmp_path_factory.mktemp("quick")
+    about = json.loads((agent / "contract.json").read_text("utf-8"))
+    about["control_period"] = 0.01
+    about["readings"]["oldest"] = 30.0  # this machine may do other work
+    (folder / "contract.json").write_text(json.dumps(about), "utf-8")
+    (folder / "spacecraft.toml").write_bytes((agent / "spacecraft.toml").read_bytes())
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other nodes are listened for, and disks waited for, in no time; every valve is opened."""
+    monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.001)
+    monkeypatch.setattr("rans_robot.bag._PATIENCE", 0.05)
+    monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Wide())
+    monkeypatch.setattr("rans_robot.node._warm_up", lambda _: None)
+    monkeypatch.setattr(gc, "collect", lambda _=2: 0)  # of all that the tests have imported
+
+
+def plan(folder: Path, **changes: Any) -> Plan:
+    return Plan(str(folder), {"name": "go-to-pose", "settings": {}}, **changes)
+
+
+def flight(
+    bus: Robot,
+    folder: Path,
+    bag: Path | None,
+    commands: int = 6,
+    say: Callable[[str], None] = lambda _: None,
+    **changes: Any,
+) -> Report:
+    """A flight of so many commands, however long they take."""
+    about = plan(folder, lost_after=60.0, **changes)
+    return fly_over(bus, about, bag, None, say, lambda: len(bus.commands) >= commands)
+
+
+# Disks
+
+
+@pytest.mark.parametrize(
+    "robot",
+    ["ros", "px4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("roboran", "pingu"))],
+)
+def test_no_failing_disk_leaves_a_valve_open(robot: RobotName, quick: Path, tmp_path: Path) -> None:
+    """20 flights with disks that are full from some write on, at one write, or hang there."""
+    chance = random.Random(robot)
+    for number in range(20):
+        at = chance.randint(1, 40)
+        from_then_on = chance.random() < 0.5
+        disk = Disk(
+            (lambda k, at=at: k >= at) if from_then_on else (lambda k, at=at: k == at),
+            hangs=number % 10 == 0,
+            error=chance.choice([errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS]),
+        )
+        file = OnDisk(tmp_path / f"{number}.mcap")
+        file.disk = disk
+        bus = Robot(robot)
+        said: list[str] = []
+        report = flight(bus, quick, file, robot=robot, say=said.append)
+        assert any(command.any() for command in bus.commands)
+        assert not bus.commands[-1].any()
+        assert report.fault == ""  # it went on
+        # A disk that failed was told of, once.
+        failed = disk.writes >= at
+        assert sum("the bag" in text for text in said) == failed
+
+
+def test_no_error_of_bookkeeping_skips_the_shut(
+    quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Should the recorder itself raise, at any of its calls, for good."""
+    from rans_robot.bag import Recorder
+
+    opened = False
+    for at in range(1, 40, 3):
+        calls = 0
+
+        def write(self: Any, entry: Any, at: int = at) -> None:
+            nonlocal calls
+            calls += 1
+            if calls >= at:
+                raise MemoryError
+
+        monkeypatch.setattr(Recorder, "write", write)
+        bus = Robot()
+        with contextlib.suppress(MemoryError):
+            flight(bus, quick, tmp_path / f"{at}.mcap")
+        assert not any(command.any() for command in bus.commands[-1:])
+        opened = opened or any(command.any() for command in bus.commands)
+    assert opened
+
+
+def test_a_bag_that_cannot_be_begun_is_said_before_the_flight(quick: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", "utf-8")
+    for bag in (tmp_path / "file" / "bag.mcap", tmp_path / "file"):
+        bus = Robot()
+        with pytest.raises(ConfigError, match=r"cannot write|exists already"):
+            flight(bus, quick, bag)
+        assert not any(command.any() for command in bus.commands)
+
+
+def test_a_bag_has_a_largest_size(
+    quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ends there, whole, and says so; the flight goes on."""
+    monkeypatch.setattr("rans_robot.bag.LARGEST_BAG", 2500)
+    bag = tmp_path / "flight.mcap"
+    said: list[str] = []
+    bus = Robot()
+    report = flight(bus, quick, bag, 20, said.append)
+    assert report.fault == ""
+    assert [text for text in said if "the largest size" in text] != []
+    assert sum(len(entry.data) for entry in bag_entries(bag)) <= 2500
+    again = replay_bag(bag)
+    assert 0 < again.equal == again.decisions < report.decisions
+
+
+# Terminals, agents and buses
+
+
+def test_no_wait_for_a_message_is_endless(quick: Path) -> None:
+    """`queue.SimpleQueue` waits forever once in some 10,000 times, if the time is over before it waits."""
+    flying = plan(quick)
+    bus = Robot()
+    inbox = Inbox(MessagePilot(flying, planned_task(flying)))
+    inbox.open(bus)
+    topic = next(iter(bus.receivers))
+
+    def wait() -> None:
+        for number in range(30_000):
+            inbox.refill()
+            bus.send(topic, b"")
+            assert inbox.next(1.0) is not None
+            assert inbox.next(1e-9 + number % 50 * 2e-8) is None
+
+    waits = threading.Thread(target=wait, daemon=True)
+    waits.start()
+    waits.join(30.0)
+    assert not waits.is_alive()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.EIO, "Input/output error"), BrokenPipeError(), ValueError()],
+)
+def test_a_lost_terminal_does_not_end_a_flight(error: BaseException, quick: Path) -> None:
+    def say(text: str) -> None:
+        raise error
+
+    bus = Robot()
+    report = flight(bus, quick, None, say=say)
+    assert report.notes  # it waited for a state
+    assert report.fault == ""
+    assert not bus.commands[-1].any()
+
+
+@pytest.mark.parametrize(
+    ("sends", "words"),
+    [
+        ((), ("pose and twist", "over udp", "domain 7", "running")),
+        (("pose",), ("no state came on twist", "only pose came", "--robot ros")),
+    ],
+)
+@pytest.mark.parametrize("ends_by", ["time", "interrupt"])
+def test_a_flight_without_a_state_is_a_fault(
+    sends: tuple[str, ...], words: tuple[str, ...], ends_by: str, quick: Path, tmp_path: Path
+) -> None:
+    """Its time is up, or it is stopped, long before it gives the robot up."""
+
+    class Deaf(Robot):
+        def send(self, topic: str, data: bytes) -> None:
+            if topic in sends:
+                super().send(topic, data)
+
+    bus = Deaf()
+    bag = tmp_path / "flight.mcap"
+    said: list[str] = []
+    report = fly_over(
+        bus,
+        plan(quick, wait=60.0),
+        bag,
+        0.2 if ends_by == "time" else None,
+        said.append,
+        lambda: ends_by == "interrupt" and len(bus.commands) >= 5,
+        "udp (domain 7)",
+    )
+    assert report.decisions > 0
+    assert not np.any(bus.commands)
+    assert all(word in report.fault for word in words)
+    assert said[-1] == report.fault
+    # The bag says it too.
+    last = [entry for entry in bag_entries(bag) if entry.topic == END_TOPIC]
+    assert [unpack(TEXT, entry.data).data for entry in last] == [report.fault]
+
+
+def test_a_terminal_that_hangs_is_not_waited_for(
+    quick: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after Ctrl-S: commands go on, and the last one shuts."""
+    monkeypatch.setattr("rans_robot.node._LAST_SENTENCES", 0.05)
+    hangs = threading.Event()
+
+    def say(text: str) -> None:
+        hangs.wait(30.0)
+
+    bus = Robot()
+    try:
+        report = flight(bus, quick, None, say=say)
+    finally:
+        hangs.set()
+    assert report.notes
+    assert any(command.any() for command in bus.commands)
+    assert not bus.commands[-1].any()
+
+
+def test_an_agent_that_fails_shuts_the_valves(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for at in range(3):
+        monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _, at=at: Wide(at))
+        bus = Robot()
+        with pytest.raises(MemoryError):
+            flight(bus, quick, None)
+        assert len(bus.commands) >= at
+        assert not bus.commands[-1].any()
+
+
+@pytest.mark.parametrize("robot", ["ros", "px4"])
+def test_a_bus_that_fails_is_tried_again(robot: RobotName, quick: Path) -> None:
+    """A message that is not taken ends the flight; of the last ones each is tried by itself."""
+    for at in range(1, 14):
+        bus = Robot(robot, fails_at=at)
+        with contextlib.suppress(OSError):
+            flight(bus, quick, None, 8, robot=robot)
+        assert not bus.commands[-1].any()
+
+
+def test_a_bus_that_takes_no_last_word_is_said(quick: Path) -> None:
+    bus = Robot(fails_at=4, fails=1000)
+    said: list[str] = []
+    with pytest.raises(OSError, match="Network is down"):
+        flight(bus, quick, None, 100, said.append)
+    assert "the robot's watchdog must do it" in said[-1]
+
+
+# Signals
+
+_ENDED = """
+import importlib.util, os, resource, signal, sys
+spec = importlib.util.spec_from_file_location("signals", "packages/robot/rans_robot/signals.py")
+module = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(module)
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+handled = len(sys.argv) > 1
+stop = module.stop_on_signals() if handled else None
+ended = []
+for number in sorted(signal.valid_signals()):
+    child = os.fork()
+    if child == 0:
+        os.kill(os.getpid(), number)
+        os._exit(7 if handled and stop.is_set() else 0)
+    _, status = os.waitpid(child, os.WUNTRACED)
+    if os.WIFSTOPPED(status):
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    how = os.WIFSIGNALED(status) or os.WIFSTOPPED(status)
+    ended.append((int(number), "ended" if how else str(os.WEXITSTATUS(status))))
+print(ended)
+"""
+
+
+def _signals(*arguments: str, begin: str = "") -> dict[int, str]:
+    text = subprocess.run(
+        [sys.executable, "-c", begin + _ENDED, *arguments],
+        cwd=Path(__file__).parents[3],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    ).stdout
+    return dict(eval(text))  # a list of our own
+
+
+def test_every_signal_that_ends_a_process_ends_a_flight() -> None:
+    """Against the system: of each signal what it does to a process that does not catch it."""
+    without = _signals()
+    caught = _signals("handled")
+    uncatchable = {signal.SIGKILL, signal.SIGSTOP}
+    faulty = {signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
+    background = {signal.SIGTTIN, signal.SIGTTOU}
+    for number, what in without.items():
+        # Python makes an exception of SIGINT, and the system stops no process of an orphaned group at SIGTSTP.
+        ends = what == "ended" or number in {signal.SIGINT, signal.SIGTSTP}
+        if number in uncatchable | faulty:
+            assert caught[number] == "ended"
+        elif number in background:
+            assert caught[number] == "0"  # a flight goes on without the terminal
+        else:
+            assert caught[number] == ("7" if ends else "0"), signal.Signals(number).name
+
+
+def test_nohup_goes_on_after_a_hangup() -> None:
+    begin = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    assert _signals("handled", begin=begin)[signal.SIGHUP] == "0"
+
+
+class Node:
+    """A process that flies over UDP, with a robot that sends states, and the commands that it takes."""
+
+    def __init__(self, agent: Path, folder: Path, domain: int, *options: str) -> None:
+        self.robot = UDPBus(domain)
+        self.ends = interface("ros", 8, 8)
+        self.opened: list[bool] = []
+        self.silent = threading.Event()
+        self.robot.subscribe(
+            "commands", FLOATS, lambda x: self.opened.append(any(unpack(FLOATS, x).data))
+        )
+        self.sender = threading.Thread(target=self._send)
+        self.sender.start()
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "rans", "fly", str(agent), "--trust", "--bus", "udp"),
+                *("--domain", str(domain), "--output", str(folder / "flight"), *options),
+            ],
+            cwd=Path(__file__).parents[3],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def _send(self) -> None:
+        while not self.silent.wait(0.02):
+            for message in self.ends.state(AWAY, time.time_ns()):
+                self.robot.publish(*message)
+
+    def until_open(self) -> None:
+        deadline = time.monotonic() + 60.0
+        while not any(self.opened[-3:]):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+        self.silent.set()
+        self.sender.join()
+        self.robot.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGTSTP", "SIGTERM"])
+def test_a_signal_shuts_the_valves_of_a_node(name: str, agent: Path, tmp_path: Path) -> None:
+    """With valves open when it comes."""
+    node = Node(agent, tmp_path, 150 + signal.Signals[name])
+    try:
+        node.until_open()
+        node.process.send_signal(signal.Signals[name])
+        text, _ = node.process.communicate(timeout=30)
+        assert node.process.returncode == 0, text
+        assert not any(node.opened[-3:])
+    finally:
+        node.close()
+
+
+@pytest.mark.slow
+def test_what_came_while_a_node_was_stopped_is_not_flown(agent: Path, tmp_path: Path) -> None:
+    """Two seconds of states wait in its socket, and none comes afterwards."""
+    node = Node(agent, tmp_path, 149, "--lost-after", "30")
+    try:
+        node.until_open()
+        node.process.send_signal(signal.SIGSTOP)
+        time.sleep(2.0)
+        node.silent.set()
+        node.sender.join()
+        time.sleep(1.0)
+        before = len(node.opened)
+        node.process.send_signal(signal.SIGCONT)
+        deadline = time.monotonic() + 30.0
+        while len(node.opened) < before + 5:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        # A command that was decided before the stop may go out after it.
+        assert not any(node.opened[before + 1 :])
+    finally:
+        node.close()
+
+
+# Other nodes, and strangers
+
+
+def announcement(node: str, topics: list[str]) -> bytes:
+    return text_message(json.dumps({"agent": "another", "topics": topics, "node": node}))
+
+
+def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first is told; a node of another robot is none of its business."""
+    monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.3)
+    done = threading.Event()
+    first, second = Robot(), Robot()
+    said: list[str] = []
+    reports: list[Report] = []
+
+    # Each hears what the other publishes, and itself.
+    for one in (first, second):
+
+        def publish(topic: str, kind: str, data: bytes, one: Robot = one) -> None:
+            Robot.publish(one, topic, kind, data)
+            if topic == AGENT_TOPIC:
+                for robot in (first, second):
+                    robot.send(topic, data)
+
+        one.publish = publish  # type: ignore[method-assign]
+    about = plan(quick, lost_after=60.0)
+    thread = threading.Thread(
+        target=lambda: reports.append(fly_over(first, about, None, None, said.append, done.is_set))
+    )
+    thread.start()
+    try:
+        while not first.commands:
+            time.sleep(0.01)
+        with pytest.raises(ConfigError, match="another node commands this robot, with the agent"):
+            flight(second, quick, None)
+        heard = first.published["commands"]
+        while first.published["commands"] < heard + 2:
+            time.sleep(0.01)
+    finally:
+        done.set()
+        thread.join()
+    assert second.commands == []
+    assert reports[0].fault == ""
+    assert sum("another node commands this robot" in text for text in said) == 1
+    monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.001)
+
+    alone = Robot()
+    other = announcement("other", ["fmu/in/actuator_motors"])
+    alone.publish = lambda *message: (
+        Robot.publish(alone, *message),
+        alone.send(AGENT_TOPIC, other),
+    )  # type: ignore[method-assign,assign]
+    assert not any("another node" in note for note in flight(alone, quick, None).notes)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"nonsense",
+        text_message("[" * 4000),
+        text_message("{}"),
+        text_message('{"agent": 1, "topics": ["commands"]}'),
+        text_message('{"agent": "a", "topics": {"commands": 1}}'),
+        text_message('{"agent": "a", "topics": [["commands"]]}'),
+        text_message("x" * 100_000),
+    ],
+)
+def test_strangers_do_not_keep_a_node_from_flying(data: bytes, quick: Path) -> None:
+    bus = Robot()
+    bus.publish = lambda *message: (Robot.publish(bus, *message), bus.send(AGENT_TOPIC, data))  # type: ignore[method-assign,assign]
+    flight(bus, quick, None)
+    assert any(command.any() for command in bus.commands)
+
+
+def test_a_flood_is_bounded(quick: Path, tmp_path: Path) -> None:
+    """10,000 messages before each decision, and large ones: neither memory nor the bag grow with them."""
+    bag = tmp_path / "flight.mcap"
+    said: list[str] = []
+    bus = Robot()
+    pose = bus.ends.state(AWAY, time.time_ns())[-1].data
+    large = text_message("x" * 60_000)
+
+    def publish(*message: Any) -> None:
+        Robot.publish(bus, *message)
+        if message[0] == "commands":
+            for _ in range(10_000):
+                bus.send("pose", pose)
+            bus.send("rans/craft", large)
+
+    bus.publish = publish  # type: ignore[method-assign]
+    report = flight(bus, quick, bag, 6, said.append)
+    assert any("pose: more than 2,000 messages a second" in text for text in said)
+    assert any("rans/craft: a message has 60," in text for text in said)
+    kept = [entry for entry in bag_entries(bag) if entry.topic == "pose"]
+    # 2,000 a second of 0.01 s are 20 a control period.
+    assert len(kept) <= 20 * (report.decisions + 1)
+    assert not bus.commands[-1].any()

@@ -1,0 +1,166 @@
+"""The simulated robot: latency, noise, faults, both engines, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_robot.twin import Craft, TwinPlan
+
+from rans.cli import main
+from rans.deploy.contract import contract
+from rans.errors import ConfigError
+from rans.fast.learn.run_folder import RunFolder
+from rans.model.spacecraft_file import load_spacecraft
+from rans.pretrained import pretrained_folder
+from rans.randomization.conditions import (
+    Conditions,
+    FaultConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+
+PLATFORM = "floating-platform"
+
+
+def test_a_twin_has_latency_noise_and_faults() -> None:
+    craft = load_spacecraft(PLATFORM)
+    conditions = Conditions(
+        thrusters=ThrusterConditions(latency=0.1),
+        sensors=SensorsConditions(position=SensorConditions(noise=0.01, dropout=0.5)),
+        faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=1.0),
+    )
+    twin = Craft(TwinPlan(craft, 0.2, conditions=conditions, start=(1.0, 0.0, 0.0)))
+    twin.hold(np.array([1.0, 0, 0, 0, 0, 0, 0, 0]))
+    speeds = []
+    positions = []
+    for _ in range(90):
+        twin.advance()
+        speeds.append(float(np.linalg.norm(twin.motion.velocity)))
+        measured = twin.measured()
+        positions.append(np.nan if measured is None else measured.position[0])
+    assert speeds[9] == 0.0  # 0.1 s of latency
+    assert speeds[20] > 0.0
+    errors = np.array(positions) - 1.0
+    assert 0.005 < np.nanstd(errors[:10]) < 0.02
+    twin.hold(np.zeros(8))
+    for _ in range(30):
+        twin.advance()
+    coasting = twin.motion.velocity
+    for _ in range(50):
+        twin.advance()
+    assert not np.allclose(twin.motion.velocity, coasting)  # one thruster is stuck open
+
+
+def test_impulses_are_as_noisy_as_in_an_episode() -> None:
+    """A twin has four steps in a control period, over which the noise of single steps averages out."""
+    noisy = Conditions(thrusters=ThrusterConditions(noise=0.05))
+    twin = Craft(
+        TwinPlan(load_spacecraft(PLATFORM), 0.2, conditions=noisy, rate=20.0, start=(0.0, 0.0, 0.0))
+    )
+    # Two thrusters whose torques cancel push along one direction of the body.
+    twin.hold(np.array([0, 0, 1.0, 0, 0, 0, 0, 1.0]))
+    velocities = []
+    for _ in range(101):
+        for _ in range(4):
+            twin.advance()
+        velocities.append(twin.motion.velocity)
+    impulses = np.linalg.norm(np.diff(velocities, axis=0), axis=1)
+    # The standard error of a deviation of 100 numbers is 7 %; without the correction it would be half.
+    assert impulses.std() / impulses.mean() == pytest.approx(0.05 / math.sqrt(2.0), rel=0.25)
+
+
+@pytest.mark.parametrize("engine", ["fast", "drake"])
+def test_both_engines_are_the_same_robot(engine: Any) -> None:
+    """A pulse of 0.2 s of two thrusters, by hand: 2 N on 5.32 kg."""
+    craft = load_spacecraft(PLATFORM)
+    twin = Craft(TwinPlan(craft, 0.2, engine=engine, start=(0.0, 0.0, 0.0), rate=20.0))
+    wrench = np.array(craft.wrench_map)
+    straight = next(
+        (a, b)
+        for a in range(8)
+        for b in range(a)
+        if np.allclose(wrench[a][:2], wrench[b][:2]) and abs(wrench[a][2] + wrench[b][2]) < 1e-9
+    )
+    command = np.zeros(8)
+    command[list(straight)] = 1.0
+    twin.hold(command)
+    for _ in range(4):
+        twin.advance()
+    expected = 2.0 * wrench[straight[0]][:2] * 0.2 / craft.mass
+    assert twin.motion.velocity[:2] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["fast", "drake"])
+def test_a_wheel_s_encoder_reads_what_is_worked_by_hand(engine: Any) -> None:
+    """Half of 0.1 N m for 1 s: the wheel gains 0.05 / 0.001127 and the craft loses 0.05 / J about the same axis."""
+    if engine == "drake":
+        pytest.importorskip("pydrake")
+    craft = load_spacecraft("pingu")
+    twin = Craft(TwinPlan(craft, 0.2, start=(0.0, 0.0, 0.0), engine=engine, rate=25.0))
+    assert twin.wheel_speeds() == pytest.approx((0.0,))
+    twin.hold(np.array([0.0] * 8 + [0.5]))
+    for _ in range(25):
+        twin.advance()
+    expected = 0.05 / 0.001127 + 0.05 / craft.inertia[2][2]
+    assert twin.wheel_speeds() == pytest.approx((expected,), rel=1e-6)
+
+
+def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
+    """37 % of a period of 0.1 s at steps of 10 ms: three whole ones, then seven tenths."""
+    twin = Craft(TwinPlan(load_spacecraft("atmos"), 0.1))
+    twin.hold(np.array([0.37, 0, 0, 0, 0, 0, 0, 0]))
+    given = [twin.advance()[0] for _ in range(10)]
+    assert given == pytest.approx([1, 1, 1, 0.7, 0, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"rate": math.inf}, {"seconds": math.nan}, {"start": (math.nan, 0.0, 0.0)}],
+)
+def test_a_twin_of_wild_numbers_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="finite"):
+        TwinPlan(load_spacecraft(PLATFORM), 0.2, **changes)
+    with pytest.raises(ConfigError, match="--period must be a finite number above 0"):
+        TwinPlan(load_spacecraft(PLATFORM), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "sentence"),
+    [
+        ("--episode", "-1", "--episode must be a whole number >= 0 and < 2^31, got -1."),
+        ("--episode", str(2**31), "--episode must be a whole number >= 0 and < 2^31"),
+        ("--seed", str(2**64), "the seed must be a whole number of at most 64 bits"),
+    ],
+)
+def test_a_twin_of_no_episode_is_refused(
+    option: str, value: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before a bus is opened: such an episode would be flown as another one, or end in a traceback."""
+    assert main(["twin", "floating-platform", "--bus", "udp", option, value]) != 0
+    assert sentence in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_contract_tells_which_way_a_wheel_turns_the_craft() -> None:
+    """Its sentence, beside the motion of the craft over one period of the command 1."""
+    run = RunFolder(pretrained_folder("go-to-pose-2d-pingu"))
+    config = run.config()
+    craft = run.spacecraft()
+    about = contract("", config, craft, "", 0, np.zeros((1, 1, 10), np.float32))
+    assert "the motor turns its wheel about +axis" in about["command"]["wheel_command"]
+    assert "and the spacecraft about -axis" in about["command"]["wheel_command"]
+    twin = Craft(TwinPlan(craft, 0.1, start=(1.0, 0.0, 0.0)))
+    twin.hold(np.array([*[0.0] * 8, 1.0]))
+    twin.advance()
+    (wheel,) = about["command"]["wheels"]
+    # Torque over inertia, for the 0.01 s between two states of the twin.
+    assert twin.motion.spin[2] == pytest.approx(
+        -wheel["max_torque"] * wheel["axis"][2] / craft.inertia[2][2] * 0.01, rel=1e-6
+    )

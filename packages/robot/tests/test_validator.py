@@ -1,0 +1,587 @@
+"""Messages of robots are strangers' files: what the validator refuses changes nothing, in every kind of robot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("rosbags")
+
+from rans_robot.frames import Motion, quaternion_of
+from rans_robot.interfaces import RobotName, interface
+from rans_robot.messages import (
+    FLOATS,
+    INTEGERS,
+    ODOMETRY,
+    POSE,
+    PX4_MOTORS,
+    array,
+    make,
+    message_header,
+    pack,
+    pose,
+    text_message,
+    unpack,
+)
+from rans_robot.pilot import (
+    CRAFT_TOPIC,
+    GOAL_TOPIC,
+    Decision,
+    MessagePilot,
+    Plan,
+    craft_hash,
+)
+from rans_robot.twin import TwinPlan, run_twin
+from rans_robot.validator import Reading, Validator
+
+from rans.tasks import GoToPose
+from tests.support.robots import AWAY
+
+ROBOTS: tuple[RobotName, ...] = get_args(RobotName)
+SECOND = 10**9
+PERIOD = 0.2
+NOW = 1_700_000_000 * SECOND
+"""A clock of these years, ns."""
+
+
+class Open:
+    """An agent that opens every valve."""
+
+    note = ""
+    command = np.ones(8, np.float32)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        return self.command
+
+
+def pilot(agent: Path, robot: RobotName = "ros", **changes: Any) -> MessagePilot:
+    plan = Plan(str(agent), {"name": "go-to-pose", "settings": {}}, robot=robot, **changes)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rans_robot.pilot.exported_agent", lambda _: Open())
+        return MessagePilot(plan, GoToPose())
+
+
+Message = tuple[str, bytes]
+Sender = Callable[[int, int], list[Message]]
+"""Messages of a control period, by its number and the time."""
+
+
+def states(pilot: MessagePilot, motion: Motion, stamp: int) -> list[Message]:
+    """What the robot sends of a motion that was measured at a time, ns."""
+    return [(one.topic, one.data) for one in pilot.interface.state(motion, stamp)]
+
+
+def fly(pilot: MessagePilot, sender: Sender, periods: int = 20) -> list[Decision]:
+    """Decisions: the messages of a period come at its beginning, 0.19 s before its decision."""
+    found = []
+    for k in range(periods):
+        now = NOW + round(k * PERIOD * SECOND)
+        for number, (topic, data) in enumerate(sender(k, now)):
+            pilot.receive(topic, data, now + number)
+        found.append(pilot.decide(now + round(0.19 * SECOND)))
+    return found
+
+
+def opened(decisions: list[Decision]) -> list[bool]:
+    return [bool(decision.command.any()) for decision in decisions]
+
+
+# The age of every part
+
+
+@pytest.mark.parametrize(
+    ("robot", "topic"),
+    [(robot, topic) for robot in ROBOTS for topic in interface(robot, 8, 8).inputs],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_topic_that_stops_shuts_the_valves(
+    robot: RobotName, topic: str, turned: bool, agent: Path
+) -> None:
+    """Whichever it is, and in whichever order they come: its age counts, and the note has its name."""
+    one = pilot(agent, robot)
+
+    def sender(k: int, now: int) -> list[Message]:
+        messages = [m for m in states(one, AWAY, now) if m[0] != topic or k < 5]
+        return messages[::-1] if turned else messages
+
+    decisions = fly(one, sender)
+    assert opened(decisions) == [True] * 5 + [False] * 15
+    # Its last message came at 0.8 s: at 1.19 s it is 0.39 s old, and above 1 s from 1.99 s on.
+    assert f"the state on {topic} is 0.39 s old" in decisions[5].note
+    over = [k for k, decision in enumerate(decisions) if decision.over]
+    assert over == [*range(9, 20)]
+    assert f"the robot is lost: its last state on {topic} is" in decisions[9].note
+    for other in set(one.interface.inputs) - {topic}:
+        assert f"on {other}" not in decisions[5].note
+
+
+@pytest.mark.parametrize("missing", ["pose", "twist"])
+def test_a_topic_that_never_comes_is_named(missing: str, agent: Path) -> None:
+    one = pilot(agent, wait=2.0)
+    decisions = fly(one, lambda k, now: [m for m in states(one, AWAY, now) if m[0] != missing])
+    assert not any(opened(decisions))
+    assert decisions[0].note == f"waiting for a state on {missing}: valves shut."
+    assert decisions[-1].over
+    assert f"no state came on {missing} for" in decisions[-1].note
+
+
+# Time stamps
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_stamps_that_are_not_set_are_named(robot: RobotName, agent: Path) -> None:
+    one = pilot(agent, robot)
+    decisions = fly(one, lambda k, now: states(one, AWAY, 0))
+    assert not any(opened(decisions))
+    for topic in one.interface.inputs:
+        assert f"{topic}: its messages are refused: the time stamp is 0" in decisions[-1].note
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_stamps_that_do_not_change_are_named(robot: RobotName, agent: Path) -> None:
+    """50 messages a second, all of the same time."""
+    one = pilot(agent, robot)
+    decisions = fly(one, lambda k, now: states(one, AWAY, NOW) * 10)
+    assert opened(decisions) == [True] + [False] * 19
+    for topic in one.interface.inputs:
+        assert (
+            f"{topic}: messages come, but all have the time stamp 1700000000" in decisions[3].note
+        )
+    assert decisions[-1].over
+
+
+def streamed(one: MessagePilot, stamp: Callable[[int], int | None], count: int) -> list[float]:
+    """Velocity along x after each of the states of a body at 0.5 m/s, 50 a second; None: none comes."""
+    found = []
+    for k in range(count):
+        now = NOW + k * SECOND // 50
+        measured = stamp(k)
+        if measured is not None:
+            motion = AWAY._replace(position=np.array([0.01 * k, 0.0, 0.0]))
+            for topic, data in states(one, motion, measured):
+                one.receive(topic, data, now)
+        velocity = one._reading.get("velocity")
+        found.append(0.0 if velocity is None else float(velocity[0]))
+    return found
+
+
+@pytest.mark.parametrize("ahead", [-3600.0, -10.0, -1.5, -0.99, -0.5, -0.03, -0.021, 1.5, 3600.0])
+def test_one_stray_stamp_changes_no_velocity(ahead: float, agent: Path) -> None:
+    """Overtaken, or of another clock: the filter never sees it."""
+    one = pilot(agent, "pose")
+
+    def stamp(k: int) -> int:
+        return NOW + k * SECOND // 50 + (round(ahead * SECOND) if k == 150 else 0)
+
+    velocities = streamed(one, stamp, 160)
+    assert velocities[145:] == pytest.approx([0.5] * 15, abs=0.01)
+    note = one.decide(NOW + round(3.2 * SECOND)).note
+    assert note.startswith("pose: a ")
+    assert "dropped" in note
+
+
+@pytest.mark.parametrize("step", [-3600.0, -1.5, 1.5, 3600.0])
+def test_a_clock_that_was_set_begins_anew(step: float, agent: Path) -> None:
+    one = pilot(agent, "pose")
+    notes = []
+
+    def stamp(k: int) -> int:
+        if k % 10 == 0:
+            notes.append(one.decide(NOW + k * SECOND // 50).note)
+        return NOW + k * SECOND // 50 + (round(step * SECOND) if k >= 150 else 0)
+
+    velocities = streamed(one, stamp, 220)
+    assert velocities[-1] == pytest.approx(0.5, abs=0.02)
+    assert sum("its clock was set" in note for note in notes) == 1
+    assert notes[-1] == ""
+
+
+def test_two_old_states_in_turn_are_not_flown(agent: Path) -> None:
+    """A recording of two messages that somebody plays in a loop."""
+    one = pilot(agent)
+
+    def sender(k: int, now: int) -> list[Message]:
+        old = NOW + (k % 2) * SECOND // 10
+        return states(one, AWAY, now if k < 5 else old)
+
+    assert opened(fly(one, sender)) == [True] * 5 + [False] * 15
+
+
+@pytest.mark.parametrize("late", [0.25, 1.0, 5.0, 60.0])
+def test_what_waited_is_not_flown(late: float, agent: Path) -> None:
+    """A link or a stopped process that keeps messages back, and then hands them on in order."""
+    one = pilot(agent, lost_after=1000.0)
+
+    def sender(k: int, now: int) -> list[Message]:
+        measured = now if k < 5 else now - round(late * SECOND)
+        return states(one, AWAY, measured) if k < 5 or measured > NOW + SECOND else []
+
+    periods = 20 + round(late / PERIOD)
+    decisions = fly(one, sender, periods)
+    assert opened(decisions) == [True] * 5 + [False] * (periods - 5)
+    assert any("dropped" in decision.note for decision in decisions)
+
+
+def validator() -> Validator:
+    return Validator(planar=True, oldest=0.2)
+
+
+@pytest.mark.parametrize(
+    ("drift", "flown"), [(1e-4, True), (-1e-4, True), (5e-4, True), (0.05, False)]
+)
+def test_clocks_may_drift_as_quartz_does(drift: float, flown: bool) -> None:
+    """An hour of a clock that is slow or fast, and one whose messages come later and later."""
+    judge = validator()
+    refused = 0
+    for k in range(18_000):
+        now = NOW + k * SECOND // 5
+        measured = 5 * SECOND + round((now - NOW) * (1.0 - drift))
+        try:
+            verdict = judge.state("pose", Reading(measured), now)
+        except ValueError:
+            refused += 1
+            continue
+        assert verdict.moment is not None
+        assert 0.0 <= (now - verdict.moment) * 1e-9 <= 0.2
+    assert (refused == 0) == flown
+
+
+@given(
+    delays=st.lists(st.floats(0.0, 0.15), min_size=2, max_size=30),
+    offset=st.floats(-1e9, 1e9),
+)
+def test_any_delay_below_the_oldest_is_flown(delays: list[float], offset: float) -> None:
+    """Whatever the sender's clock says: an age is not below zero, nor above the true one by more than drift."""
+    judge = validator()
+    begin = round((2e9 + offset) * SECOND)
+    for k, delay in enumerate(delays):
+        measured = NOW + k * SECOND // 5
+        now = measured + round(delay * SECOND)
+        verdict = judge.state("pose", Reading(measured - NOW + begin), now)
+        assert verdict.moment is not None
+        assert measured - SECOND // 1000 <= verdict.moment <= now
+        # It is older than it came if it came with more delay than another; clocks drift by 1 ms a second.
+        quickest = min(delays[: k + 1]) + 1e-3 * (0.2 * k + 0.5)
+        assert verdict.moment <= measured + round(quickest * SECOND)
+
+
+# Numbers, attitudes and frames
+
+NAN = float("nan")
+BAD_MOTIONS = {
+    "zero quaternion": AWAY._replace(attitude=np.zeros(4)),
+    "short quaternion": AWAY._replace(attitude=0.8 * quaternion_of(0.5)),
+    "long quaternion": AWAY._replace(attitude=1.2 * quaternion_of(0.5)),
+    "one quaternion number": AWAY._replace(attitude=np.array([1.0, 0.0, 0.0, NAN])),
+    "huge quaternion": AWAY._replace(attitude=np.array([1e30, 0.0, 0.0, 1.0])),
+    "upside down": AWAY._replace(attitude=np.array([0.0, 1.0, 0.0, 0.0])),
+    "on its side": AWAY._replace(attitude=np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])),
+    "high above": AWAY._replace(position=np.array([2.0, 1.0, 7.0])),
+    "nan position": AWAY._replace(position=np.array([NAN, 1.0, 0.0])),
+    "infinite position": AWAY._replace(position=np.array([0.0, -np.inf, 0.0])),
+    "far position": AWAY._replace(position=np.array([1e30, 1.0, 0.0])),
+    "nan velocity": AWAY._replace(velocity=np.array([0.0, NAN, 0.0])),
+    "fast": AWAY._replace(velocity=np.array([1e6, 0.0, 0.0])),
+    "nan spin": AWAY._replace(spin=np.array([0.0, 0.0, NAN])),
+    "fast spin": AWAY._replace(spin=np.array([0.0, 0.0, -1e6])),
+}
+
+
+def about_velocity(name: str) -> bool:
+    return any(word in name for word in ("velocity", "fast", "spin"))
+
+
+@pytest.mark.parametrize(
+    ("robot", "bad"),
+    [
+        (robot, bad)
+        for number, bad in enumerate(BAD_MOTIONS)  # two robots each, by turns
+        for robot in (ROBOTS * 2)[number % len(ROBOTS) :][:2]
+        if interface(robot, 8, 8).has_velocity or not about_velocity(bad)
+    ],
+)
+def test_what_is_refused_changes_nothing(robot: RobotName, bad: str, agent: Path) -> None:
+    """As the first message or later, a flight with it goes as one without it; the note has topic and value."""
+    with_it, without = pilot(agent, robot), pilot(agent, robot)
+    notes = []
+    for k in range(30):
+        now = NOW + k * SECOND // 50
+        if k in (0, 12):
+            good = dict(states(with_it, AWAY, now))
+            for topic, data in states(with_it, BAD_MOTIONS[bad], now):
+                if data != good[topic]:
+                    with_it.receive(topic, data, now)
+                    notes.append((topic, with_it._troubles[topic]))
+        else:
+            moved = AWAY._replace(position=np.array([2.0 - 0.01 * k, 1.0, 0.0]))
+            for one in (with_it, without):
+                for topic, data in states(one, moved, now):
+                    one.receive(topic, data, now)
+    assert len(notes) == 2
+    assert all(note.startswith(f"{topic}: ") and "must be" in note for topic, note in notes)
+    for name, value in without._reading.items():
+        np.testing.assert_array_equal(with_it._reading[name], value)
+    decisions = [one.decide(NOW + SECOND * 3 // 5) for one in (with_it, without)]
+    assert opened(decisions) == [True, True]
+
+
+def test_space_has_no_up() -> None:
+    """What a planar craft cannot be, a craft in space can."""
+    space = Validator(planar=False, oldest=0.2)
+    for name in ("upside down", "on its side", "high above"):
+        motion = BAD_MOTIONS[name]
+        reading = Reading(1, motion.position, motion.attitude)
+        with pytest.raises(ValueError, match="of the plane"):
+            validator().state("pose", reading, NOW)
+        space.pose("goal_pose", "world", motion.position, motion.attitude)
+
+
+def odometry(attitude: np.ndarray, velocity: Any, spin: Any, frame: str, child: str) -> bytes:
+    template = unpack(ODOMETRY, interface("odometry", 8, 8).state(AWAY, NOW)[0].data)
+    template.header.frame_id = frame
+    template.child_frame_id = child
+    template.pose.pose = pose((0, 0, 0), attitude)
+    for name, linear, angular in zip("xyz", velocity, spin, strict=True):
+        setattr(template.twist.twist.linear, name, float(linear))
+        setattr(template.twist.twist.angular, name, float(angular))
+    return pack(ODOMETRY, template)
+
+
+@pytest.mark.parametrize("child", ["base_link", "body", "robot1/base_link", "/base_link"])
+def test_a_twist_in_the_body(child: str) -> None:
+    """Turned to +y, it moves forward: by hand."""
+    ends = interface("odometry", 8, 8)
+    north = quaternion_of(np.pi / 2)
+    reading = ends.read("odom", odometry(north, (1, 0, 0), (0.1, 0, 0.3), "odom", child))
+    assert reading.velocity == pytest.approx([0.0, 1.0, 0.0])
+    assert reading.spin == pytest.approx([0.1, 0.0, 0.3])
+
+
+@pytest.mark.parametrize("frame", ["odom", "map", "/world"])
+def test_a_twist_in_the_world(frame: str) -> None:
+    """Its child is its parent: +x is +x, and what turns it about x turns the body, which faces +y, about -y."""
+    ends = interface("odometry", 8, 8)
+    north = quaternion_of(np.pi / 2)
+    reading = ends.read("odom", odometry(north, (1, 0, 0), (0.1, 0, 0.3), frame, frame))
+    assert reading.velocity == pytest.approx([1.0, 0.0, 0.0])
+    assert reading.spin == pytest.approx([0.0, -0.1, 0.3])
+
+
+@pytest.mark.parametrize(("frame", "child"), [("odom", ""), ("map", "odom"), ("world", "uav1/map")])
+def test_a_twist_in_no_known_frame_is_refused(frame: str, child: str) -> None:
+    data = odometry(quaternion_of(0.0), (1, 0, 0), (0, 0, 0), frame, child)
+    with pytest.raises(ValueError, match="child_frame_id is"):
+        interface("odometry", 8, 8).read("odom", data)
+
+
+@pytest.mark.parametrize("topic", ["pose", "twist", GOAL_TOPIC])
+def test_all_frames_are_one(topic: str, agent: Path) -> None:
+    """Also a twist in the body's frame, which ROS allows and RANS does not read."""
+    one = pilot(agent)
+
+    def sender(k: int, now: int) -> list[Message]:
+        messages = dict(states(one, AWAY, now))
+        if k >= 5:
+            kind = one.inputs[topic]
+            message = unpack(kind, messages.get(topic, messages["pose"]))
+            message.header.frame_id = "base_link"
+            messages[topic] = pack(kind, message)
+        return list(messages.items())
+
+    decisions = fly(one, sender)
+    goal = topic == GOAL_TOPIC
+    assert opened(decisions) == [True] * 5 + [goal] * 15
+    assert f"{topic}: " in decisions[6].note
+    assert "frame_id is 'base_link'" in decisions[6].note
+
+
+# Goals
+
+
+@pytest.mark.parametrize("name", [name for name in BAD_MOTIONS if not about_velocity(name)])
+def test_a_goal_that_is_none_is_refused(name: str, agent: Path) -> None:
+    one = pilot(agent, goal=(0.5, 0.5, 20.0))
+    before = one._goal
+    motion = BAD_MOTIONS[name]
+
+    def goal(now: int, motion: Motion) -> Message:
+        message = make(
+            POSE, header=message_header(now, "world"), pose=pose(motion.position, motion.attitude)
+        )
+        return GOAL_TOPIC, pack(POSE, message)
+
+    decisions = fly(
+        one, lambda k, now: [*states(one, AWAY, now), *([goal(now, motion)] if k == 3 else [])], 6
+    )
+    assert one._goal == before
+    assert opened(decisions) == [True] * 6
+    assert decisions[3].note.startswith("goal_pose: ")
+    assert decisions[4].note == ""
+    one.receive(*goal(NOW, AWAY), NOW)
+    assert (one._goal.p.x, one._goal.p.y) == (2.0, 1.0)
+
+
+# The spacecraft
+
+
+def crafts() -> list[str]:
+    table = {"name": "x", "sha256": "y", "control_period": 0.2}
+    odd: list[Any] = [NAN, np.inf, -np.inf, 0, -0.2, "0.2", None, [0.2], True, 10**400, 1e300, {}]
+    return [
+        "[" * 60_000,
+        "[" * 1900,
+        '{"a":' * 600 + "1" + "}" * 600,
+        "",
+        "null",
+        "[]",
+        "{}",
+        "1" * 2000,
+        *(json.dumps(table | {"control_period": value}) for value in odd),
+        *(json.dumps(table | {key: 3}) for key in ("name", "sha256")),
+    ]
+
+
+@pytest.mark.parametrize("text", crafts(), ids=range(len(crafts())))
+def test_a_text_that_describes_no_spacecraft(text: str, agent: Path) -> None:
+    """It is said, and the flight goes on: everybody can send it."""
+    one = pilot(agent)
+    craft = [(CRAFT_TOPIC, text_message(text))]
+    decisions = fly(one, lambda k, now: [*states(one, AWAY, now), *(craft if k == 1 else [])], 4)
+    assert opened(decisions) == [True] * 4
+    assert decisions[1].note.startswith("rans/craft: ")
+    assert len(decisions[1].note) < 500
+
+
+def test_a_rate_that_is_nearly_right(agent: Path) -> None:
+    one = pilot(agent)
+    for period, over in ((0.2, False), (0.2 + 1e-9, False), (0.2001, True)):
+        table = {"name": "x", "sha256": craft_hash(one.craft), "control_period": period}
+        one.receive(CRAFT_TOPIC, text_message(json.dumps(table)), NOW)
+        assert one.decide(NOW).over == over
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_any_bytes_are_taken(robot: RobotName, agent: Path) -> None:
+    """Random bytes, cut and flipped messages on every topic: nothing is raised, and no reading becomes infinite."""
+    one = pilot(agent, robot)
+    random = np.random.default_rng(0)
+    good = dict(states(one, AWAY, NOW))
+    good[GOAL_TOPIC] = interface("pose", 8, 8).state(AWAY, NOW)[0].data
+    good[CRAFT_TOPIC] = text_message(
+        json.dumps({"name": "x", "sha256": "y", "control_period": 0.2})
+    )
+    for k in range(600):
+        topic = list(good)[k % len(good)]
+        data = bytearray(good[topic])
+        for at in random.integers(4, len(data), 1 + k % 5):
+            data[at] = random.integers(256)
+        one.receive(
+            topic, bytes(data[: random.integers(1, len(data) + 1)] if k % 2 else data), NOW + k
+        )
+        one.receive(topic, random.bytes(int(random.integers(200))), NOW + k)
+        assert all(np.isfinite(value).all() for value in one._reading.values())
+        decision = one.decide(NOW + k)
+        assert np.isfinite(decision.command).all()
+
+
+# Commands
+
+
+@pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "pingu"])
+@pytest.mark.parametrize("value", [NAN, np.inf, -np.inf, 1.5, -0.5, 1e30])
+def test_a_command_that_is_none_is_refused(robot: RobotName, value: float) -> None:
+    ends = interface(robot, 8, 8)
+    (message,) = ends.command([0.0] * 8, NOW)
+    row = np.array(unpack(FLOATS, message.data).data)
+    row[3] = value
+    with pytest.raises(ValueError, match="must be 8 numbers"):
+        ends.commanded(message.topic, pack(FLOATS, array(FLOATS, row, np.float32)))
+    with pytest.raises(ValueError, match="numbers"):
+        ends.commanded(message.topic, pack(FLOATS, array(FLOATS, row[:3], np.float32)))
+
+
+@pytest.mark.parametrize("value", [2, -1, 300])
+def test_a_valve_is_open_or_shut(value: int) -> None:
+    ends = interface("roboran", 8, 8)
+    (message,) = ends.command([0.0] * 8, NOW)
+    row = np.array(unpack(INTEGERS, message.data).data)
+    row[3] = value
+    with pytest.raises(ValueError, match="must be 8 numbers"):
+        ends.commanded(message.topic, pack(INTEGERS, array(INTEGERS, row, np.int16)))
+    motors = unpack(PX4_MOTORS, interface("px4", 8, 8).command([0.0] * 8, NOW)[1].data)
+    motors.control = motors.control.copy()
+    motors.control[3] = value
+    with pytest.raises(ValueError, match="must be 8 numbers"):
+        interface("px4", 8, 8).commanded("fmu/in/actuator_motors", pack(PX4_MOTORS, motors))
+
+
+@pytest.mark.parametrize(
+    "given", [[NAN] * 8, [2.0] * 8, [-1.0] * 8, [1.0] * 7, [], 1.0, [[1.0] * 8]]
+)
+def test_an_agent_that_gives_no_command_shuts_the_valves(given: Any, agent: Path) -> None:
+    one = pilot(agent)
+    one.agent.command = np.array(given)
+    decisions = fly(one, lambda k, now: states(one, AWAY, now), 4)
+    assert not any(opened(decisions))
+    assert "the agent: the command is" in decisions[-1].note
+
+
+class _Clock:
+    """Stands in for `time`: passes while somebody sleeps, so that a flight is the same on any machine."""
+
+    def __init__(self) -> None:
+        self.now = 0
+
+    def sleep(self, seconds: float) -> None:
+        self.now += round(seconds * 1e9)
+
+    def monotonic_ns(self) -> int:
+        return self.now
+
+    time_ns = monotonic_ns
+
+
+def test_a_twin_says_what_it_refuses_and_its_watchdog_shuts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Commands that are none neither open valves nor keep them open."""
+    from rans.model.spacecraft_file import load_spacecraft
+
+    receivers: dict[str, Any] = {}
+    valves: list[bool] = []
+
+    class Wire:
+        sent = 0
+
+        def subscribe(self, topic: str, kind: str, receive: Any) -> None:
+            receivers[topic] = receive
+
+        def publish(self, topic: str, kind: str, data: bytes) -> None:
+            if topic == "pose":
+                self.sent += 1
+                row = np.ones(8) if self.sent == 3 else np.full(8, NAN)
+                receivers["commands"](pack(FLOATS, array(FLOATS, row, np.float32)))
+            if topic == "rans/valves":
+                valves.append(bool(np.any(unpack(FLOATS, data).data)))
+
+        def close(self) -> None:
+            """Nothing to close."""
+
+    said: list[str] = []
+    plan = TwinPlan(load_spacecraft("floating-platform"), 0.05, rate=50.0, seconds=0.6)
+    monkeypatch.setattr("rans_robot.twin.time", _Clock())
+    run_twin(Wire(), plan, said.append)
+    assert any(valves)
+    assert not valves[-1]
+    assert sum("commands: the command is (nan" in text for text in said) == 1
+    assert any("valves shut" in text for text in said)
