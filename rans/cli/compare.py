@@ -15,6 +15,7 @@ from rans.cli import check_count
 from rans.cli.options import NumberOf, Trust
 from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import ConfigError, RansError, counted
+from rans.evaluation.fly.contestant_name import OF_OPTIMA
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.registry import typed
@@ -277,6 +278,10 @@ class Compare:
                     f"--with takes names with spaces between them: write --with {spaced}."
                 )
         for name in set(self.beside or ()) - {"optimal"}:
+            if name in OF_OPTIMA:
+                raise ConfigError(
+                    f"optimal trajectories and certified bounds join by --with optimal, got {name}."
+                )
             CONTROLLERS[typed(name)]  # reject a wrong name before the flights
         if self._certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")

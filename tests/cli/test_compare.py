@@ -155,6 +155,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             "cannot write into /dev/null/x: Not a directory",
         ),
         (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
+        (["lqr:go-to-pose-2d", "--with", "optimum"], "by --with optimal, got optimum"),
         (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
         (
             ["lqr:go-to-pose-2d", "--seed", "18446744073709551616"],

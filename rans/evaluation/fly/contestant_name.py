@@ -30,6 +30,9 @@ FORMS = (
 )
 """Forms of names, for messages."""
 
+OF_OPTIMA = ("optimal", "optimum", "optima", "bound", "bounds")
+"""What people write for optimal trajectories and bounds, which are `optimal`."""
+
 EVALUATIONS = Path("runs") / "evaluations"
 """Folder for the results of contestants without a run folder."""
 
@@ -151,7 +154,7 @@ class ContestantName:
             )
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)._with_frugality()
-        if whole in ("optimal", "optimum", "bound", "bounds"):
+        if whole in OF_OPTIMA:
             raise ConfigError(
                 f"{whole} is no contestant: optimal trajectories and certified bounds join by --with optimal."
             )
