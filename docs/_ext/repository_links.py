@@ -7,6 +7,7 @@ downloads it, and one to a folder is text.
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 
-_LINK = re.compile(r"(?<!!)\[(?P<text>[^\[\]]*)\]\((?P<target>[^)\s]+)\)")
+_LINK = re.compile(r"(?P<picture>!?)\[(?P<text>[^\[\]]*)\]\((?P<target>[^)\s]+)\)")
 _FENCE = re.compile(r"^(```|~~~).*?^\1", re.DOTALL | re.MULTILINE)
 
 
@@ -25,13 +26,14 @@ def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
     if page.suffix != ".md":
         return
     docs = Path(app.srcdir)
+    folder = page.resolve().parent  # a page of a package lies elsewhere in the repository
 
     def changed(link: re.Match[str]) -> str:
         text, target = link["text"], link["target"]
-        path, _, _ = target.partition("#")
+        path, mark, part = target.partition("#")
         if not path or "://" in path:
             return link[0]
-        file = (docs / path[1:] if path.startswith("/") else page.parent / path).resolve()
+        file = (docs / path[1:] if path.startswith("/") else folder / path).resolve()
         up = "../" * (len(page.relative_to(docs).parts) - 1)
         if file in (docs.parent / "README.md", docs / "README.md"):
             return f"[{text}]({up}index.md)"
@@ -39,10 +41,15 @@ def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
             return f"[{text}]({up}learn/{file.stem}.rst)"
         if file.is_dir():
             return f"`{text.strip('`')}`"
-        if file.suffix in (".md", ".rst") and file.is_relative_to(docs):
-            return link[0]
+        # A package's page is in packages/NAME/docs of the repository, and in docs/NAME of the site.
+        for package in docs.parent.glob("packages/*/docs"):
+            if file.is_relative_to(package):
+                file = docs / package.parent.name / file.relative_to(package)
+        within = os.path.relpath(file, page.parent)
+        if file.is_relative_to(docs) and (link["picture"] or file.suffix in (".md", ".rst")):
+            return f"{link['picture']}[{text}]({within}{mark}{part})"
         # relative to the docs, for `doctree-read` to download
-        return f"{{repository-file}}`{text.strip('`')} <{path}>`"
+        return link[0] if link["picture"] else f"{{repository-file}}`{text.strip('`')} <{within}>`"
 
     pieces = []
     end = 0
