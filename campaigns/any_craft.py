@@ -4,9 +4,9 @@
 package, ``train --dimension 3 --seed 1 --device cuda`` that of space;
 ``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts (with ``--engine
 drake`` that of some as spacecraft, in the engine and in Drake), ``dead`` that of a dead thruster, ``mass`` that
-of another mass, ``unstated`` that of faults and masses that no file states, all of docs/any_craft.md; ``joined``
-that of two docked craft, of docs/any_craft_training.md; ``picture`` draws layouts.
-``--dimension 3`` does the same in space, of docs/any_craft_in_space.md.
+of another mass, ``unstated`` that of faults and masses that no file states, all of docs/any_craft/any_craft.md;
+``joined`` that of two docked craft, of docs/any_craft/any_craft_training.md; ``picture`` draws layouts.
+``--dimension 3`` does the same in space, of docs/any_craft/any_craft_in_space.md.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How surely the agents that come with RANS do not fail: each flown a million times.
 
 ``python -m campaigns.assurances`` runs what `rans assure` runs for every one of them, on a GPU if there is
-one, keeps docs/validation/assurance/NAME.json and writes the table of docs/assurances.md. Campaigns that are
-there already, of the same code, are not flown again, but their failures are: on a machine with Drake by it.
+one, keeps docs/validation/assurance/NAME.json and writes the table of docs/assurance/assurances.md. Campaigns
+that are there already, of the same code, are not flown again, but their failures are: on a machine with Drake by it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _HEADINGS = (
     "flown again: fail again in NumPy, Drake",
 )
 _SOURCE = (
-    "Everything about each is in [validation/assurance](validation/assurance). Earlier weights: the "
+    "Everything about each is in [validation/assurance](../../../docs/validation/assurance). Earlier weights: the "
     "agent was trained anew after it had been assured."
 )
 _CONFIDENCE = 0.99
@@ -112,7 +112,7 @@ def in_document(docs: Path) -> Table:
         for one in _campaigns(pretrained_names())
         if (file := _file(docs, *one)).exists()
     ]
-    return Table("assurances.md", _COMMAND, _HEADINGS, rows, _SOURCE)
+    return Table("assurance/assurances.md", _COMMAND, _HEADINGS, rows, _SOURCE)
 
 
 def _file(docs: Path, spec: str, conditions: str) -> Path:

@@ -223,7 +223,7 @@ def perturbed() -> Figure:
 @styled
 def any_craft_adaptive() -> Figure:
     """Flights that settle with a dead thruster and with twice the mass: the tables of the page."""
-    page = read_text(_DOCS / "any_craft_adaptive.md")
+    page = read_text(_DOCS / "any_craft/any_craft_adaptive.md")
     rows = re.findall(
         r"^\| ([a-z0-9-]+) \| (?:adaptive:)?any-craft-.d \|(.*)\|$", page, re.MULTILINE
     )

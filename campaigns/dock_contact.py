@@ -149,7 +149,7 @@ def in_document(docs: Path) -> Table:
         _HEADINGS,
         [Row(**row).cells() for row in evidence["rows"]],
         f"{evidence['episodes']:,} starts each. The values are in "
-        "[dock-contact.json](../validation/dock-contact.json).",
+        "[dock-contact.json](../../../docs/validation/dock-contact.json).",
     )
 
 

@@ -127,7 +127,7 @@ def in_document(docs: Path) -> Table:
         _HEADINGS,
         [_cells(Row.of(row, evidence)) for row in evidence["rows"]],
         f"Each row has {evidence['episodes']:,} starts; bounds are those of the first {evidence['bounded']}. "
-        "The values are in [dock-errors.json](../validation/dock-errors.json).",
+        "The values are in [dock-errors.json](../../../docs/validation/dock-errors.json).",
     )
 
 

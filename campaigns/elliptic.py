@@ -233,7 +233,8 @@ def in_document(docs: Path) -> Table:
         "python -m campaigns.elliptic --docs docs",
         _HEADINGS,
         [_cells(Row.of(x["row"], evidence), x["median"]) for x in evidence["rows"]],
-        f"The deadline is {_DEADLINE:,.0f} s. The values are in [elliptic.json](../validation/elliptic.json).",
+        f"The deadline is {_DEADLINE:,.0f} s. "
+        "The values are in [elliptic.json](../../../docs/validation/elliptic.json).",
     )
 
 

@@ -412,7 +412,7 @@ def picture(missions: dict[str, Any]) -> str:
 def tables(docs: Path) -> dict[str, Table]:
     """All tables of the page, by the end of their command."""
     evidence = read_json(docs / "validation" / _FILE)
-    source = f"The values are in [{_FILE}](../validation/{_FILE})."
+    source = f"The values are in [{_FILE}](../../../docs/validation/{_FILE})."
     result = {}
     for mission, rows in evidence["missions"].items():
         result[mission] = Table(

@@ -3,7 +3,7 @@
 Each hidden craft has thrusters, inertia, centre of mass, delays and disturbances drawn from the ranges of the
 conditions ``lab``. It is flown in our engine for 60 s by random commands that keep it in a room, and read with
 lab's noise. `rans.identify` begins from the data sheet. The mass is weighed: motion does not determine it. With
-``--docs docs`` the command writes docs/validation/identification.json and its table in docs/identify.md.
+``--docs docs`` the command writes docs/validation/identification.json and its table in docs/robot/identify.md.
 """
 
 from __future__ import annotations
@@ -303,11 +303,11 @@ def in_document(docs: Path, space: bool = False) -> Table:
     evidence = read_json(docs / "validation" / name)
     other = "--spacecraft cubesat-6u --period 0.5 " if space else ""
     return Table(
-        "identify.md",
+        "robot/identify.md",
         f"python -m campaigns.identification {other}--docs docs",
         _HEADINGS,
         evidence["rows"],
-        f"The values are in [{name}](validation/{name}).",
+        f"The values are in [{name}](../../../docs/validation/{name}).",
     )
 
 

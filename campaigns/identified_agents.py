@@ -4,8 +4,8 @@
 are up to 20 % off the data sheet, flies and identifies each (`campaigns.identification`); ``train FOLDER`` trains
 an agent on each identified spacecraft and its conditions, one on the data sheet as it is, and one on it with ranges
 that hold every hidden craft; ``fly FOLDER --docs docs`` flies all of them on the hidden craft, and writes
-docs/validation/identified-agents.json and its table in docs/identified_agents.md. Trainings run side by side, one a
-process.
+docs/validation/identified-agents.json and its table in docs/robot/identified_agents.md. Trainings run side by side,
+one a process.
 """
 
 from __future__ import annotations
@@ -275,11 +275,11 @@ def in_document(docs: Path) -> Table:
     """The table of the page, of the evidence in docs/validation."""
     found = read_json(docs / _FILE)
     return Table(
-        "identified_agents.md",
+        "robot/identified_agents.md",
         COMMAND,
         _HEADINGS,
         _rows(found),
-        "The values are in [identified-agents.json](validation/identified-agents.json).",
+        "The values are in [identified-agents.json](../../../docs/validation/identified-agents.json).",
     )
 
 

@@ -168,7 +168,8 @@ def in_document(docs: Path) -> Table:
         _HEADINGS,
         [Row(**row).cells() for row in evidence["rows"]],
         f"{evidence['episodes']:,} starts each. The bound is the mean of the least impulse of success in the time "
-        "of the same flight. The values are in [mission-inspect.json](../validation/mission-inspect.json).",
+        "of the same flight. "
+        "The values are in [mission-inspect.json](../../../docs/validation/mission-inspect.json).",
     )
 
 

@@ -389,7 +389,7 @@ def in_document(docs: Path, mission: str) -> Table:
         _command(mission, evidence),
         _HEADINGS,
         [row.cells(_unit(mission)) for row in rows],
-        f"The values are in [{name}](../validation/{name}).",
+        f"The values are in [{name}](../../../docs/validation/{name}).",
     )
 
 

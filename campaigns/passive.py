@@ -242,7 +242,7 @@ def in_document(docs: Path) -> Table:
         "python -m campaigns.passive --docs docs",
         _HEADINGS,
         [_cells(row) for row in rows],
-        f"The values are in [{_FILE}](../validation/{_FILE}).",
+        f"The values are in [{_FILE}](../../../docs/validation/{_FILE}).",
     )
 
 

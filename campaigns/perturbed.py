@@ -248,7 +248,8 @@ def in_document(docs: Path) -> Table:
         "python -m campaigns.perturbed --docs docs",
         _HEADINGS,
         _cells(evidence["rows"]),
-        f"The deadline is {_DEADLINE:,.0f} s. The values are in [perturbed.json](../validation/perturbed.json).",
+        f"The deadline is {_DEADLINE:,.0f} s. "
+        "The values are in [perturbed.json](../../../docs/validation/perturbed.json).",
     )
 
 

@@ -1,7 +1,7 @@
 """Errors for which a trapping set is proved, refuted or open: a table and its picture.
 
 `python -m campaigns.proof_conditions TABLE.json PICTURE.svg` computes the table unless the file exists, which takes
-an hour of one core, and draws it. See docs/proofs.md.
+an hour of one core, and draws it. See docs/proof/proofs.md.
 """
 
 from __future__ import annotations

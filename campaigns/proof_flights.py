@@ -1,4 +1,4 @@
-"""Random flights from proved starts, none of which may break what is proved; see docs/proofs.md.
+"""Random flights from proved starts, none of which may break what is proved; see docs/proof/proofs.md.
 
 `python -m campaigns.proof_flights --problem FILE.toml --network FILE.onnx` flies a network;
 `python -m campaigns.proof_flights --agent NAME --certificate FILE` flies an agent from its trapping set.

@@ -1,6 +1,6 @@
 """Picture of a trapping set: `python -m campaigns.proofs CERTIFICATE PICTURE.svg`.
 
-The certificate is that of `rans prove AGENT`; see docs/proofs.md.
+The certificate is that of `rans prove AGENT`; see docs/proof/proofs.md.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -169,7 +170,7 @@ SOURCES: dict[str, Source] = {
     ),
     "assurances": Source(
         tables=("assurances",),
-        page="assurances.md",
+        page="assurance/assurances.md",
         commands=("python -m campaigns.assurances",),
         quick=(
             "python -m campaigns.assurances go-to-pose-2d go-to-pose-2d-robust --flights 2048 --no-replay",
@@ -333,7 +334,7 @@ SOURCES: dict[str, Source] = {
     ),
     "identification": Source(
         tables=("identification",),
-        page="identify.md",
+        page="robot/identify.md",
         commands=("python -m campaigns.identification --docs docs",),
         quick=("python -m campaigns.identification --docs docs --count 12",),
         flights=(256, 12),
@@ -344,7 +345,7 @@ SOURCES: dict[str, Source] = {
     ),
     "identification in space": Source(
         tables=("identification in space",),
-        page="identify.md",
+        page="robot/identify.md",
         commands=(
             "python -m campaigns.identification --spacecraft cubesat-6u --period 0.5 --docs docs",
         ),
@@ -400,11 +401,11 @@ SOURCES: dict[str, Source] = {
     ),
     "identified agents": Source(
         tables=("identified agents",),
-        page="identified_agents.md",
+        page="robot/identified_agents.md",
         commands=("python -m campaigns.identified_agents fly runs/identified --docs docs",),
         flights=(1024, 1024),
         evidence=("identified-agents.json",),
-        needs="runs/identified, hidden craft and 22 trainings (docs/identified_agents.md)",
+        needs="runs/identified, hidden craft and 22 trainings (docs/robot/identified_agents.md)",
     ),
     "agents": Source(
         tables=("agents",),
@@ -416,12 +417,12 @@ SOURCES: dict[str, Source] = {
     ),
     "RAFT": Source(
         tables=("RAFT", "RAFT with a wheel"),
-        page="raft.md",
+        page="robot/raft.md",
         commands=("python -m campaigns.raft",),
         flights=(5120, 5120),
         shares=("PPO", "oracle", "LQR", "switching", "MPC"),
         evidence=("raft.json",),
-        needs="runs/raft, a training of each recipe (docs/raft.md)",
+        needs="runs/raft, a training of each recipe (docs/robot/raft.md)",
     ),
     "settled gate": Source(
         tables=("settled gate",),
@@ -477,10 +478,10 @@ RECORDS: dict[str, tuple[str, str]] = {
         "python -m campaigns.mixed_integer --starts 16 --output docs/validation/mixed-integer.json",
     ),
     "proof-conditions.json": (
-        "proofs.md",
+        "proof/proofs.md",
         "python -m campaigns.proof_conditions docs/validation/proof-conditions.json PICTURE.svg",
     ),
-    "robots.json": ("robots.md", "python -m campaigns.robots"),
+    "robots.json": ("robot/robots.md", "python -m campaigns.robots"),
     "tradeoff*.json": ("speed.md", "python -m campaigns.speed.tradeoff"),
 }
 """Other files in docs/validation: the page of their figures, and what writes them."""
@@ -530,8 +531,8 @@ machine with one H100 and 16 processors two rows were timed with every flight: r
 processor, and identification in the plane 74 s on all, 795 s of processor time. Whether all rows together take less
 than an hour is not known: Drake and CasADi were not installed there.
 
-The tables of [InnoCube's telemetry](innocube.md) come from `python -m campaigns.innocube FOLDER`, with the data
-in FOLDER. They have no licence yet, so there is no evidence here, and `rans reproduce` leaves these tables out.
+The tables of [InnoCube's telemetry](../packages/robot/docs/innocube.md) come from
+`python -m campaigns.innocube FOLDER`, with the data in FOLDER. They have no licence yet, so there is no evidence here, and `rans reproduce` leaves these tables out.
 
 ## Other figures
 
@@ -547,13 +548,21 @@ _DRAWN = """
 
 def _rows() -> Iterator[str]:
     for source in SOURCES.values():
-        link = f"[{Path(source.page).stem}]({source.page})" + "*" * bool(source.needs)
+        link = f"[{Path(source.page).stem}]({_in_repository(source.page)})" + "*" * bool(
+            source.needs
+        )
         commands = "<br>".join(f"`{command}`" for command in source.commands)
         files = ", ".join(f"[{name}](validation/{name})" for name in source.evidence)
         full, quick = source.flights
         counts = f"{full:,}, {quick:,}" if full else "-"
         seconds = quick_seconds(source)
         yield f"| {link} | {commands} | {files} | {counts} | {f'{seconds:.0f}' if seconds else '-'} |"
+
+
+def _in_repository(page: str) -> str:
+    """Path of a page from docs: that of a package, in docs by a symbolic link, is beside the package."""
+    docs = Path(__file__).parents[1] / "docs"
+    return Path(os.path.relpath((docs / page).resolve(), docs)).as_posix()
 
 
 def quick_seconds(source: Source) -> float:
@@ -588,7 +597,7 @@ def _pictures() -> Iterator[str]:
 
 def _records() -> Iterator[str]:
     for name, (where, command) in RECORDS.items():
-        yield f"| [{Path(where).stem}]({where}) | `{name}` | `{command}` |"
+        yield f"| [{Path(where).stem}]({_in_repository(where)}) | `{name}` | `{command}` |"
 
 
 def unlisted(docs: Path) -> set[str]:

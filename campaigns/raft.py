@@ -9,7 +9,7 @@ pictures only. Here episodes are split by what is possible (`possible`).
 ``rans train campaigns/raft_recipes/filters.toml --output runs/raft/filters`` trains a contestant, and so do the
 other recipes; agents whose name ends in -wheel need ``--spacecraft roboran-platform`` too. Then
 ``python -m campaigns.raft`` flies all, 512 episodes of each cell and of ten seeds, and writes
-docs/validation/raft.json and the tables of docs/raft.md; ``--quick`` flies 32 and writes nothing.
+docs/validation/raft.json and the tables of docs/robot/raft.md; ``--quick`` flies 32 and writes nothing.
 """
 
 from __future__ import annotations
@@ -397,10 +397,10 @@ _LINES = (
 
 
 def in_document(docs: Path, spacecraft: str) -> Table:
-    """The table of a spacecraft in docs/raft.md, of the evidence in docs/validation."""
+    """The table of a spacecraft in docs/robot/raft.md, of the evidence in docs/validation."""
     evidence = read_json(docs / _FILE)
     headings, *lines = rows(evidence, spacecraft)
-    return Table("raft.md", f"{COMMAND}, {spacecraft}", headings, lines, "")
+    return Table("robot/raft.md", f"{COMMAND}, {spacecraft}", headings, lines, "")
 
 
 def rows(found: dict[str, Any], spacecraft: str) -> list[tuple[str, ...]]:

@@ -125,7 +125,7 @@ def in_document(docs: Path) -> Table:
         _HEADINGS,
         [Row(**row).cells() for row in evidence["rows"]],
         f"{evidence['states']:,} states each, in %. The values are in "
-        "[safe-set.json](../validation/safe-set.json).",
+        "[safe-set.json](../../../docs/validation/safe-set.json).",
     )
 
 

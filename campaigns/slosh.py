@@ -197,7 +197,7 @@ def in_document(docs: Path) -> Table:
         HEADINGS,
         [_cells(x) for x in rows],
         f"{rows[0]['starts']:,} starts each. The first {drake} fly in Drake too. The values are in "
-        "[slosh.json](../validation/slosh.json).",
+        "[slosh.json](../../../docs/validation/slosh.json).",
     )
 
 

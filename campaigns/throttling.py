@@ -143,7 +143,7 @@ def in_document(docs: Path) -> Table:
         "python -m campaigns.throttling --docs docs",
         _HEADINGS,
         rows,
-        "The values are in [throttling.json](../validation/throttling.json).",
+        "The values are in [throttling.json](../../../docs/validation/throttling.json).",
     )
 
 

@@ -248,7 +248,7 @@ def in_document(docs: Path) -> Table:
         _COMMAND,
         _HEADINGS,
         cells,
-        f"The values are in [{_FILE}](../validation/{_FILE}).",
+        f"The values are in [{_FILE}](../../../docs/validation/{_FILE}).",
     )
 
 

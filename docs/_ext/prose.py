@@ -64,11 +64,11 @@ REFERENCE = frozenset(
 
 
 def pages() -> list[Path]:
-    """Pages that are checked: the README, those of docs, missions and decisions, and the tutorials."""
+    """Pages that are checked: the README, those of docs, packages and decisions, and the tutorials."""
     return [
         ROOT / "README.md",
         *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL | {"README.md"}),
-        *sorted(DOCS.glob("missions/*.md")),
+        *sorted(ROOT.glob("packages/*/docs/*.md")),
         *sorted(DOCS.glob("decisions/*.md")),
         *sorted(DOCS.glob("tutorials/*.py")),
     ]

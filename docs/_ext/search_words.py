@@ -26,22 +26,32 @@ WORDS: dict[str, tuple[str, ...]] = {
         "path following",
         "evaluation",
     ),
-    "any_craft_adaptive": (
+    "any_craft/any_craft_adaptive": (
         "adaptive control",
         "fault detection",
         "fault isolation",
         "multiple models",
     ),
-    "any_craft_in_space": ("any craft in space", "six degrees of freedom", "zero-shot in space"),
-    "any_craft_training": (
+    "any_craft/any_craft_in_space": (
+        "any craft in space",
+        "six degrees of freedom",
+        "zero-shot in space",
+    ),
+    "any_craft/any_craft_training": (
         "random layouts",
         "docked spacecraft",
         "joined bodies",
         "fine-tuning",
         "transfer learning",
     ),
-    "any_craft": ("any craft", "foundation policy", "generalist policy", "zero-shot", "set policy"),
-    "assurance": (
+    "any_craft/any_craft": (
+        "any craft",
+        "foundation policy",
+        "generalist policy",
+        "zero-shot",
+        "set policy",
+    ),
+    "assurance/assurance": (
         "failure probability",
         "monte carlo",
         "rare events",
@@ -114,7 +124,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "model card",
         "test vectors",
     ),
-    "faults": (
+    "assurance/faults": (
         "fault injection",
         "fault tolerance",
         "fault-tolerant control",
@@ -123,8 +133,8 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "fly": ("javascript", "browser", "live page", "demo"),
     "glossary": ("duty cycle", "dwell time", "settling time", "impulse", "success rate", "delta-v"),
-    "identified_agents": ("train on an identified spacecraft",),
-    "identify": ("system identification", "sysid", "parameter estimation"),
+    "robot/identified_agents": ("train on an identified spacecraft",),
+    "robot/identify": ("system identification", "sysid", "parameter estimation"),
     "install": (
         "installation",
         "docker",
@@ -203,7 +213,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "pareto": ("pareto front", "multi-objective", "trade-off"),
     "plain": ("debugging", "debugger", "breakpoint"),
-    "proofs": (
+    "proof/proofs": (
         "formal verification",
         "neural network verification",
         "reachability",
@@ -211,8 +221,8 @@ WORDS: dict[str, tuple[str, ...]] = {
         "vnn-comp",
     ),
     "python": ("python api", "notebook", "jupyter", "matlab"),
-    "raft": ("raft",),
-    "robots": (
+    "robot/raft": ("raft",),
+    "robot/robots": (
         "ros",
         "ros 2",
         "ros2",
@@ -246,7 +256,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "inertia",
     ),
     "speed": ("throughput", "steps per second", "fps", "performance"),
-    "stress": ("robustness", "stress test", "sensitivity analysis"),
+    "assurance/stress": ("robustness", "stress test", "sensitivity analysis"),
     "sweep": (
         "hyperparameter",
         "hyperparameters",

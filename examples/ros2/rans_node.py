@@ -3,7 +3,7 @@
     python rans_node.py AGENT_FOLDER --ros-args -r pose:=/mocap/pose -p robot:=pose -p goal:="[1.0, 0.5, 90.0]"
 
 AGENT_FOLDER is what ``rans export RUN --format numpy --output AGENT_FOLDER`` wrote. Topics, types and frames are
-those of ``rans fly`` (docs/robots.md); ROS remaps them.
+those of ``rans fly`` (docs/robot/robots.md); ROS remaps them.
 """
 
 import json

@@ -16,6 +16,7 @@ def texts() -> Iterator[Path]:
     """Pages, and the files of campaigns, whose docstrings and tables name commands."""
     yield from (page for page in ROOT.glob("*.md") if page != HISTORY)
     yield from (ROOT / "docs").rglob("*.md")
+    yield from ROOT.glob("packages/*/docs/*.md")
     for room in ROOMS:
         yield from (ROOT / room).rglob("*.py")
 

@@ -32,7 +32,7 @@ def flown(spec: str, episodes: int = 48) -> dict[str, float]:
 
 
 def test_frugal_flights_settle_with_less_thrust_in_more_time() -> None:
-    """The values of docs/any_craft.md; LQR needs 6.4 s and 21.8 N s there, which 0.5 dominates."""
+    """The values of docs/any_craft/any_craft.md; LQR needs 6.4 s and 21.8 N s there, which 0.5 dominates."""
     fast, half, slow = (flown(f"any-craft-2d#{value}") for value in ("0", "0.5", "1"))
     assert fast["solved"] == half["solved"] == slow["solved"] == 100.0
     assert slow["impulse"] < 0.7 * fast["impulse"]

@@ -42,7 +42,7 @@ class Prove:
     """
 
     group = "Judge"
-    guide = "docs/proofs.md"
+    guide = "docs/proof/proofs.md"
     divides_work = True
     examples = (
         "rans prove pretrained:track-velocity-2d --property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15",
@@ -64,7 +64,7 @@ class Prove:
     """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
     are 1/512 of the range of a start by default."""
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Plant, starts and property, a TOML file; see docs/proofs.md. With --check the certificate must be of it."""
+    """Plant, starts and property, a TOML file (docs/proof/proofs.md); with --check the certificate must be of it."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
     check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None

@@ -40,7 +40,7 @@ class Assure:
     """
 
     group = "Judge"
-    guide = "docs/assurance.md"
+    guide = "docs/assurance/assurance.md"
     divides_work = True
     examples = (
         "rans assure runs/first --failure-below 1e-3",

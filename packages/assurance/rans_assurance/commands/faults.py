@@ -19,7 +19,7 @@ class Faults:
     """
 
     group = "Limits"
-    guide = "docs/faults.md"
+    guide = "docs/assurance/faults.md"
     examples = ("rans faults floating-platform --picture faults.svg",)
 
     craft: Annotated[str, Positional, arg(metavar="SPACECRAFT")]

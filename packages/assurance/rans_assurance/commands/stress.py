@@ -38,7 +38,7 @@ class Stress:
     """
 
     group = "Judge"
-    guide = "docs/stress.md"
+    guide = "docs/assurance/stress.md"
     divides_work = True
     examples = (
         "rans stress runs/first lqr",

@@ -32,11 +32,11 @@ class Fly:
 
     The agent acts at its control rate. Any fault shuts all valves and is reported: a stale or missing state,
     another control rate or spacecraft, a lost robot. `rans twin` simulates a robot to test with.
-    docs/robots.md has a checklist for the first flight.
+    docs/robot/robots.md has a checklist for the first flight.
     """
 
     group = "Deploy"
-    guide = "docs/robots.md"
+    guide = "docs/robot/robots.md"
     examples = ("rans fly pretrained:go-to-pose-2d --goal 1 0 90deg",)
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]

@@ -24,7 +24,7 @@ class Identify:
     """
 
     group = "Deploy"
-    guide = "docs/identify.md"
+    guide = "docs/robot/identify.md"
     examples = ("rans identify flight.csv --spacecraft floating-platform",)
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]

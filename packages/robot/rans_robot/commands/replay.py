@@ -20,7 +20,7 @@ class Replay:
     """
 
     group = "Deploy"
-    guide = "docs/robots.md"
+    guide = "docs/robot/robots.md"
     examples = ("rans replay runs/flights/first/flight.mcap --trust",)
 
     bag: Annotated[Path, Positional, arg(metavar="BAG")]

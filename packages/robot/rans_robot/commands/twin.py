@@ -24,7 +24,7 @@ class Twin:
     """
 
     group = "Deploy"
-    guide = "docs/robots.md"
+    guide = "docs/robot/robots.md"
     examples = ("rans twin floating-platform",)
 
     spacecraft: Annotated[str, Positional, arg(metavar="CRAFT")]
