@@ -2,7 +2,8 @@
 
 ``python -m campaigns.assurances`` runs what `rans assure` runs for every one of them, on a GPU if there is
 one, keeps docs/validation/assurance/NAME.json and writes the table of docs/assurance/assurances.md. Campaigns
-that are there already, of the same code, are not flown again, but their failures are: on a machine with Drake by it.
+that are there already, of the same code, are not flown again, but their failures are: on a machine with Drake,
+by Drake.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class Prove:
     """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
     are 1/512 of the range of a start by default."""
     problem: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Plant, starts and property, a TOML file (docs/proof/proofs.md); with --check the certificate must be of it."""
+    """Plant, starts and property, a TOML file (docs/proof/proofs.md); with --check the certificate must fit it."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
     check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
