@@ -74,3 +74,8 @@ def test_a_package_has_the_version_of_the_core_and_a_readme_of_a_screen(folder: 
     assert core["optional-dependencies"][folder.name][0] == f"{own['name']}=={core['version']}"
     assert folder.name in core["optional-dependencies"]["all"][0]
     assert len((folder / "README.md").read_text("utf-8").splitlines()) <= 50
+
+
+def test_tests_of_packages_are_modules_by_their_paths() -> None:
+    """As packages of Python all of them would be `tests`, and two conftest.py one module, which ends pytest."""
+    assert not list((ROOT / "packages").glob("*/tests/**/__init__.py"))
