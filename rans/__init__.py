@@ -20,7 +20,7 @@ import gymnasium
 
 from rans import display
 from rans.abilities import PUBLIC, sentence_of_absent
-from rans.tasks import TASKS, bare_gymnasium_id, gymnasium_ids
+from rans.tasks import TASKS, gymnasium_ids
 
 if TYPE_CHECKING:
     from rans.api.agent import Agent, load_agent
@@ -371,16 +371,6 @@ def _enrol(task_name: str) -> None:
             "rans.reference.flight:DrakeEnv",
             reward_threshold=threshold,
             kwargs=kwargs,
-        )
-    # A name without dimension: Gymnasium would suggest one of two without saying that there are two.
-    bare = bare_gymnasium_id(task_name)
-    if bare not in gymnasium.registry:
-        entry_point = "rans.environment:without_dimension"
-        gymnasium.register(
-            bare,
-            entry_point,
-            kwargs={"task_name": task_name},
-            vector_entry_point=entry_point,
         )
 
 

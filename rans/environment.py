@@ -26,7 +26,7 @@ from rans.randomization.conditions_file import load_conditions
 from rans.registry import typed
 from rans.scenario import Scenario, draws, scenario
 from rans.settled import settled
-from rans.tasks import TASKS, Task, gymnasium_ids
+from rans.tasks import TASKS, Task
 from rans.tasks.derived import check_dimension, example
 from rans.tasks.observation_terms import Dimension
 from rans.tasks.rewards import paid
@@ -348,19 +348,6 @@ def own_spec(spec: EnvSpec, task: Task, timing: Timing) -> EnvSpec:
         spec,
         max_episode_steps=timing.episode_steps,
         reward_threshold=spec.reward_threshold if usual else None,
-    )
-
-
-def without_dimension(task_name: str, **_: object) -> Any:
-    """What "rans/GoToPose-v0" makes: nothing, since environments fly in the plane or in space.
-
-    Raises:
-        ConfigError: always, with the names to choose from.
-    """
-    names = dict(zip((2, 3), gymnasium_ids(task_name), strict=True))
-    named = " or ".join(names[dimension] for dimension in sorted(TASKS[task_name].dimensions))
-    raise ConfigError(
-        f"environments of {task_name} say where they fly, in the plane (2D) or in space (3D): write {named}."
     )
 
 

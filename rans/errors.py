@@ -133,15 +133,14 @@ def _as_object(name: str, kind: type, table: dict[Any, Any]) -> str:
 
 
 class NamedArguments:
-    """Base of classes that refuse arguments of other names, numbers or places in a sentence (`ConfigError`).
+    """Base of classes that refuse an unknown keyword argument in a sentence (`ConfigError`).
 
     An argument that belongs to an object within, such as the latency of conditions, is written where it goes.
     """
 
-    def __new__(cls, *positional: Any, **named: Any) -> Self:
-        """See the class; ``__init__`` checks what the arguments are."""
-        signature = inspect.signature(cls.__init__)
-        parameters = signature.parameters
+    def __new__(cls, *_: Any, **named: Any) -> Self:
+        """See the class; positional arguments are checked by ``__init__``."""
+        parameters = inspect.signature(cls.__init__).parameters
         # A derived class may hand arguments on by **; the class that reads them is not known here.
         if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters.values()):
             return super().__new__(cls)
@@ -154,19 +153,6 @@ class NamedArguments:
             raise ConfigError(
                 f"{cls.__name__} has no argument {name}{meant(name, known)}; it has {', '.join(known)}."
             )
-        if positional or named:  # a copy is made without any
-            try:
-                signature.bind(None, *positional, **named)
-            except TypeError as error:
-                ordered = [
-                    name
-                    for name in known
-                    if parameters[name].kind is not parameters[name].KEYWORD_ONLY
-                ]
-                raise ConfigError(
-                    f"{cls.__name__}: {error}; its first arguments are {', '.join(ordered)}, in this order, and "
-                    f"all others are named: {', '.join(name for name in known if name not in ordered)}."
-                ) from None
         return super().__new__(cls)
 
 

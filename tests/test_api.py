@@ -343,30 +343,6 @@ def test_names_do_where_objects_do() -> None:
         ),
         (lambda: rans.Conditions(layout=1), r"no argument layout \(did you mean layouts\?\)"),  # type: ignore[call-arg]
         (lambda: rans.Engine("atmos", "go-to-attitude", 2), "GoToAttitude works in space only"),
-        (
-            lambda: rans.SpacecraftVectorEnv(rans.GoToPose(), "atmos", num_envs=4),  # type: ignore[misc]
-            "multiple values .* first arguments are num_envs, task_name, dimension, in this order",
-        ),
-        (
-            lambda: rans.SpacecraftVectorEnv(rans.GoToPose(), "go-to-pose", 2),  # type: ignore[arg-type]
-            r"num_envs must be a whole number .*GoToPose\(\)",
-        ),
-        (
-            lambda: rans.SpacecraftEnv("go-to-pose"),  # type: ignore[call-arg]
-            "missing a required argument: 'dimension'.*task_name, dimension, in this order",
-        ),
-        (
-            lambda: rans.Engine("atmos", "go-to-pose", n_envs=2),  # type: ignore[call-arg]
-            r"Engine has no argument n_envs \(did you mean num_envs\?\)",
-        ),
-        (
-            lambda: gymnasium.make("rans/GoToPose-v0"),
-            "write rans/GoToPose2D-v0 or rans/GoToPose3D-v0",
-        ),
-        (
-            lambda: gymnasium.make_vec("rans/GoToPosition-v0", num_envs=2),
-            "write rans/GoToXY-v0 or rans/GoToXYZ-v0",
-        ),
     ],
 )
 def test_mistakes_are_sentences(ask: Any, said: str) -> None:

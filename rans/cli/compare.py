@@ -15,7 +15,6 @@ from rans.cli import check_count
 from rans.cli.options import NumberOf, Trust
 from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import ConfigError, RansError, counted
-from rans.evaluation.fly.contestant_name import OF_OPTIMA
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.registry import typed
@@ -66,6 +65,7 @@ class Compare:
     guide = "docs/comparison.md"
     divides_work = True
     examples = (
+        "rans compare mine.toml",
         "rans compare runs/first",
         "rans compare runs/first pretrained:go-to-pose-2d --episodes 16 --certified 2",
     )
@@ -73,7 +73,8 @@ class Compare:
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of these after lookahead:,
     sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION, or FILE.csv with flights that were computed elsewhere
-    (docs/comparison.md). The first sets task, spacecraft and control rate; the others are compared with it."""
+    (docs/comparison.md). The first sets task, spacecraft and control rate for the others. The file of a spacecraft
+    alone, mine.toml, is any-craft-2d or any-craft-3d at three values, fast to frugal."""
     beside: Annotated[
         tuple[str, ...] | None, tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")
     ] = None
@@ -98,6 +99,8 @@ class Compare:
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
     front. A number after it, as in `--front 900`, is the processor time for the bounds, s; by default 300. They are
     kept for the next run."""
+    period: float | None = None
+    """Control period, s, of controllers and of any-craft with a spacecraft; by default the first contestant's."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     start: OwnState = ()
@@ -135,7 +138,8 @@ class Compare:
         self._check()
         named = [
             trade_off_positions(spec, _POSITIONS) if self.front else [spec]
-            for spec in self.contestants
+            for text in self.contestants
+            for spec in at_values(text)
         ]
         # The first contestant sets task, craft, starts and conditions for all.
         contest = contest_of(
@@ -147,6 +151,7 @@ class Compare:
             self.trust,
             self.guard,
             self.guard_slack,
+            self.period,
         )
         contest = contest.between(
             written_endpoints(
@@ -156,10 +161,7 @@ class Compare:
         comparison = Comparison(contest)
         flying = enlisted([spec for line in named for spec in line], contest, self.trust)
         between = {
-            spec: flying.pop(spec)
-            for line in named
-            for spec in line[1:-1]
-            if spec in flying and spec not in self.contestants
+            spec: flying.pop(spec) for line in named for spec in line[1:-1] if spec in flying
         }
         folder = ready_folder(
             self.output or ContestantName.parse(self.contestants[0]).output_folder
@@ -220,7 +222,7 @@ class Compare:
         view = shlex.join(["rans", "view", run, *controllers, *same])
         stress = shlex.join(["rans", "stress", run, *controllers, *guard, *trust])
         # Only a comparison has opponents, certified bounds and a front.
-        again = self._changed("episodes", "certified", "output")
+        again = self._changed("episodes", "certified", "period", "output")
         again += [] if self.beside is None else ["--with", *self.beside]
         again += ["--front", f"{self.budget:g}"] if self.front else []
         full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
@@ -278,16 +280,27 @@ class Compare:
                     f"--with takes names with spaces between them: write --with {spaced}."
                 )
         for name in set(self.beside or ()) - {"optimal"}:
-            if name in OF_OPTIMA:
-                raise ConfigError(
-                    f"optimal trajectories and certified bounds join by --with optimal, got {name}."
-                )
             CONTROLLERS[typed(name)]  # reject a wrong name before the flights
         if self._certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if not self.budget >= 0:
             raise ConfigError(f"--front takes processor time >= 0 s, got {self.budget}.")
         check_count("--episodes", self._episodes)
+
+
+_VALUES = 0.0, 0.5, 1.0
+"""Values from fast to frugal at which the agent for any craft flies the file of a user's spacecraft."""
+
+
+def at_values(text: str) -> list[str]:
+    """Names of the agent for any craft at several values, where a text is the file of a spacecraft alone."""
+    from rans.evaluation.fly.contestant_name import ContestantName
+
+    name = ContestantName.parse(text)
+    if not name.unnamed or name.frugality:
+        return [text]
+    before, at, craft = name.unnamed.rpartition("@")
+    return [f"{before}#{value:g}{at}{craft}" if value else name.unnamed for value in _VALUES]
 
 
 def _without_training(contestants: Sequence[str], contest: Contest) -> str:
@@ -297,7 +310,7 @@ def _without_training(contestants: Sequence[str], contest: Contest) -> str:
     from rans.policy.any_craft import AGENTS
 
     agent = AGENTS[contest.craft.dimension]
-    if any(agent in text for text in contestants):
+    if any(agent in text or ContestantName.parse(text).unnamed for text in contestants):
         return ""
     name = ContestantName.parse(contestants[0])
     craft = name.craft or name.setup.partition("@")[2] or contest.craft.name

@@ -62,6 +62,7 @@ class Evaluate:
     guide = "docs/agents.md"
     divides_work = True
     examples = (
+        "rans evaluate mine.toml",
         "rans evaluate runs/first",
         "rans evaluate runs/first --engine drake --episodes 64",
         "rans evaluate lqr:go-to-pose-2d@mine.toml --full",
@@ -70,7 +71,8 @@ class Evaluate:
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """A run folder, pretrained:NAME, either of these after lookahead:, or CONTROLLER:TASK-2d or -3d, with
-    @SPACECRAFT if you like; any-craft-2d@mine.toml, or any-craft-3d, flies a craft of your own without training."""
+    @SPACECRAFT if you like. The file of your own spacecraft alone, mine.toml, is any-craft-2d@mine.toml or
+    any-craft-3d@mine.toml: it flies without training."""
     protocol: Literal["own", "paper", "original"] = "own"
     """own: the conditions of the training and the task's evaluation starts. paper: the paper's floating
     platform, 250 steps, starts 3 to 4 m away, 1 N for each thruster. original: the same with a total of 1 N."""
@@ -81,6 +83,9 @@ class Evaluate:
     """Number of flights. More than 65,536 flights of an agent are judged while they fly: a million take about
     a second on a GPU and one or two minutes on two cores. They have a shorter table, written to
     evaluation-many.json without episodes and figures."""
+    period: float | None = None
+    """Control period, s, of a controller or of any-craft with a spacecraft; by default the task's, or one for the
+    spacecraft of your file."""
     seed: int = EVALUATION_SEED
     """Seed of starts and goals."""
     start: OwnState = ()
@@ -133,11 +138,17 @@ class Evaluate:
         from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
+        from rans.policy.prospects import doubt
 
-        run = contestant(self.contestant, self.protocol, trust=self.trust)
+        run = contestant(self.contestant, self.protocol, trust=self.trust, period=self.period)
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
-        ready_folder(ContestantName.parse(self.contestant).output_folder)
+        name = ContestantName.parse(self.contestant)
+        if name.unnamed:
+            Terminal().say(f"{name.unnamed} flies {run.craft.name} without training.")
+        if name.craft and (sentence := doubt(run.craft, run.timing.control_period)):
+            Terminal().say(sentence)
+        ready_folder(name.output_folder)
         self._file(run)  # reject a symbolic link before the flights
         if self._many(run):
             self._judge_many(run)
@@ -175,6 +186,8 @@ class Evaluate:
         # Only this command has its protocols, and its number of episodes suits only itself.
         own = ["--guard-coasts"] if self.guard_coasts else []
         own += ["--protocol", self.protocol] if self.protocol != "own" else []
+        period = [] if self.period is None else ["--period", f"{self.period:g}"]
+        own += period
         own += ["--episodes", str(self.episodes)] if self.episodes != Evaluate.episodes else []
         drake = ["--engine", "drake"]
         engine = ["--engine", self.engine] if self.engine != "fast" else []
@@ -185,7 +198,13 @@ class Evaluate:
         others = () if self.guard_coasts else ("compare", "view")
         same += drake if self.engine == "drake" else []
         Terminal().suggest(
-            *first, *(shlex.join(["rans", other, self.contestant, *same]) for other in others)
+            *first,
+            *(
+                shlex.join(
+                    ["rans", other, self.contestant, *same, *(period if other == "compare" else [])]
+                )
+                for other in others
+            ),
         )
 
     def _many(self, run: LoadedRun) -> bool:
@@ -331,7 +350,8 @@ class Evaluate:
             own = as_options(self.start, self.goal, self.zones)
             endpoints = distinct("own", shlex.join(own))
         name = ContestantName.parse(self.contestant)
-        names = filter(None, (name.part, protocol, conditions, guard, endpoints))
+        period = "" if self.period is None else f"period{self.period:g}"
+        names = filter(None, (name.part, protocol, period, conditions, guard, endpoints))
         return name.output_folder, "".join(f"-{part}" for part in names)
 
     def _file(self, run: LoadedRun) -> Path:
@@ -355,6 +375,8 @@ class Evaluate:
             "episodes": self.episodes,
             "seed": self.seed,
         }
+        if self.period is not None:
+            options["period"] = self.period
         if self.start or self.goal or self.zones:
             options |= {"start": " ".join(self.start), "goal": " ".join(self.goal)}
             if self.zones:

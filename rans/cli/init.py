@@ -187,11 +187,12 @@ class Init:
     def _show(self, draft: Draft, picture: Path) -> None:
         """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
+        from rans.cli.list import prospects
         from rans.model.spacecraft import is_steerable
         from rans.policy.any_craft import AGENTS
         from rans.terminal import table
 
-        # Control authority, and thrusters without which every force and torque remains possible.
+        # Control authority, whether it settles, and thrusters without which it still does.
         craft = draft.spacecraft
         console = Terminal()
         console.print(
@@ -203,7 +204,8 @@ class Init:
         )
         steerable = is_steerable(craft)
         if steerable:
-            console.say(_spare(draft))
+            for sentence in prospects(craft):
+                console.say(sentence)
         console.say(f"Written: {self.file} and {picture}")
         # What the agent for any craft makes of it, and the next commands.
         agent = AGENTS[craft.dimension]
@@ -233,20 +235,6 @@ def _ask_actuators(number: Callable[[str], float], given: Collection[str]) -> di
     if kind == "throttle" and "least" not in given:
         answers["least"] = ask("Least level, a share of full force", number, "0")
     return answers
-
-
-def _spare(draft: Draft) -> str:
-    """Which thrusters the craft can lose, as a sentence."""
-    bearable = draft.bearable()
-    others = [k for k in range(draft.spacecraft.thruster_count) if k not in bearable]
-    if not bearable:
-        return "No thruster may be dead: each one is needed for some force or torque."
-    if not others:
-        return "Any one of its thrusters may be dead, and every force and torque remains possible."
-    return (
-        f"Any one of these thrusters may be dead: {', '.join(map(str, bearable))}; the others are needed: "
-        f"{', '.join(map(str, others))}."
-    )
 
 
 _FLIGHTS = 32

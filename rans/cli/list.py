@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +15,7 @@ from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.errors import EXTRAS, ConfigError, brief, counted, legible
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.timing import Timing
 from rans.policy.any_craft import AGENTS
@@ -294,6 +295,21 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
     yield thruster_listing(craft)
     yield f"\n{layout_text(craft)}\n"
     yield f"x to the right, y up; arrows are forces on the craft; {TOWARDS} towards you, {AWAY} away."
+    if name.endswith(".toml"):
+        yield from prospects(craft)
+
+
+def prospects(craft: Spacecraft) -> Iterator[str]:
+    """Whether a craft can come to rest within the tolerances of go-to-pose, and which thrusters it can lose."""
+    from rans.policy.prospects import Prospect, doubt, spared
+    from rans.policy.timing import timing_for
+
+    try:
+        period = timing_for(craft, Timing()).control_period
+        yield Prospect.of(craft, period).text(period)
+        yield doubt(craft, period) or spared(craft, period)
+    except ConfigError as error:
+        yield f"Nothing brings it to rest at a pose: {error}"
 
 
 def _task_details(name: str) -> Iterable[str | Listing]:

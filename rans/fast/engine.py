@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rans.effectors.commands import check_commands, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
-from rans.errors import ConfigError, NamedArguments, RansWarning, brief, checked, counted
+from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.privileged import PrivilegedObservation
 from rans.fast.stepping.compiled import stepping
@@ -51,7 +51,7 @@ from rans.tasks.feasible import warn_of_obstacles
 from rans.tasks.rewards import Transition
 
 
-class Engine(NamedArguments):
+class Engine:
     """Batch of N episodes of one spacecraft and one task on one device.
 
     >>> engine = rans.Engine("floating-platform", "go-to-pose", num_envs=4, seed=0)

@@ -14,6 +14,8 @@ import numpy as np
 
 _PARALLEL = 1e-9
 """Sine of the angle, and one less its cosine, up to which two directions count as one."""
+_NOTHING = 1e-9
+"""Part of the largest change along an axis that is a rounding error: nothing is possible there."""
 
 
 def directions(width: int) -> int:
@@ -86,7 +88,7 @@ def balanced(columns: np.ndarray, shared: bool = False) -> np.ndarray:
             part = sign * facets[:, axis]
             ahead = part > _PARALLEL
             reach = (support[ahead] / part[ahead]).min() if ahead.any() else 0.0
-            result.append(max(0.0, float(reach)) * size[axis])
+            result.append(_possible(float(reach)) * size[axis])
     return np.array(result)
 
 
@@ -127,6 +129,11 @@ def cone_pushes(columns: np.ndarray, shared: bool = False) -> np.ndarray:
     return np.array(result)
 
 
+def _possible(reach: float) -> float:
+    """How far a polytope reaches, in parts of the largest change along the axis; 0 for a rounding error."""
+    return reach if reach > _NOTHING else 0.0
+
+
 def _balanced_by_programs(columns: np.ndarray) -> np.ndarray:
     """`balanced` of thrusters with a shared supply."""
     from scipy.optimize import linprog
@@ -142,5 +149,5 @@ def _balanced_by_programs(columns: np.ndarray) -> np.ndarray:
                 A_eq=np.delete(columns, axis, axis=1).T,
                 b_eq=np.zeros(width - 1),
             )
-            result.append(max(0.0, -best.fun) if best.success else 0.0)
+            result.append(_possible(-best.fun) if best.success else 0.0)
     return np.array(result)

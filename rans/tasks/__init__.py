@@ -98,18 +98,9 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 
     Those of "my-task" are "rans/MyTask2D-v0" and "rans/MyTask3D-v0".
     """
-    base = _base(name)
+    base = "".join(word[:1].upper() + word[1:] for word in re.split(r"\W+", name))
     plane, space = _PUBLISHED.get(name, (f"{base}2D", f"{base}3D"))
     return f"rans/{plane}-v0", f"rans/{space}-v0"
-
-
-def bare_gymnasium_id(name: str) -> str:
-    """The id without a dimension, such as "rans/MyTask-v0", which is refused with those of `gymnasium_ids`."""
-    return f"rans/{_base(name)}-v0"
-
-
-def _base(name: str) -> str:
-    return "".join(word[:1].upper() + word[1:] for word in re.split(r"\W+", name))
 
 
 def __getattr__(name: str) -> Any:
@@ -140,7 +131,6 @@ __all__ = [
     "TrackVelocity",
     "TrackVelocityHeading",
     "Transition",
-    "bare_gymnasium_id",
     "gymnasium_ids",
     "load_task",
     "observation",

@@ -12,9 +12,9 @@ import pytest
 
 import rans
 from rans.cli import main
-from rans.cli.compare import STARTS, Compare, _without_training
+from rans.cli.compare import STARTS, Compare, _without_training, at_values
 from rans.evaluation.compare.bounds import Bound
-from rans.evaluation.compare.entrants import contest_of
+from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
@@ -155,7 +155,6 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             "cannot write into /dev/null/x: Not a directory",
         ),
         (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
-        (["lqr:go-to-pose-2d", "--with", "optimum"], "by --with optimal, got optimum"),
         (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
         (
             ["lqr:go-to-pose-2d", "--seed", "18446744073709551616"],
@@ -338,11 +337,32 @@ def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path: Path) -> 
     own.write_text(to_toml(heavy))
     first = f"lqr:go-to-pose-2d@{own}"
     assert line(first).endswith(f"rans compare {first} any-craft-2d@{own}")
-    assert (
-        line("go-to-pose-2d") == ""
-    )  # quick to turn: the one for any craft flies it at 10 Hz, not 5
+    # Quick to turn: by itself it flies this one at 10 Hz, beside a trained agent at 5.
+    assert "any-craft-2d@floating-platform" in line("go-to-pose-2d")
     assert line(first, f"any-craft-2d@{own}") == ""  # it flies
+    assert line(str(own)) == ""
     assert line("lqr:track-velocity-2d") == ""  # another task
+
+
+def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_frugal(
+    tmp_path: Path,
+) -> None:
+    own = tmp_path / "mine.toml"
+    own.write_text(to_toml(load_spacecraft("floating-platform")))
+    names = at_values(str(own))
+    assert names == [
+        f"any-craft-2d@{own}",
+        f"any-craft-2d#0.5@{own}",
+        f"any-craft-2d#1@{own}",
+    ]
+    assert at_values(f"{own}#0.3") == [f"{own}#0.3"]
+    assert at_values("go-to-pose-2d") == ["go-to-pose-2d"]
+    contest = contest_of(names[0], 1)
+    assert [one.name for one in enlisted(names, contest).values()] == [
+        "any-craft-2d",
+        "any-craft-2d#0.5",
+        "any-craft-2d#1",
+    ]
 
 
 def test_next_commands_have_the_options_of_the_comparison(

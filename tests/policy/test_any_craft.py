@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.any_craft import for_spacecraft, timing_for
+from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
@@ -27,6 +27,7 @@ from rans.policy.authority import Authority, braking_distance, nearer
 from rans.policy.network import Network
 from rans.policy.program import Step
 from rans.policy.scalars import fields
+from rans.policy.timing import timing_for
 from rans.policy.traced import parameters, policy_program
 from tests.support.pose_observations import observations
 

@@ -91,11 +91,13 @@ def contest_of(
     trust: bool = False,
     guard: bool = False,
     slack: float | None = None,
+    period: float | None = None,
 ) -> Contest:
     """Contest in the setup of its first contestant.
 
     Conditions replace those of the setup. With ``guard`` all contestants fly
-    with the safety filter for spacecraft and task, and its slack (`rans.guard.safety_filter`).
+    with the safety filter for spacecraft and task, and its slack (`rans.guard.safety_filter`). For the control
+    period, s, see `rans.evaluation.fly.contestants.contestant`.
 
     Raises:
         ConfigError: the contestant has no task, or one for the other dimension only.
@@ -103,7 +105,7 @@ def contest_of(
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
     if isinstance(spec, str):
-        run = _single(spec, contestant(spec, trust=trust)).under(conditions)
+        run = _single(spec, contestant(spec, trust=trust, period=period)).under(conditions)
     else:
         run = _single(spec.controller.name, spec).under(conditions)
     craft, task, timing, world, guarded = run.guarded(guard, slack).judged
@@ -205,13 +207,16 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     Raises:
         ConfigError: there is none of this name, or it is for another task, craft or control rate.
     """
-    run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust))
+    named = ContestantName.parse(spec)
+    # Whoever can act at another rate acts at the contest's.
+    is_free = named.kind == "controller" or bool(named.craft)
+    period = contest.timing.control_period if is_free else None
+    run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust, period=period))
     _check_same(spec, run, contest)
     run = run.under(contest.conditions or Conditions())
     if isinstance(run.controller, FlightsFile):
         run.controller.check_starts(contest.episodes)
         return Contestant(run.controller.name, run.controller, _NOTHING, _UNKNOWN)
-    named = ContestantName.parse(spec)
     if name := named.alone.controller:
         effort = _budget(name, contest)
         return Contestant(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,57 +16,15 @@ from rans.files import read_json, ready_folder, replace_file, write_json, write_
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import AGENTS, authority, columns_of, for_craft, is_for_any_craft
-from rans.policy.authority import Authority
+from rans.policy.any_craft import AGENTS, for_craft, is_for_any_craft
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.network import Network
+from rans.policy.timing import timing_for
 from rans.tasks import Task
 
 ADAPTIVE = "adaptive"
 """Prefix of names: the agent for any craft after it estimates in flight what the craft's file does not state."""
-PERIODS = 0.1, 0.2
-"""Control periods of craft in their own task, s."""
-LARGEST_TURN = 0.6
-"""Largest change of the spin in a control period, rad/s, over the angular authority; else the period is shorter."""
-_LARGEST_PULSE = 0.03
-"""Largest angle, rad, by which a pulse of an on/off thruster turns a craft in space; else the period is shorter.
-
-Of a craft with nine thrusters and 0.07 rad 41 % of 64 flights settle at 0.2 s and all at 0.1 s; with twelve times
-the mass and 0.006 rad all and 16 %."""
-_PERIODS_IN_SPACE = 0.1, 0.2, 0.5, 1.0
-"""Control periods of craft in space with continuous effectors, s: those that shipped craft are flown at."""
-_GENTLE_TURN = 0.2
-"""Largest change of the spin of such a craft in a control period by its least angular authority, rad/s."""
-_FARTHEST = 4.0
-"""Distance of the farthest start, m."""
-_SLACK = 2.0
-"""Length of an episode over the least time from rest to rest."""
-_REST = 10.0
-"""Time at the goal after it, s."""
 _ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{AGENTS[2]}"
-
-
-def timing_for(craft: Spacecraft, usual: Timing) -> Timing:
-    """Control period and length of an episode for a craft: slow craft are given longer ones."""
-    short, long = PERIODS
-    own = Authority.of_numbers(authority(craft, long))
-    slow = own.least_angular * long <= LARGEST_TURN
-    if craft.dimension == 3:
-        # A demand takes more than one pulse where thrusters do not point along the axes.
-        kicks = np.linalg.norm(columns_of(craft)[: craft.thruster_count, 3:], axis=1)
-        slow = slow and float(kicks.max()) * long**2 <= _LARGEST_PULSE
-    period = long if slow and not craft.is_continuous else short
-    if craft.dimension == 3 and craft.is_continuous:
-        # Slow craft need not be commanded often, and their episodes are long.
-        gentle = [x for x in _PERIODS_IN_SPACE if own.least_angular * x <= _GENTLE_TURN]
-        period = max(gentle, default=short)
-    # The craft flies to the goal and turns to its attitude, both from rest to rest.
-    flown = math.sqrt(_FARTHEST / own.least_linear)
-    turned = math.sqrt(math.pi / own.least_angular)
-    needed = _SLACK * 2.0 * max(flown, turned) + _REST
-    usual_time = usual.episode_steps * usual.control_period
-    steps = math.ceil(max(usual_time, needed) / period)
-    return replace(usual, control_period=period, episode_steps=steps)
 
 
 def adapting(run: LoadedRun) -> LoadedRun:

@@ -30,9 +30,6 @@ FORMS = (
 )
 """Forms of names, for messages."""
 
-OF_OPTIMA = ("optimal", "optimum", "optima", "bound", "bounds")
-"""What people write for optimal trajectories and bounds, which are `optimal`."""
-
 EVALUATIONS = Path("runs") / "evaluations"
 """Folder for the results of contestants without a run folder."""
 
@@ -152,9 +149,12 @@ class ContestantName:
                 if whole in CONTROLLERS
                 else f"{whole} is not a run folder, and no agent or controller{near}."
             )
+        if whole.endswith(".toml") and Path(whole).is_file():
+            agent = AGENTS[load_spacecraft(typed(whole)).dimension]
+            return cls(text, "pretrained", agent, craft=whole, part=part)._with_frugality()
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)._with_frugality()
-        if whole in OF_OPTIMA:
+        if whole in ("optimal", "optimum", "bound", "bounds"):
             raise ConfigError(
                 f"{whole} is no contestant: optimal trajectories and certified bounds join by --with optimal."
             )
@@ -185,6 +185,15 @@ class ContestantName:
                 f"from 0 (fast) to 1 (frugal), as in {AGENTS[2]}#0.5@mine.toml."
             )
         return replace(self, part="", frugality=value)
+
+    @property
+    def unnamed(self) -> str:
+        """Text with the agent for any craft, where the user's has the file of a spacecraft alone; else ""."""
+        if not self.craft or "@" in self.text:
+            return ""
+        value = f"#{self.frugality:g}" if self.frugality else ""
+        before = self.text[: self.text.index(self.craft)]
+        return f"{before}{self.name}{value}@{self.craft}"
 
     @property
     def alone(self) -> ContestantName:

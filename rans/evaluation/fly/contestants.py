@@ -18,6 +18,8 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import USUAL, load_spacecraft
+from rans.policy.any_craft import AGENTS
+from rans.policy.timing import timing_for, timing_of_file
 from rans.registry import are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
 
@@ -27,6 +29,7 @@ def contestant(
     protocol: ProtocolName = "own",
     default_setup: Setup | None = None,
     trust: bool = False,
+    period: float | None = None,
 ) -> LoadedRun:
     """Load a contestant by name, with the setup in which it flies.
 
@@ -47,18 +50,33 @@ def contestant(
         default_setup: setup of policies of other libraries, and of a controller named by its bare name or
             MODULE:NAME; None: such contestants are refused.
         trust: whether a policy of another library may be a pickle, which runs code when it is opened.
+        period: control period, s, of a controller or of an agent for any craft with a named craft; None: theirs.
+
+    Raises:
+        ConfigError: there is no such contestant, or it has another control period.
     """
-    return _loaded(ContestantName.parse(spec), protocol, default_setup, trust)
+    run = _loaded(ContestantName.parse(spec), protocol, default_setup, trust, period)
+    if period is not None and run.timing.control_period != period:
+        raise ConfigError(
+            f"{brief(spec)} acts every {run.timing.control_period:g} s, as in its training: another --period, got "
+            f"{period:g} s, is for controllers and for an agent for any craft with a spacecraft, as in "
+            f"{AGENTS[run.craft.dimension]}@mine.toml."
+        )
+    return run
 
 
 def _loaded(
-    name: ContestantName, protocol: ProtocolName, default_setup: Setup | None, trust: bool
+    name: ContestantName,
+    protocol: ProtocolName,
+    default_setup: Setup | None,
+    trust: bool,
+    period: float | None,
 ) -> LoadedRun:
     """Load a contestant of a parsed name; see `contestant`."""
     if name.looks_ahead:
         # A controller's name alone takes the earlier setup; everybody else has one.
         setup = default_setup if name.needs_setup else None
-        run = _loaded(name.alone, protocol, setup, trust=False)
+        run = _loaded(name.alone, protocol, setup, False, period)
         return run._replace(controller=looking_ahead(run))
     if name.kind == "flights" and default_setup is not None:
         return LoadedRun(FlightsFile(name.name, default_setup), *default_setup[:4])
@@ -67,7 +85,7 @@ def _loaded(
     # Policies of other libraries, in the setup that their text names, or in that of the first contestant.
     if name.kind == "policy":
         if name.setup:
-            setup = under_protocol(protocol, _named_setup(name))
+            setup = under_protocol(protocol, _named_setup(name, period))
         elif default_setup is not None:
             setup = default_setup
         else:
@@ -78,7 +96,7 @@ def _loaded(
         return LoadedRun(user_policy(name.name, setup.craft, setup.task, trust), *setup[:4])
     name = name.without_earlier()
     if name.kind == "controller":
-        setup = under_protocol(protocol, _picked(_named_setup(name), name))
+        setup = under_protocol(protocol, _picked(_named_setup(name, period), name))
         return LoadedRun(controller(typed(name.name), setup), *setup[:4])
     # A trained agent flies in its own setup, or in that of the protocol; one for any craft with the named one.
     folder = name.own_folder
@@ -86,7 +104,9 @@ def _loaded(
     if name.adapts:
         run = adapting(run)
     if name.craft:
-        run = for_spacecraft(run, load_spacecraft(typed(name.craft)))
+        craft = load_spacecraft(typed(name.craft))
+        timing = None if period is None else timing_for(craft, run.timing, period)
+        run = for_spacecraft(run, craft, timing)
     if name.frugality:
         run = frugal(run, name.frugality)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
@@ -160,10 +180,11 @@ def view_command(
     return shlex.join(["rans", "view", *who, *options])
 
 
-def _named_setup(contestant_name: ContestantName) -> Setup:
+def _named_setup(contestant_name: ContestantName, period: float | None) -> Setup:
     """Setup that the "TASK@SPACECRAFT" of a contestant names, with "-2d" or "-3d" after TASK if both exist.
 
-    Without a spacecraft and a number of dimensions it is the task's own spacecraft, or the floating platform.
+    Without a spacecraft and a number of dimensions it is the task's own spacecraft, or the floating platform. The
+    control period is that of the task, or of the craft of a file (`rans.policy.timing`), if none is given.
     """
     name, _, spacecraft = contestant_name.setup.partition("@")
     suffix = name[-2:] if name.endswith(("-2d", "-3d")) else ""
@@ -175,7 +196,7 @@ def _named_setup(contestant_name: ContestantName) -> Setup:
             f"{brief(contestant_name.text)} asks for {suffix}, but {craft.name} moves in "
             f"{craft.dimension} dimensions."
         )
-    return Setup(craft, result, result.timing)
+    return Setup(craft, result, timing_of_file(craft, result, spacecraft, period))
 
 
 def _picked(setup: Setup, name: ContestantName) -> Setup:

@@ -108,7 +108,6 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.autoreset_mode = _mode(autoreset_mode)
-        num_envs = whole("num_envs", num_envs)
         craft, task = choose(task_name, dimension, spacecraft, task)
         if max_episode_steps is not None:
             usual = task.timing if timing is None else checked("timing", timing, Timing)

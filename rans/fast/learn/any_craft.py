@@ -10,6 +10,7 @@ online learning", AISTATS 2011.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.any_craft import for_craft, is_for_any_craft
 from rans.policy.architecture import Architecture
+from rans.policy.frugality import Frugality
 from rans.policy.network import Network
 from rans.pretrained import agent_path
 
@@ -38,6 +40,12 @@ _UPDATES = {2: 80, 3: 400}
 half the commands of 16 thrusters are met exactly, and PPO then loses the attitude within a million steps."""
 _BATCH = 4096
 """Labels of a gradient step."""
+_SHORT_UPDATES = 120
+_SHORT_BATCH = 1024
+_SHORT_PERIODS = 32
+"""The same of an imitation that is all of a training, which takes half of the time."""
+_MOST_ROUNDS = 32
+"""Largest number of rounds of such an imitation, which ends as soon as the task is solved."""
 _RATE = 2e-3
 """Step size of the first round, which falls to a tenth in the last."""
 _CERTAINTY = {2: 0.94, 3: 0.985}
@@ -51,18 +59,23 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
     """The network of an agent for any craft, for the engine's craft; None: the agent is one of a single craft.
 
     Args:
-        agent: run folder, or pretrained:NAME.
+        agent: run folder, or pretrained:NAME; #VALUE at its end makes it save thrust (`rans.policy.frugality`).
         engine: of the training.
         architecture: of the network that is to imitate it.
 
     Raises:
         ConfigError: it cannot fly the craft, or the network cannot imitate it.
     """
-    file = RunFolder(agent_path(agent)).agent_file
+    path, _, value = agent.partition("#")
+    file = RunFolder(agent_path(path)).agent_file
     if not file.exists():
         return None
     network = read_policy(file).network
     if not is_for_any_craft(network.architecture):
+        if value:
+            raise ConfigError(
+                f"begin_from is {agent!r}: only agents for any craft have a frugality after #."
+            )
         return None
     named = f"begin_from is {agent!r}, the agent for any craft"
     if architecture.layout != network.architecture.layout:
@@ -84,17 +97,40 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
     tensors = {name: x.to(engine.device, engine.dtype) for name, x in own.tensors.items()}
     # A network that imitates the coasting near the goal needs 9 % more impulse after the training: where it begins
     # is a step of the commands.
-    return Network(replace(own.architecture, coast=0.0), tensors)
+    frugal = own.architecture.frugal
+    if value:
+        low, high = engine.task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
+        frugal = tuple(Frugality.of_value(_number(value, agent), 0.5 * (low + high)))
+    return Network(replace(own.architecture, coast=0.0, frugal=frugal), tensors)
 
 
-def imitate(engine: Engine, network: Network, expert: Network, settings: PPOSettings) -> None:
+def _number(value: str, agent: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise ConfigError(
+            f"begin_from is {agent!r}: after # stands a number from 0 (fast) to 1 (frugal)."
+        ) from None
+
+
+def imitate(
+    engine: Engine,
+    network: Network,
+    expert: Network,
+    settings: PPOSettings,
+    is_enough: Callable[[], bool] | None = None,
+) -> int:
     """Bring every member of a network to the commands of an expert, and reset the engine.
+
+    Returns the number of control periods that each environment flew.
 
     Args:
         engine: in which they fly, the environments of a member side by side.
         network: changed in place.
         expert: network of `teacher`.
         settings: of the training that follows: discount and scale of its rewards.
+        is_enough: whether the network flies well enough: if this may be all of the training, its last rounds go on
+            until then; None: reinforcement learning goes on in any case.
     """
     dimension = engine.craft.dimension
     certainty = _CERTAINTY[dimension]
@@ -103,20 +139,29 @@ def imitate(engine: Engine, network: Network, expert: Network, settings: PPOSett
     learnt = [network.tensors[name] for name in network.learnt]
     optimizer = torch.optim.Adam(learnt, _RATE)
     rounds: list[_Labels] = []
-    for number in range(_ROUNDS + _OWN_ROUNDS):
+    updates, batch, periods = _UPDATES[dimension], _BATCH, _PERIODS
+    last = _ROUNDS + _OWN_ROUNDS
+    if is_enough is not None:
+        updates, batch, periods = _SHORT_UPDATES, _SHORT_BATCH, _SHORT_PERIODS
+        last = _MOST_ROUNDS
+    for number in range(last):
+        # From the first rounds alone on, every second one is judged.
+        own_rounds = number - _ROUNDS
+        if is_enough is not None and own_rounds >= 2 and own_rounds % 2 == 0 and is_enough():
+            break
         share = min(1.0, number / _ROUNDS)
-        rounds.append(_flown(engine, network, expert, share, settings, generator))
+        rounds.append(_flown(engine, network, expert, share, settings, generator, periods))
         labels = _Labels(*(torch.cat(parts) for parts in zip(*rounds, strict=True)))
         # Values are those of the network's own commands, which change from round to round.
         own = labels.own.clone()
         own[: -_OWN_ROUNDS * len(rounds[0].own)] = 0.0
         spread = labels.returns[own > 0.0].std().clamp(min=1e-6) if own.any() else own.new_ones(())
         optimizer.param_groups[0]["lr"] = _RATE * (1.0 - 0.9 * share)
-        for _ in range(_UPDATES[dimension]):
+        for _ in range(updates):
             # The same rows of every member.
             rows = torch.randint(
                 len(own),
-                (_BATCH // network.members,),
+                (batch // network.members,),
                 generator=generator,
                 device=engine.device,
             )
@@ -137,6 +182,7 @@ def imitate(engine: Engine, network: Network, expert: Network, settings: PPOSett
     for x in learnt:
         x.grad = None
     engine.reset()
+    return len(rounds) * periods
 
 
 class _Labels(NamedTuple):
@@ -159,6 +205,7 @@ def _flown(
     share: float,
     settings: PPOSettings,
     generator: torch.Generator,
+    periods: int,
 ) -> _Labels:
     """Labels of a round.
 
@@ -169,7 +216,7 @@ def _flown(
     own = (torch.arange(each, device=engine.device) < share * each).repeat(members)[:, None]
     seen, actions, rewards, going_on = [], [], [], []
     observation = engine.observe()
-    for _ in range(_PERIODS):
+    for _ in range(periods):
         label, _ = expert.deterministic_action(observation, None)
         columns, _, order = network.look(network.in_body(observation))
         policy = network.evaluate_seen(columns).policy

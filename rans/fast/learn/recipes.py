@@ -20,6 +20,7 @@ from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
+from rans.policy.timing import timing_of_file
 from rans.pretrained import RECIPE_FOLDER, agent_recipes
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
@@ -87,7 +88,7 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
         settings,
         named,
         preset(task, craft.dimension, device),
-        timing=settings.timing,
+        timing=timing_of_file(craft, settings, named),
         device=device,
     )
 
@@ -128,6 +129,8 @@ def training_of_quality(
         result = _to_the_end(quick)
     else:
         result = replace(_config(file, quick.device), spacecraft=quick.spacecraft)
+        if quick.timing != quick.settings.timing:
+            result = replace(result, timing=quick.timing)
     ppo = result.ppo
     if randomized and ppo.memory.kind == "none":  # the spacecraft varies between episodes
         table = _table(RECIPE_FOLDER / "base-adaptive.toml")["ppo"]

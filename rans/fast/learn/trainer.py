@@ -21,13 +21,14 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.loggers import Events
-from rans.fast.learn.member import Member, begin, statistics
+from rans.fast.learn.member import SOLVED_IN_A_ROW, Member, begin, statistics
 from rans.fast.learn.policy_file import begin_from, write_learner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.stepping.step import field_dtype
 from rans.files import inside_for_others, replace_file
 from rans.model.spacecraft import Spacecraft
+from rans.policy.network import Network
 from rans.randomization.plausible import warn_of_implausible
 from rans.tasks.feasible import warn_of_obstacles, warn_of_unobserved_layouts
 
@@ -212,10 +213,9 @@ class Trainer:
                 ]
             self._events = [Events(folder) for folder in folders]
         if self._teacher is not None and self.steps == 0:
-            begun = time.monotonic()
-            imitate(self.engine, self.learner.network, self._teacher, self.config.ppo)
-            self.seconds += time.monotonic() - begun
-        self._begun = (self.steps, self.seconds)
+            self._imitate(self._teacher, report)
+        else:
+            self._begun = (self.steps, self.seconds)
         stopped = False
         if not self.config.compiled:
             with as_written():
@@ -225,6 +225,33 @@ class Trainer:
         for number in self.running():
             self.members[number].weights = self.learner.network.member(number)
         self.save()
+
+    def _imitate(self, expert: Network, report: Callable[[Sequence[Member]], object]) -> None:
+        """Learn from an agent for any craft; a training that ends once the task is solved may end here."""
+        begun = time.monotonic()
+        member = self.members[0]
+        may_end = self.config.solved_share is not None and len(self.members) == 1
+
+        def is_solved() -> bool:
+            return member.finds_solved(self.selection.judge()[0]["success"])
+
+        flown = imitate(
+            self.engine,
+            self.learner.network,
+            expert,
+            self.config.ppo,
+            is_solved if may_end else None,
+        )
+        self.seconds += time.monotonic() - begun
+        if not may_end:
+            self._begun = (self.steps, self.seconds)
+            return
+        self.steps = flown * self.config.ppo.n_envs
+        self._statistics = [{}]
+        self._report(report)
+        if member.finds_solved(member.rows[-1]["success"]):
+            member.in_a_row = SOLVED_IN_A_ROW
+            member.weights = self.learner.network.member(0)
 
     def _go_on(
         self,

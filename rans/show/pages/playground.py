@@ -22,7 +22,6 @@ from rans.effectors.commands import is_identity, of_outputs
 from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.any_craft import LARGEST_TURN, PERIODS
 from rans.evaluation.fly.tuned import task_name
 from rans.files import write_text
 from rans.model.body import Body
@@ -39,6 +38,7 @@ from rans.policy.architecture import Architecture
 from rans.policy.authority import Authority, of_observation
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
+from rans.policy.timing import LARGEST_TURN, PERIODS
 from rans.policy.traced import parameters, policy_program
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
@@ -141,20 +142,44 @@ def differences(comparison: Comparison) -> dict[str, Scores]:
     }
 
 
-def verdict(comparison: Comparison) -> str:
-    """Who is quicker and who is cheaper than the first contestant, in a sentence; "" if nobody flies beside it.
+def dominations(comparison: Comparison) -> list[tuple[str, str]]:
+    """Pairs of contestants of which the first is quicker and cheaper than the second, and always arrives.
 
-    Somebody is so where the 95 % interval of the differences from the same starts leaves no doubt. Who does not
-    arrive from half of the starts is left out, because to stay where one is costs nothing.
+    It is so where the 95 % intervals of the differences from the same starts leave no doubt.
+    """
+    entries = comparison.entries
+    bootstrap = Bootstrap(comparison.contest.episodes)
+
+    def surely_less(ours: np.ndarray, theirs: np.ndarray) -> bool:
+        return _sign(bootstrap.difference(ours, theirs)) < 0
+
+    return [
+        (one.name, other.name)
+        for other in entries
+        for one in entries
+        if one is not other
+        and np.isfinite(_times(one)).all()
+        and surely_less(one.thrust, other.thrust)
+        and surely_less(_times(one), _times(other))
+    ]
+
+
+def verdict(comparison: Comparison) -> str:
+    """Who dominates whom, then who is quicker or cheaper than the first contestant; "" if nobody flies beside it.
+
+    Who does not arrive from half of the starts is left out of the second part, because to stay where one is costs
+    nothing.
     """
     if len(comparison.entries) < 2:
         return ""
     first, *others = comparison.entries
+    pairs = dominations(comparison)
     time = "time of success, s" if first.ends else "settling time, s"
     apart = differences(comparison)
     groups: dict[tuple[int, int], list[str]] = {}
     for entry in others:
-        if np.isfinite(np.median(entry.success if entry.ends else entry.settling)):
+        said = (entry.name, first.name) in pairs or (first.name, entry.name) in pairs
+        if not said and np.isfinite(np.median(_times(entry))):
             signs = _sign(apart[entry.name][time]), _sign(apart[entry.name][_IMPULSE])
             groups.setdefault(signs, []).append(entry.name)
     # Who beats the first contestant comes first, then whom it beats; a trade-off is said of the other.
@@ -167,7 +192,31 @@ def verdict(comparison: Comparison) -> str:
     for (sooner, less), words in _BETTER.items():
         if sooner + less and (names := groups.get((-sooner, -less))):
             clauses.append(f"{first.name} is {words} {_names(names)}")
-    return f"{'; '.join(clauses)}." if clauses else ""
+    sentences = [_dominated(comparison, pairs), *([f"{'; '.join(clauses)}."] if clauses else [])]
+    return " ".join(sentences)
+
+
+def _dominated(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> str:
+    """Sentence about who dominates whom, ours and others alike."""
+    starts = counted(comparison.contest.episodes, "start")
+    same = f"from the same {starts}" if comparison.contest.episodes > 1 else "from this start"
+    if not pairs:
+        return f"Nobody is both quicker and cheaper than another {same}."
+    losers: dict[tuple[str, ...], list[str]] = {}
+    for loser in dict.fromkeys(loser for _, loser in pairs):
+        losers.setdefault(tuple(one for one, other in pairs if other == loser), []).append(loser)
+    clauses = [
+        f"{_names(winners)} dominate{'' if winners[1:] else 's'} {_names(names)}"
+        for winners, names in losers.items()
+    ]
+    beaten = {loser for _, loser in pairs}
+    free = [entry.name for entry in comparison.entries if entry.name not in beaten]
+    return f"{'; '.join(clauses)}: quicker and cheaper {same}. Nobody dominates {_names(free)}."
+
+
+def _times(entry: Entry) -> np.ndarray:
+    """When each flight has done its task, s, (N,); infinite: never."""
+    return entry.success if entry.ends else entry.settling
 
 
 _BETTER = {
@@ -263,6 +312,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
             "text": text,
             "engine": comparison.contest.engine,
             "estimates": _estimates(board),
+            "dominations": dominations(comparison),
             "differences_from_first": _estimates(differences(comparison)),
             "contestants": {
                 e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
@@ -314,7 +364,7 @@ def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, tuple[float, ...
 def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[str, Any]]:
     """A row per contestant."""
     for entry in comparison.entries:
-        times = entry.success if entry.ends else entry.settling
+        times = _times(entry)
         row = board[entry.name]
         yield {
             "contestant": entry.name,

@@ -52,7 +52,11 @@ def test_several_tasks_are_none() -> None:
 @pytest.mark.parametrize(
     ("change", "spec", "sentence"),
     [
-        ({"timing": Timing(0.1)}, "lqr:go-to-pose-2d", "acts every 0.2 s, but .* every 0.1 s"),
+        (
+            {"timing": Timing(0.1)},
+            "pretrained:go-to-pose-2d",
+            "acts every 0.2 s, but .* every 0.1 s",
+        ),
         (
             {},
             "lqr:go-to-position-2d",

@@ -23,7 +23,7 @@ from rans.deploy.contract import flights_of_training, golden
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.any_craft import for_spacecraft, timing_for
+from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Controller
@@ -34,6 +34,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.trace import Symbol
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.any_craft import authority
+from rans.policy.timing import timing_for
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.randomization.layouts import authority_margin, sample_layout
 from rans.scenario import scenarios

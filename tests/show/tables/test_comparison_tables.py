@@ -17,6 +17,7 @@ from rans.optimal.trajectory.objectives import MaximumReward, MinimumTime
 from rans.show.pages.comparison_page import page
 from rans.show.tables.comparison_tables import (
     RETURN,
+    dominations,
     gaps,
     relaxed_rows,
     scoreboard,
@@ -70,31 +71,61 @@ def beside(**others: tuple[float, float]) -> Comparison:
 
 
 @pytest.mark.parametrize(
-    ("others", "sentence"),
+    ("others", "first", "second"),
     [
-        ({}, ""),
-        ({"x": (4.0, 2.0)}, "x is quicker and cheaper than ours."),
+        ({}, "", ""),
+        ({"x": (4.0, 2.0)}, "x dominates ours", ""),
         (
             {"x": (4.0, 2.0), "y": (3.0, 1.0), "z": (4.0, 1.0)},
-            "x, y and z are quicker and cheaper than ours.",
+            "x, y and z dominate ours; y dominates x",
+            "",
         ),
-        ({"x": (6.0, 4.0)}, "ours is quicker and cheaper than x."),
-        ({"x": (4.0, 4.0)}, "x is quicker, for more impulse, than ours."),
-        ({"x": (6.0, 2.0)}, "x is slower, for less impulse, than ours."),
-        ({"x": (5.0, 2.0), "y": (4.0, 3.0)}, "y is quicker than ours; x is cheaper than ours."),
-        ({"x": (5.0, 4.0)}, "ours is cheaper than x."),
-        ({"x": (5.0, 3.0)}, ""),
-        ({"idle": (1e3, 0.0)}, ""),  # it stays where it is, for nothing
+        ({"x": (6.0, 4.0)}, "ours dominates x", ""),
+        ({"x": (4.0, 4.0)}, "", "x is quicker, for more impulse, than ours."),
+        ({"x": (6.0, 2.0)}, "", "x is slower, for less impulse, than ours."),
+        (
+            {"x": (5.0, 2.0), "y": (4.0, 3.0)},
+            "",
+            "y is quicker than ours; x is cheaper than ours.",
+        ),
+        ({"x": (5.0, 4.0)}, "", "ours is cheaper than x."),
+        ({"x": (5.0, 3.0)}, "", ""),
+        ({"idle": (1e3, 0.0)}, "", ""),  # it stays where it is, for nothing
         (
             {"x": (6.0, 4.0), "y": (4.0, 2.0)},
-            "y is quicker and cheaper than ours; ours is quicker and cheaper than x.",
+            "y dominates ours; ours and y dominate x",
+            "",
         ),
     ],
 )  # fmt: skip
-def test_a_comparison_says_first_who_is_quicker_and_who_is_cheaper(
-    others: dict[str, tuple[float, float]], sentence: str
+def test_a_comparison_says_first_who_dominates_whom(
+    others: dict[str, tuple[float, float]], first: str, second: str
 ) -> None:
-    assert verdict(beside(**others)) == sentence
+    found = verdict(beside(**others))
+    assert found.endswith(second)
+    if first:
+        assert found.startswith(f"{first}: quicker and cheaper from the same 12 starts. Nobody")
+    elif others:
+        assert found.startswith("Nobody is both quicker and cheaper")
+    else:
+        assert not found
+
+
+def test_who_does_not_always_arrive_dominates_nobody() -> None:
+    """Quicker and cheaper in eleven of twelve flights; the last one never arrives."""
+    found = beside(x=(4.0, 2.0))
+    theirs = found.entries[1]
+    assert dominations(found) == [("x", "ours")]
+
+    def lost(field: Any) -> Any:
+        field = field.copy()
+        field[:, 11] = field[0, 11]
+        return field
+
+    moved = map_leaves(lost, theirs.flight.states)
+    found.entries[1] = replace(theirs, flight=replace(theirs.flight, states=moved))
+    assert dominations(found) == []
+    assert "x is quicker and cheaper than ours" in verdict(found)
 
 
 def test_the_page_of_a_comparison_says_it_first() -> None:
@@ -109,7 +140,9 @@ def test_an_advantage_from_a_few_starts_is_not_claimed() -> None:
     theirs = found.entries[1]
     moved = map_leaves(lambda x: np.roll(x, 6, axis=1), theirs.flight.states)
     found.entries[1] = replace(theirs, flight=replace(theirs.flight, states=moved))
-    assert verdict(found) == ""
+    assert (
+        verdict(found) == "Nobody is both quicker and cheaper than another from the same 12 starts."
+    )
 
 
 def test_the_mean_of_thrust_is_no_median() -> None:

@@ -1,0 +1,110 @@
+"""Whether a craft that flies to a pose will come to rest within the tolerances, said before it flies."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from rans.errors import ConfigError, RansWarning
+from rans.model.spacecraft import Spacecraft
+from rans.policy.any_craft import MARGIN, authority, columns_of, without
+from rans.randomization.layouts import authority_margin
+from rans.tasks.go_to_pose import GoToPose
+
+_SURE = 0.375
+"""Authority margin from which at least 91 % of 32 flights of each of 35 random layouts of four to eight on/off
+thrusters settled; 53 to 100 % of 12 between `MARGIN` and here, 0 to 53 % of nine below (docs/any_craft.md)."""
+_DISTANCE, _ANGLE = GoToPose.position_tolerance, GoToPose.attitude_tolerance
+
+
+class Prospect(NamedTuple):
+    """What decides whether a craft holds a pose."""
+
+    margin: float
+    """See `rans.randomization.layouts.authority_margin`."""
+    shift: float
+    """Largest distance, m, that one thruster moves the craft in a control period after it was open for one."""
+    turn: float
+    """The same of the angle, rad."""
+    sure: float
+    """Authority margin from which all flights are expected to settle."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft, period: float) -> Prospect:
+        """That of a craft which is commanded every ``period`` seconds.
+
+        Raises:
+            ConfigError: see `rans.policy.any_craft.authority`.
+        """
+        authority(craft, period)
+        columns = columns_of(craft)
+        pulses = columns[: craft.thruster_count] * period**2
+        shifts = np.linalg.norm(pulses[:, : craft.dimension], axis=1)
+        turns = np.linalg.norm(pulses[:, craft.dimension :], axis=1)
+        is_coarse = craft.dimension == 2 and not craft.is_continuous
+        margin = authority_margin(columns)
+        sure = _SURE if is_coarse else MARGIN.low
+        return cls(margin, float(shifts.max()), float(turns.max()), sure)
+
+    @property
+    def reason(self) -> str:
+        """Why flights will not settle; "" if all are expected to."""
+        if self.margin < MARGIN.low:
+            return f"its authority margin is {self.margin:.2g}, and hardly a craft below {MARGIN.low:g} settles"
+        if self.margin < self.sure:
+            return (
+                f"its authority margin is {self.margin:.2g}, and with on/off thrusters and less than "
+                f"{self.sure:g} a part of the flights does not settle"
+            )
+        return ""
+
+    def text(self, period: float) -> str:
+        """The numbers, for a user."""
+        return (
+            f"At {period:g} s a pulse of one thruster moves it {100.0 * self.shift:.2g} cm and turns it "
+            f"{math.degrees(self.turn):.2g} degrees in a period; the tolerances are {100.0 * _DISTANCE:g} cm and "
+            f"{math.degrees(_ANGLE):g} degrees. Its authority margin is {self.margin:.2g}."
+        )
+
+
+def doubt(craft: Spacecraft, period: float) -> str:
+    """A sentence about flights that will not settle, with what may help; "" if all are expected to.
+
+    Raises:
+        ConfigError: see `rans.policy.any_craft.authority`.
+    """
+    reason = Prospect.of(craft, period).reason
+    if not reason:
+        return ""
+    return (
+        f"{craft.name} may not come to rest at its goal: {reason}. A shorter control period than {period:g} s "
+        "(--period) or thrusters that push and turn it more evenly may help."
+    )
+
+
+def spared(craft: Spacecraft, period: float) -> str:
+    """Which of its thrusters the craft can lose and still settle, in a sentence; "" with a single one."""
+    count = craft.thruster_count
+    if count < 2:
+        return ""
+    lost = {k: _without(craft, k, period) for k in range(count)}
+    needed = [f"{k} ({reason})" for k, reason in lost.items() if reason]
+    if not needed:
+        return "Any one of its thrusters may be dead, and it still settles."
+    dead = ", ".join(str(k) for k, reason in lost.items() if not reason)
+    start = f"Any one of these thrusters may be dead: {dead}" if dead else "No thruster may be dead"
+    return f"{start}; without one of these it will not settle for sure: {', '.join(needed)}."
+
+
+def _without(craft: Spacecraft, number: int, period: float) -> str:
+    """Why the craft will not settle without a thruster; "" if it is expected to."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RansWarning)  # the sentence says what the craft lacks
+            left = Prospect.of(without(craft, number), period)
+    except ConfigError:
+        return "cannot be steered"
+    return f"margin {left.margin:.2g}" if left.reason else ""

@@ -1,0 +1,62 @@
+"""What is said before the flight: whether a craft settles, and which thrusters it can lose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.prospects import Prospect, doubt, spared
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+def three_pairs(lever: float) -> Spacecraft:
+    """Six thrusters: pairs along x and y through the centre of mass, and two that turn it with a lever, m."""
+    layout = (
+        ((0.2, 0.0), (-1.0, 0.0)),
+        ((-0.2, 0.0), (1.0, 0.0)),
+        ((0.0, 0.2), (0.0, -1.0)),
+        ((0.0, -0.2), (0.0, 1.0)),
+        ((0.2, lever), (-1.0, 0.0)),
+        ((-0.2, lever), (1.0, 0.0)),
+    )
+    thrusters = tuple(Thruster((*at, 0.0), (*way, 0.0), 1.0) for at, way in layout)
+    return replace(PLATFORM, name="pairs", thrusters=thrusters)
+
+
+def test_a_pulse_by_hand() -> None:
+    """1 N on 5 kg for 0.2 s gives 0.04 m/s, 0.8 cm a period; at 0.2 m and 0.2 kg m^2 it turns by 0.04 rad."""
+    inertia = tuple(map(tuple, 0.2 * np.eye(3)))
+    craft = replace(three_pairs(0.2), mass=5.0, inertia=inertia)
+    found = Prospect.of(craft, 0.2)
+    assert found.shift == pytest.approx(0.2 / 5.0 * 0.2)
+    assert found.turn == pytest.approx(0.2 * 0.2 / 0.2 * 0.2)
+    assert f"{math.degrees(found.turn):.2g} degrees" in found.text(0.2)
+
+
+def test_a_small_margin_is_said_before_the_flight() -> None:
+    assert doubt(PLATFORM, 0.1) == ""
+    # The margin is in units of the mean torque: of a platform with one weak jet about z it is small.
+    weak = tuple(
+        replace(one, force=0.05 * one.force) if k % 2 else one
+        for k, one in enumerate(PLATFORM.thrusters)
+    )
+    sentence = doubt(replace(PLATFORM, thrusters=weak), 0.2)
+    assert "authority margin is 0." in sentence
+    assert "--period" in sentence
+
+
+def test_only_thrusters_whose_loss_leaves_a_margin_are_spared() -> None:
+    assert spared(PLATFORM, 0.1) == "Any one of its thrusters may be dead, and it still settles."
+    craft = three_pairs(0.15)
+    # The pairs through the centre leave no torque about z but by the last two: either is needed.
+    sentence = spared(craft, 0.2)
+    assert "4 (cannot be steered)" in sentence or "4 (margin" in sentence
+    with pytest.raises(ConfigError):
+        Prospect.of(replace(craft, thrusters=craft.thrusters[:4]), 0.2)
