@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from rans_proof.flights import lowest_margins
 from rans_proof.network import read_network
 from rans_proof.problem import read_problem
-from rans_proof.prove import lowest_margins
 from rans_proof.trap import Loop, Trap, Uncertainty, velocity_loop
 
 from campaigns.command import ended

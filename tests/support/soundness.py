@@ -24,14 +24,17 @@ CHECKER = (
     "rans_proof.balls",
     "rans_proof.check_file",
     "rans_proof.check_network",
+    "rans_proof.check_motion",
     "rans_proof.check",
 )
 """Modules of the checker, each after those that it imports."""
 PROVER = (
     "rans_proof.relaxation",
+    "rans_proof.formula",
     "rans_proof.problem",
+    "rans_proof.flights",
     "rans_proof.plants",
-    "rans_proof.polynomial",
+    "rans_proof.motion",
     "rans_proof.prove",
 )
 """Modules of the prover, in such an order, too."""
@@ -84,6 +87,7 @@ class Checker:
         self.balls: Any = modules["rans_proof.balls"]
         self.file: Any = modules["rans_proof.check_file"]
         self.network: Any = modules["rans_proof.check_network"]
+        self.motion: Any = modules["rans_proof.check_motion"]
         self.check: Any = modules["rans_proof.check"]
         self.refusals = (self.balls.Refused,)
         self._arb = flint.arb
@@ -127,7 +131,7 @@ class Checker:
     ) -> list[Piece]:
         """Pieces of a control period."""
         table = self.file.problem_table(problem)
-        motion = self.check._linear(table) or self.check._taylor(table)
+        motion = self.motion.Plant(table["derivative"], table["commands"], table["period"]).move
         # Generators that are a box at the end are radii of the centre's balls.
         centre, spread = self._set(states)
         count = len(states.centre)
@@ -155,20 +159,60 @@ class Checker:
             Piece(numbers(begin), numbers(end), self._numbers(sag)) for begin, end, sag in pieces
         ]
 
+    def bent(
+        self, text: str, centre: np.ndarray, radius: np.ndarray, signs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (N,) of a formula at the states centre + signs * radius."""
+        import flint
+
+        flint.ctx.cap = 1
+        series = flint.arb_series
+        variables = [
+            self.motion.Sloped(
+                series([c]), series([self._arb(c, r)]), [series([int(i == k)]) for i in range(2)]
+            )
+            for k, (c, r) in enumerate(zip(centre.tolist(), radius.tolist(), strict=True))
+        ]
+        value = self.motion.formula(text, ["x0", "x1"])(variables)
+        sums = [
+            value.at[0]
+            + sum(
+                (p[0] * self._arb(x) for p, x in zip(value.slopes, row, strict=True)), self._arb(0)
+            )
+            for row in (signs * radius).tolist()
+        ]
+        over = float(value.over[0].lower()), float(value.over[0].upper())
+        low, high = (
+            np.array([float(getattr(x, end)()) for x in sums]) for end in ("lower", "upper")
+        )
+        return np.maximum(low, over[0]), np.minimum(high, over[1])
+
+    def is_bounded(self, text: str, state: np.ndarray, step: float) -> bool:
+        """Whether a box is known that the motion of a step from a state does not leave."""
+        table = self.file.problem_table(text)
+        plant = self.motion.Plant(table["derivative"], table["commands"], table["period"])
+        return plant._during([self._arb(x) for x in state], self._arb(step)) is not None
+
+    def reduced(self, states: Set) -> Set:
+        """A set of fewer generators."""
+        centre, spread = self.motion.reduced(*self._set(states))
+        return Set(self._array(centre)[:, 0], self._array(spread))
+
     def margin(self, problem: str, piece: Piece) -> float:
         """Margin of a piece."""
         keep = self.file.problem_table(problem)["keep"]
         sag = [self._arb(float(x)) for x in piece.sag]
-        return float(self.check._margin(keep, self._set(piece.begin), self._set(piece.end), sag))
+        keep = self.check.Property(keep, len(sag))
+        return float(keep.margin(self._set(piece.begin), self._set(piece.end), sag))
 
     def flight(
         self, problem: str, network: Sequence[Layer], low: np.ndarray, high: np.ndarray
     ) -> float:
         """Margin of all flights from a cell."""
         table = self.file.problem_table(problem)
-        move = self.check._linear(table) or self.check._taylor(table)
+        self.check.layers_of = lambda *_: self._layers(network)
         cell = list(zip(low.tolist(), high.tolist(), strict=True))
-        return self.check._fly(table, self._layers(network), move, cell)
+        return self.check.Loop(table, b"").margin(cell)
 
 
 class Prover:
@@ -182,6 +226,8 @@ class Prover:
         self.problem: Any = modules["rans_proof.problem"]
         self.proof: Any = modules["rans_proof.prove"]
         self.plants: Any = modules["rans_proof.plants"]
+        self.motion: Any = modules["rans_proof.motion"]
+        self.formula: Any = modules["rans_proof.formula"]
         self.refusals: tuple[type[Exception], ...] = ()
 
     def _tensor(self, array: Any) -> Any:
@@ -235,6 +281,35 @@ class Prover:
             Piece(self._numbers(piece.begin), self._numbers(piece.end), piece.sag[0].numpy())
             for piece in pieces
         ]
+
+    def bent(
+        self, text: str, centre: np.ndarray, radius: np.ndarray, signs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (N,) of a formula at the states centre + signs * radius."""
+        tape = self.motion.Tape(2)
+        value = tape.node(
+            self.formula.formula_value(text, dict(zip(("x0", "x1"), tape.variables, strict=True)))
+        )
+        rows = np.diag(radius)
+        forms = [
+            self.motion.Form(self._tensor(c), self._tensor(row), self._tensor(0.0))
+            for c, row in zip(centre, rows, strict=True)
+        ]
+        series = self.motion.Series(tape, [value, value], forms)
+        series.extend()
+        c, g, e = (x[0].numpy() for x in series.states[0][1])
+        return c + signs @ g - e, c + signs @ g + e
+
+    def is_bounded(self, text: str, state: np.ndarray, step: float) -> bool:
+        """Whether a box is known that the motion of a step from a state does not leave."""
+        plant = self.motion.TaylorPlant(self.problem.problem_of(text), self.torch.device("cpu"))
+        none = self.torch.zeros((1, 0), dtype=self.torch.float64)
+        boxes = [self.motion.Form(self._tensor(x), none, self._tensor(0.0)) for x in state]
+        return bool(self.torch.isfinite(plant._during(boxes, step)[0].centre).all())
+
+    def reduced(self, states: Set) -> Set:
+        """A set of fewer generators."""
+        return self._numbers(self.proof.reduced(self._set(states)))
 
     def margin(self, problem: str, piece: Piece) -> float:
         """Margin of a piece, whose last four generators are a box."""
@@ -340,6 +415,9 @@ PLANTS = {
         2,
         0.6,
     ),
+    "a pendulum": ('["x1", "1.2 * sin(x0) + cos(x1) * u0"]', 1, 0.4),
+    "quotients": ('["x1 / (2 + x0 * x0) + u0", "0.5 * exp(-x0) - x1 / (3 + x0)"]', 1, 0.4),
+    "roots": ('["sqrt(4 + x0) - tan(0.4 * x1)", "u0 * sqrt(4 - x1) / (4 + x1)"]', 1, 0.4),
 }
 """Rates, number of commands and period."""
 
@@ -365,6 +443,9 @@ def within(count: int, size: float = 1e6) -> str:
     return f"[keep.within]\nlower = {[-size] * count}\nupper = {[size] * count}\n"
 
 
+_FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "sqrt")}
+
+
 def motion(
     rates: str, states: np.ndarray, commands: np.ndarray, period: float, instants: int
 ) -> np.ndarray:
@@ -377,7 +458,9 @@ def motion(
 
     def rate(x: np.ndarray) -> np.ndarray:
         values = names | {f"x{i}": row for i, row in enumerate(x.T)}
-        return np.stack([np.broadcast_to(eval(code, {}, values), len(x)) for code in codes], axis=1)
+        return np.stack(
+            [np.broadcast_to(eval(code, _FUNCTIONS, values), len(x)) for code in codes], axis=1
+        )
 
     x = states
     path = [x]
@@ -392,15 +475,27 @@ def motion(
     return np.stack(path)
 
 
-def motions(bounds: Bounds) -> None:
+_LINEAR = ("a line", "a growing line", "a turn")
+
+
+def linear_motions(bounds: Bounds) -> None:
+    """As `motions`, of linear plants."""
+    motions(bounds, _LINEAR)
+
+
+def motions(
+    bounds: Bounds, names: Sequence[str] = tuple(name for name in PLANTS if name not in _LINEAR)
+) -> None:
     """Flights of a period are in their sets, off chords by at most the sag; and both nearly reach their bounds."""
     random = np.random.default_rng(4)
-    for name, (rates, commands, period) in PLANTS.items():
+    for name in names:
+        rates, commands, period = PLANTS[name]
         count = rates.count('"') // 2
-        is_linear = name in ("a line", "a growing line", "a turn")
+        is_linear = name in _LINEAR
         # Points, whose sets have the width of a Taylor step's rest alone; states that differ; wrong commands; and
         # states below zero in a box.
-        sets = ((0.0, 0.0, 1.0), (0.05, 0.0, 1.0), (0.02, 0.1, 1.0), (0.0, 0.0, -1.0))
+        sets = [(0.0, 0.0, 1.0), (0.05, 0.0, 1.0), (0.02, 0.1, 1.0), (0.0, 0.0, -1.0)]
+        sets = sets if is_linear else sets[2:]
         for width, error, sign in sets:
             centre = sign * (0.6 + 0.6 * random.random(count))
             box = np.diag(0.05 * random.random(count)) * (sign < 0.0)
@@ -444,7 +539,10 @@ def motions(bounds: Bounds) -> None:
             )
             travel = np.abs(path[-1] - path[0]).max()
             assert excess.max() <= (
-                1e-9 if is_linear and not box.any() else 0.1 * travel + 0.35 * span.max()
+                # A step's rest may be a millionth of the state, and a part of a set's width.
+                1e-6 + 0.001 * width
+                if is_linear and not box.any()
+                else 0.1 * travel + 0.35 * span.max()
             ), (
                 name,
                 width,
@@ -461,6 +559,8 @@ def explosions(bounds: Bounds) -> None:
     # x = 30 / (1 - 30 t) is infinite after 0.033 s, in the first Taylor step of both programs.
     text = problem_text('["x0 * x0", "u0"]', 1, 1.0, [30.0, 0.0], [30.0, 0.0], within(2))
     states = Set(np.array([30.0, 0.0]), np.zeros((2, 4)))
+    assert not bounds.is_bounded(text, np.array([30.0, 0.0, 0.0]), 0.04)
+    assert bounds.is_bounded(text, np.array([30.0, 0.0, 0.0]), 0.002)
     try:
         pieces = bounds.move(text, states, np.zeros((1, 2)), np.zeros(1), np.zeros(1))
     except bounds.refusals:
@@ -473,21 +573,33 @@ def true_margins(keep: str, limit: Mapping[str, Any], x: np.ndarray) -> np.ndarr
     if keep in ("avoid", "within"):
         inside = np.minimum(x - limit["lower"], np.array(limit["upper"]) - x)
         return inside.min(axis=1) if keep == "within" else -inside.min(axis=1)
+    if keep in ("every", "some"):
+        values = x @ np.array(limit["rows"]).T + np.array(limit["offsets"])
+        return values.min(axis=1) if keep == "every" else values.max(axis=1)
     distance = np.sqrt((x[:, limit["position"]] ** 2).sum(axis=1))
-    if keep == "keep_out":
-        return distance - limit["radius"]
+    if keep in ("keep_out", "stay_in"):
+        return (distance - limit["radius"]) * (1.0 if keep == "keep_out" else -1.0)
     speed = np.sqrt((x[:, limit["velocity"]] ** 2).sum(axis=1))
     return limit["base"] + limit["slope"] * distance - speed
 
 
 def keep_text(keep: str, limit: Mapping[str, Any]) -> str:
     """Table of a property."""
+    if keep in ("every", "some"):
+        formulas = [
+            " + ".join([*(f"{f} * x{i}" for i, f in enumerate(row)), str(offset)])
+            for row, offset in zip(limit["rows"], limit["offsets"], strict=True)
+        ]
+        return f"[keep]\n{keep} = {json.dumps(formulas)}\n"
     return f"[keep.{keep}]\n" + "".join(f"{key} = {value}\n" for key, value in limit.items())
 
 
 LIMITS: dict[str, dict[str, Any]] = {
     "within": {"lower": [-9.0, -8.0, -2.0, -3.0], "upper": [7.0, 9.0, 4.0, 2.5]},
     "avoid": {"lower": [-1.0, -1.5, -2.0, -3.0], "upper": [1.0, 0.5, 4.0, 2.5]},
+    "every": {"rows": [[1.0, 0.5, 0.0, -0.2], [0.0, -0.3, 1.0, 1.0]], "offsets": [5.0, 4.0]},
+    "some": {"rows": [[1.0, 0.0, 0.3, 0.0], [-1.0, 0.2, 0.0, 0.0]], "offsets": [-1.0, -1.5]},
+    "stay_in": {"position": [1, 3], "radius": 4.0},
     "keep_out": {"position": [1, 3], "radius": 0.7},
     "speed_limit": {"position": [0, 3], "velocity": [2, 1], "base": 0.4, "slope": 0.3},
 }
@@ -511,9 +623,9 @@ def margins(bounds: Bounds) -> None:
             )
             for pair, turn, size in zip(pairs, angle, (far, 2.0), strict=True):
                 centre[pair] = size * np.array([np.cos(turn), np.sin(turn)])
-            if width and keep == "avoid":  # one axis parts the set from the box
+            if width and keep in ("avoid", "some"):  # one axis parts the set from the box
                 centre = np.array([0.0, 0.0, 0.0, 0.0])
-                axis = number // 3 % 4
+                axis = number // 3 % 4 if keep == "avoid" else 0
                 centre[axis] = random.choice((-1.0, 1.0)) * 6.0
             later = centre + (0.3 if width else 0.0) * random.normal(size=4)
             begin, last = (
@@ -542,10 +654,8 @@ def margins(bounds: Bounds) -> None:
             # A polygon of 48 sides is 0.2 % outside of the circle; along one direction a distance is up to its
             # width squared too short; and the largest lengths of both parts of a sag do not add up.
             speed = 3.0 if keep == "speed_limit" else 0.0
-            slack = 0.0022 * speed + (
-                0.25 * (width > 0) + 3.0 * sag if keep in ("keep_out", "speed_limit") else 0.0
-            )
-            assert margin >= least - slack - 1e-9, (keep, width, sag, margin - least)
+            slack = 0.0022 * speed + (0.25 * (width > 0) + 3.0 * sag if keep in BALLS else 0.0)
+            assert margin >= least - slack - 1e-8, (keep, width, sag, margin - least)
     # A chord through the origin has no direction ahead.
     for keep in ("keep_out", "speed_limit"):
         text = problem_text(
@@ -559,6 +669,7 @@ def margins(bounds: Bounds) -> None:
         )
 
 
+BALLS = ("keep_out", "stay_in", "speed_limit")
 FLIGHTS = {
     "within": ("a line", {"lower": [-0.5, -2.0], "upper": [1.9, 0.9]}, 6),
     "avoid": ("a line", {"lower": [1.8, -9.0], "upper": [3.0, 9.0]}, 5),
@@ -592,6 +703,115 @@ def flights(bounds: Bounds) -> None:
         margin = bounds.flight(text, network, low, high)
         assert margin <= least + 1e-9, (keep, has_end, margin, least)
         assert margin >= least - 0.12, (keep, has_end, margin, least)
+
+
+BENT = {
+    **{f"{name}(x0)": 2.2 for name in ("sin", "cos", "exp")},
+    "tan(x0)": 5.0,
+    **{
+        "sqrt(3 + x0)": 2.2,
+        "1 / (3 + x0)": 2.2,
+        "2 / (x0 - 4)": 2.2,
+        "x0 * x0": 2.2,
+        "x0 * x1": 2.2,
+    },
+    **{"x1 / (3 + x0) - x0 * x1": 5.0, "sin(x0 * x1) * cos(x1)": 8.0, "-x0 / 3 - (1 - x1)": 2.2},
+}
+"""Formulas, and how many times as wide as the function's bend its bounds may be: those of a parabola, which is on
+one side of its tangent, may be two times as wide."""
+
+
+def bends(bounds: Bounds) -> None:
+    """Formulas over a box of states are within linear bounds, which are about as wide apart as they bend."""
+    random = np.random.default_rng(3)
+    signs = np.array(list(itertools.product(np.linspace(-1.0, 1.0, 9), repeat=2)))
+    for text, times in BENT.items():
+        for width in (0.001, 0.1, 0.3):
+            centre, radius = random.uniform(-1.2, 1.2, 2), width * random.uniform(0.5, 1.0, 2)
+            low, high = bounds.bent(text, centre, radius, signs)
+            x = centre + signs * radius
+            true = eval(text, _FUNCTIONS, {"x0": x[:, 0], "x1": x[:, 1]})
+            assert (low <= true + 1e-12).all(), (text, width)
+            assert (true <= high + 1e-12).all(), (text, width)
+            # Off the tangent plane at the centre, by differences of values around it.
+            step = 1e-5
+            values = [
+                eval(text, _FUNCTIONS, {"x0": centre[0] + a, "x1": centre[1] + b})
+                for a, b in ((0.0, 0.0), (step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+            ]
+            tangent = np.array([values[1] - values[2], values[3] - values[4]]) / (2.0 * step)
+            off = np.abs(true - values[0] - (x - centre) @ tangent).max()
+            assert (high - low).max() <= times * off + 2.0 * width**3 + 1e-9, (
+                text,
+                width,
+                (high - low).max(),
+                off,
+            )
+
+
+def reductions(bounds: Bounds) -> None:
+    """A set of fewer generators is around the other one, and not much larger."""
+    random = np.random.default_rng(11)
+    generators = random.normal(size=(2, 200)) * 0.95 ** np.arange(200)
+    states = Set(random.normal(size=2), generators[:, random.permutation(200)])
+    fewer = bounds.reduced(states)
+    # Along the axes a box is exact.
+    along = Set(states.centre, np.kron(np.ones(100), np.diag([0.1, 0.2])))
+    np.testing.assert_allclose(bounds.reduced(along).highest(np.eye(2)), along.highest(np.eye(2)))
+    directions = random.normal(size=(50, 2))
+    assert (fewer.highest(directions) >= states.highest(directions) - 1e-12).all()
+    span = np.abs(directions @ generators).sum(axis=1)
+    assert (fewer.highest(directions) <= states.highest(directions) + 0.2 * span).all()
+    assert fewer.generators.shape[1] <= 100
+
+
+def options(bounds: Bounds) -> None:
+    """Numbers that a network takes, the time at which a property begins, and the earliest time of an end."""
+    random = np.random.default_rng(9)
+    name, limit, steps, begins, earliest = (
+        "a pendulum",
+        {"lower": [-9.0, 0.3], "upper": [9.0, 9.0]},
+        5,
+        2,
+        3,
+    )
+    rates, commands, period = PLANTS[name]
+    network = random_layers((3, 3, commands), 3, "tanh", 0.7)
+    low, high = np.array([0.95, 0.1]), np.array([1.0, 0.12])
+    start = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(60, random)
+    x, least = start, np.full(len(start), np.inf)
+    instants = []
+    for number in range(steps):
+        taken = np.column_stack(
+            (4.0 * x[:, 1] - 2.5, np.full(len(x), 0.3), 2.0 * x[:, 0] + x[:, 1])
+        )
+        path = motion(rates, x, answers(network, taken), period, 32)
+        if number >= begins:
+            least = np.minimum(
+                least, np.min([true_margins("within", limit, y) for y in path], axis=0)
+            )
+        x = path[-1]
+        instants.append(x)
+    # A box that flights are in after four periods, and neither before nor at the end.
+    box = {
+        "lower": (instants[3].min(axis=0) - 0.03).tolist(),
+        "upper": (instants[3].max(axis=0) + 0.03).tolist(),
+    }
+    limit["lower"][1] += float(least.min()) - 0.05  # what is kept by 5 cm from then on
+    end = keep_text("x", box).replace("keep.x", "end") + f"earliest = {earliest}\n"
+    text = problem_text(rates, commands, period, low, high, keep_text("within", limit), steps, end)
+    text = f'begins = {begins}\ninputs = ["4 * x1 - 2.5", "0.3", "2 * x0 + x1"]\n' + text
+    margin = bounds.flight(text, network, low, high)
+    assert 0.005 <= margin <= 0.03 + 1e-9, margin
+    # Without the beginning, the last instant alone, or the numbers it takes the property is another one.
+    for old, new in (
+        (f"begins = {begins}\n", ""),
+        (f"earliest = {earliest}\n", ""),
+        (f"earliest = {earliest}\n", f"earliest = {steps}\n"),
+        ("x1 - 2.5", "x1 + 4.5"),
+    ):
+        assert old in text
+        assert bounds.flight(text.replace(old, new), network, low, high) < 0.0, (old, new)
 
 
 def covers(bounds: Checker) -> None:
@@ -682,6 +902,73 @@ def verdicts(bounds: Checker) -> None:
     assert bounds.check.check(honest, network, only=[1]) >= margin
 
 
+def refutations(bounds: Checker) -> None:
+    """A flight is accepted if it breaks the property at an instant, else, or if it is another one, refused."""
+    network = graph([step("Gemm", "x W b", "y", transB=1)], b=np.zeros(2))
+    start = np.array([0.1, -0.9])
+    states = [start]
+    for _ in range(3):
+        states.append(states[-1] + 0.1 * WEIGHT.astype(float) @ states[-1])
+    flight = np.array(states)
+    low = flight.min(axis=0)
+    far, slow = np.linalg.norm(flight, axis=1), np.abs(flight[:, 1])
+
+    def limits(by: float) -> list[tuple[str, str]]:
+        """Properties that the flight breaks by a number, or keeps by a negative one, and its end's box."""
+        box = {"lower": [-9.0, float(low[1]) + by], "upper": [9.0, 9.0]}
+        inner = {"lower": [-9.0, float(low[1]) - 9.0], "upper": [9.0, float(low[1]) + by]}
+        least = {"rows": [[0.0, 1.0], [0.5, 0.0]], "offsets": [-float(low[1]) - by, 9.0]}
+        some = {
+            "rows": [[0.0, 0.0], [-1.0, 0.0]],
+            "offsets": [-9.0, float(flight[:, 0].max()) - by],
+        }
+        keeps = [
+            keep_text("within", box),
+            keep_text("avoid", inner),
+            keep_text("every", least),
+            keep_text("some", some),
+            keep_text("stay_in", {"position": [0, 1], "radius": float(far.max()) - by}),
+            keep_text("keep_out", {"position": [0, 1], "radius": float(far.min()) + by}),
+            keep_text(
+                "speed_limit",
+                {
+                    "position": [0],
+                    "velocity": [1, 0],
+                    "base": float((far - 0.1 * np.abs(flight[:, 0])).max()) - by,
+                    "slope": 0.1,
+                },
+            ),
+        ]
+        ends = [
+            keep_text("x", {"lower": [-9.0, float(value) + by], "upper": [9.0, 9.0]}).replace(
+                "keep.x", "end"
+            )
+            + more
+            for value, more in ((flight[-1, 1], ""), (flight[1:, 1].max(), "earliest = 1\n"))
+        ]
+        return [(keep, "") for keep in keeps] + [("", end) for end in ends]
+
+    def verdict(
+        keep: str, end: str, claimed: np.ndarray, box: Any = ([-0.1, -1.0], [0.1, 1.0])
+    ) -> float:
+        text = problem_text('["u0", "u1"]', 2, 0.1, box[0], box[1], keep, 3, end)
+        digest = hashlib.sha256(network).hexdigest()
+        table = {"format": 1, "network": digest, "problem": text, "flight": claimed.tolist()}
+        try:
+            return bounds.check.check(json.dumps(table).encode(), network)
+        except bounds.refusals:
+            return 0.0
+
+    assert slow.min() > 0.0
+    for (keep, end), (kept, kept_end) in zip(limits(0.004), limits(-0.004), strict=True):
+        assert abs(verdict(keep, end, flight) + 0.004) < 1e-6, (keep, end)
+        assert verdict(kept, kept_end, flight) == 0.0, (kept, kept_end)
+        other = flight + np.array([[0.0], [0.0], [1e-4], [0.0]])
+        assert verdict(keep, end, other) == 0.0, keep
+    keep, end = limits(0.004)[0]
+    assert verdict(keep, end, flight, ([-0.1, -0.5], [0.1, 1.0])) == 0.0
+
+
 def readings(bounds: Checker) -> None:
     """Layers answer as ONNX Runtime does, without the comparison that would refuse them."""
     import onnxruntime
@@ -738,16 +1025,21 @@ def proofs(bounds: Prover) -> None:
 PARTS: dict[str, Callable[[Any], None]] = {
     "lines": lines,
     "enclosures": enclosures,
+    "linear motions": linear_motions,
     "motions": motions,
     "explosions": explosions,
     "margins": margins,
     "flights": flights,
+    "options": options,
+    "reductions": reductions,
+    "bends": bends,
 }
 """Parts for both programs."""
 OF_CHECKER: dict[str, Callable[[Any], None]] = {
     **PARTS,
     "covers": covers,
     "verdicts": verdicts,
+    "refutations": refutations,
     "readings": readings,
 }
 OF_PROVER: dict[str, Callable[[Any], None]] = {**PARTS, "proofs": proofs}

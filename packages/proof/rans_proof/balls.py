@@ -1,4 +1,4 @@
-"""Ball arithmetic that checkers of certificates share: matrices, polynomials, enclosures of dense networks.
+"""Ball arithmetic that checkers of certificates share: matrices and enclosures of dense networks.
 
 Every number is an interval of FLINT (Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval
 arithmetic", 2017). Nothing here is used by the provers.
@@ -6,16 +6,11 @@ arithmetic", 2017). Nothing here is used by the provers.
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat
-
-_PRODUCTS = 100_000
-"""Largest number of products of terms in a product of polynomials, which takes a second; attitude control of six
-states has 600."""
 
 
 class Refused(Exception):
@@ -149,78 +144,3 @@ def diagonal(values: Sequence[Any]) -> Any:
     return arb_mat(
         [[x if i == k else arb(0) for k in range(len(values))] for i, x in enumerate(values)]
     )
-
-
-def polynomial(text: str, states: int, width: int) -> dict[tuple[int, ...], Any]:
-    """Polynomial of states x0, x1, ... and commands u0, ...: coefficients by exponents of all of them.
-
-    Args:
-        text: a formula of these names, finite numbers, +, -, * and brackets.
-        states: number of states.
-        width: number of states and commands.
-
-    Raises:
-        Refused: the formula has anything else, or too many terms.
-    """
-    names = [f"x{i}" for i in range(states)] + [f"u{i}" for i in range(width - states)]
-
-    def read(node: Any) -> dict[tuple[int, ...], Any]:
-        match node:
-            case ast.Constant(value=int() | float() as value) if (
-                type(value) is not bool and abs(value) < 1e300
-            ):
-                return {(0,) * width: arb(float(value))}
-            case ast.Name(id=name) if name in names:
-                return {tuple(int(i == names.index(name)) for i in range(width)): arb(1)}
-            case ast.UnaryOp(op=ast.USub()):
-                return plus({}, read(node.operand), -1)
-            case ast.BinOp(op=ast.Add()):
-                return plus(read(node.left), read(node.right))
-            case ast.BinOp(op=ast.Sub()):
-                return plus(read(node.left), read(node.right), -1)
-            case ast.BinOp(op=ast.Mult()):
-                return polynomial_product(read(node.left), read(node.right))
-        raise Refused(
-            f"its formula {text[:80]!r} has more than numbers, {', '.join(names)}, +, - and *."
-        )
-
-    try:
-        return read(ast.parse(text, mode="eval").body)
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise Refused(f"its formula {text[:80]!r} cannot be read.") from error
-
-
-def plus(a: dict[Any, Any], b: dict[Any, Any], factor: Any = 1) -> dict[Any, Any]:
-    """Sum of a polynomial and a multiple of another; coefficients by exponents."""
-    result = dict(a)
-    for key, value in b.items():
-        result[key] = result.get(key, arb(0)) + factor * value
-    return result
-
-
-def polynomial_product(a: dict[Any, Any], b: dict[Any, Any]) -> dict[Any, Any]:
-    """Product of polynomials."""
-    if len(a) * len(b) > _PRODUCTS:
-        raise Refused("its plant has polynomials of too many terms.")
-    result: dict[Any, Any] = {}
-    for key, value in a.items():
-        for key2, value2 in b.items():
-            both = tuple(x + y for x, y in zip(key, key2, strict=True))
-            result[both] = result.get(both, arb(0)) + value * value2
-    return result
-
-
-def derivative(p: dict[Any, Any], k: int) -> dict[Any, Any]:
-    """Derivative of a polynomial by a variable."""
-    return {(*e[:k], e[k] - 1, *e[k + 1 :]): e[k] * x for e, x in p.items() if e[k]}
-
-
-def value_at(p: dict[Any, Any], values: Sequence[Any]) -> Any:
-    """Value of a polynomial."""
-    total = arb(0)
-    for key, value in p.items():
-        for exponent, x in zip(key, values, strict=True):
-            for _ in range(exponent):  # a power of a ball round 0 is no number
-                value = value * x
-        total += value
-    return total

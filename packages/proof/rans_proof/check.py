@@ -12,60 +12,46 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from flint import arb, arb_mat, ctx
+from flint import arb, arb_mat, arb_series, ctx
 
-from rans_proof.balls import (
-    Refused,
-    absolute_row_sums,
-    column,
-    derivative,
-    diagonal,
-    network_enclosure,
-    plus,
-    polynomial,
-    polynomial_product,
-    side_by_side,
-    sizes,
-    value_at,
-)
+from rans_proof.balls import Refused, absolute_row_sums, column, diagonal, network_enclosure, sizes
 from rans_proof.check_file import Claim, claim_of
+from rans_proof.check_motion import Formula, Plant, Sloped, formula, reduced
 from rans_proof.check_network import layers_of
 
 _BITS = 80
 """Bits of a ball's middle."""
 _SIDES = 48
 """Sides of the polygon around a circle of speeds."""
-_SUBSTEPS = 12
-"""Taylor steps of a control period of a plant that is not linear."""
+_OFF = 1e-6
+"""Part of a state by which a flight that was written out may be off: it was computed in double precision."""
 
 
 def check(certificate: bytes, network: bytes, only: Sequence[int] | None = None) -> float:
-    """Least margin that this program finds over the cells of a certificate.
+    """Least margin that this program finds over the cells of a certificate, or that of a flight that breaks it.
 
     Args:
         certificate: content of a certificate's file.
         network: content of the ONNX file.
         only: numbers of the cells whose flights are checked; None: all. The cover is checked in any case.
 
+    Returns:
+        A number above 0 if the property is proved, and below 0 if the certificate is of a flight that breaks it.
+
     Raises:
         Refused: it proves nothing, or is of another network.
     """
     ctx.prec = _BITS
     claim = _claim(certificate, network)
-    problem = claim.problem
-    layers = layers_of(network, tuple(problem["start"]["lower"]), tuple(problem["start"]["upper"]))
-    if layers[-1][0].nrows() != problem["commands"]:
-        raise Refused(
-            f"its network gives {layers[-1][0].nrows()} numbers, and its problem has "
-            f"{problem['commands']} commands."
-        )
-    move = _linear(problem) or _taylor(problem)
+    loop = Loop(claim.problem, network)
+    if claim.flight:
+        return loop.broken(claim.flight)
     least = math.inf
     for k in range(len(claim.cells)) if only is None else only:
-        margin = _fly(problem, layers, move, claim.cells[k])
+        margin = loop.margin(claim.cells[k])
         if not margin > 0.0:
             raise Refused(f"cell {k} has the margin {margin:.3g}.")
         least = min(least, margin)
@@ -83,7 +69,10 @@ def _claim(certificate: bytes, network: bytes) -> Claim:
         raise Refused("it is of another network: the SHA-256 of the file differs.")
     start = claim.problem["start"]
     box = [(float(a), float(b)) for a, b in zip(start["lower"], start["upper"], strict=True)]
-    _cover(box, claim.cells)
+    if not claim.flight:
+        _cover(box, claim.cells)
+    elif not all(a <= x <= b for (a, b), x in zip(box, claim.flight[0], strict=True)):
+        raise Refused("its flight does not begin among the starts.")
     return claim
 
 
@@ -115,23 +104,186 @@ def _cover(box: list[Any], cells: list[Any]) -> None:
         stack += [([*box[:axis], part, *box[axis + 1 :]], inside) for part in parts]
 
 
-def _fly(problem: dict[str, Any], layers: Any, move: Any, cell: Any) -> float:
-    """Margin over all times of the flights from a cell."""
-    centre = column([(arb(a) + arb(b)) / 2 for a, b in cell])
-    spread = diagonal([(arb(b) - arb(a)) / 2 for a, b in cell])
-    least = math.inf
-    for _ in range(problem["steps"]):
-        for begin, end, sag in move(centre, spread, *network_enclosure(layers, centre, spread)):
-            least = _least((least, _margin(problem["keep"], begin, end, sag)))
-            centre, spread = end
-        if not least > 0.0:
-            break
-    if "end" in problem:
-        last = centre, spread
-        least = _least(
-            (least, _margin({"within": problem["end"]}, last, last, [arb(0)] * len(cell)))
-        )
-    return least
+class Loop:
+    """Closed loop of a problem and a network, in balls.
+
+    Args:
+        problem: table of `rans_proof.check_file.problem_table`.
+        network: content of the ONNX file.
+    """
+
+    def __init__(self, problem: dict[str, Any], network: bytes) -> None:
+        self._problem = problem
+        count = len(problem["derivative"])
+        names = [f"x{i}" for i in range(count)]
+        low, high = (tuple(problem["start"][end]) for end in ("lower", "upper"))
+        # What the network takes, as rows of factors and a constant.
+        self._inputs = None
+        if "inputs" in problem:
+            rows = [_linear(text, names) for text in problem["inputs"]]
+            self._inputs = arb_mat([row[:-1] for row in rows]), column([row[-1] for row in rows])
+            middle = column([(arb(a) + arb(b)) / 2 for a, b in zip(low, high, strict=True)])
+            half = column([(arb(b) - arb(a)) / 2 for a, b in zip(low, high, strict=True)])
+            at = (self._inputs[0] * middle + self._inputs[1]).entries()
+            reach = (sizes(self._inputs[0]) * half).entries()
+            low, high = (
+                tuple(float(x + sign * r) for x, r in zip(at, reach, strict=True))
+                for sign in (-1, 1)
+            )
+        self._layers = layers_of(network, low, high)
+        if self._layers[-1][0].nrows() != problem["commands"]:
+            raise Refused(
+                f"its network gives {self._layers[-1][0].nrows()} numbers, and its problem has "
+                f"{problem['commands']} commands."
+            )
+        self._plant = Plant(problem["derivative"], problem["commands"], problem["period"])
+        self._keep = Property(problem["keep"], count) if "keep" in problem else None
+        self._end = Property({"within": problem["end"]}, count) if "end" in problem else None
+
+    def _pieces(self, centre: Any, spread: Any) -> Iterator[tuple[int, bool, Any, Any, Any]]:
+        """Pieces of flights: control period, whether it ends with the piece, begin, end and sag."""
+        for number in range(self._problem["steps"]):
+            if self._inputs is None:
+                gain, offset, errors = network_enclosure(self._layers, centre, spread)
+            else:
+                table, shift = self._inputs
+                gain, offset, errors = network_enclosure(
+                    self._layers, table * centre + shift, table * spread
+                )
+                gain, offset = gain * table, gain * shift + offset
+            pieces = list(self._plant.move(centre, spread, gain, offset, errors))
+            for begin, end, sag in pieces:
+                centre, spread = end
+                yield number, begin is pieces[-1][0], begin, end, sag
+            centre, spread = reduced(centre, spread)
+
+    def margin(self, cell: Any) -> float:
+        """Margin over all times of the flights from a cell."""
+        centre = column([(arb(a) + arb(b)) / 2 for a, b in cell])
+        spread = diagonal([(arb(b) - arb(a)) / 2 for a, b in cell])
+        least, at_end = math.inf, -math.inf
+        earliest = self._problem.get("end", {}).get("earliest", 0) or self._problem["steps"]
+        still = [arb(0)] * len(cell)
+        for number, is_last, begin, end, sag in self._pieces(centre, spread):
+            if self._keep is not None and number >= self._problem.get("begins", 0):
+                least = _least((least, self._keep.margin(begin, end, sag)))
+            if not least > 0.0:
+                return least
+            if self._end is not None and is_last and number + 1 >= earliest:
+                at_end = max(at_end, _least((self._end.margin(end, end, still),)))
+        return least if self._end is None else min(least, at_end)
+
+    def broken(self, flight: Sequence[Sequence[float]]) -> float:
+        """How far below 0 the property's value is on a flight that was written out, at the worst instant.
+
+        Raises:
+            Refused: the flight is another one than this program's, or does not surely break the property.
+        """
+        first = column([arb(x) for x in flight[0]])
+        point = first, arb_mat(len(flight[0]), 1)
+        begins = self._problem.get("begins", 0)
+        earliest = self._problem.get("end", {}).get("earliest", 0) or self._problem["steps"]
+        values = [self._keep.value(point)] if self._keep is not None and begins == 0 else []
+        at_ends = []
+        for number, is_last, begin, end, _ in self._pieces(*point):
+            if self._keep is not None and number >= begins:
+                values += [self._keep.value(begin), self._keep.value(end)]
+            if is_last:
+                for x, claimed in zip(_hull(end), flight[number + 1], strict=True):
+                    if not abs(x - arb(claimed)) <= arb(_OFF) * (1 + abs(arb(claimed))):
+                        raise Refused(f"its flight is another one in period {number}.")
+                if self._end is not None and number + 1 >= earliest:
+                    at_ends.append(self._end.value(end))
+        # The end's box is missed if it is missed at every instant at which a flight may be in it.
+        lowest = [float(x.upper()) for x in values if x.is_finite()]
+        if at_ends and all(x.is_finite() for x in at_ends):
+            lowest.append(max(float(x.upper()) for x in at_ends))
+        worst = min(lowest, default=math.inf)
+        if not worst < 0.0:
+            raise Refused(f"its flight does not surely break the property: {worst:.3g}.")
+        return worst
+
+
+def _linear(text: str, names: Sequence[str]) -> list[Any]:
+    """Factors of names in a formula, and its constant as the last one.
+
+    Raises:
+        Refused: it is no linear function.
+    """
+    ctx.cap = 1
+    zero, wide = arb_series([0]), arb_series([arb(0, 1e30)])
+    unit = [[arb_series([int(i == k)]) for i in range(len(names))] for k in range(len(names))]
+    value: Formula = formula(text, names)
+    result = value([Sloped(zero, wide, row) for row in unit])
+    if not isinstance(result, Sloped):  # a number
+        return [*[arb(0)] * len(names), result]
+    row = [*(p[0] for p in result.slopes), result.at[0]]
+    if not all(x.is_finite() and x.rad() <= 1e-15 * (1 + abs(x.mid())) for x in row):
+        raise Refused(f"its formula {text[:80]!r} is no linear function of the state.")
+    return row
+
+
+def _hull(state: tuple[Any, Any]) -> list[Any]:
+    """Balls around each coordinate of a set."""
+    widths = absolute_row_sums(state[1])
+    return [x + arb(0, w.upper()) for x, w in zip(state[0].entries(), widths, strict=True)]
+
+
+class Property:
+    """A property of the state, of which a margin is not more than the state may move before it is broken.
+
+    Args:
+        keep: table of one kind and its limits.
+        count: number of states.
+    """
+
+    def __init__(self, keep: dict[str, Any], count: int) -> None:
+        ((self._kind, self._limit),) = keep.items()
+        self._is_every = self._kind in ("within", "every")
+        # Functions that are not to be negative, as rows of factors and constants: within a box those of its faces,
+        # outside of it the negated ones.
+        self._rows: list[tuple[Any, Any]] = []
+        if self._kind in ("within", "avoid"):
+            sign = 1 if self._is_every else -1
+            for axis in range(count):
+                row = arb_mat(1, count, [arb(int(i == axis)) for i in range(count)])
+                low, high = (arb(self._limit[end][axis]) for end in ("lower", "upper"))
+                self._rows += [(sign * row, -sign * low), (-sign * row, sign * high)]
+        if self._kind in ("every", "some"):
+            for text in self._limit:
+                *factors, constant = _linear(text, [f"x{i}" for i in range(count)])
+                self._rows.append((arb_mat(1, count, factors), constant))
+
+    def margin(self, begin: Any, end: Any, sag: Sequence[Any]) -> float:
+        """Margin over a piece of a flight, which is off the chord between its ends by at most ``sag``.
+
+        It is of linear functions of the state, so that over the chord each is least at an end.
+        """
+        if not self._rows:
+            return _margin_of_distance(self._kind, self._limit, begin, end, sag)
+        margins = []
+        for row, constant in self._rows:
+            off = (sizes(row) * column(sag))[0, 0]
+            lowest = [constant - _highest(-row, state) - off for state in (begin, end)]
+            margins.append(_least(x.lower() for x in lowest))
+        return _least(margins) if self._is_every else max(margins)
+
+    def value(self, state: tuple[Any, Any]) -> Any:
+        """Ball around the property's value over a set, which is below 0 where it is broken."""
+        x = column(_hull(state))
+        values = [(row * x)[0, 0] + constant for row, constant in self._rows]
+        if values:
+            return functools.reduce(arb.min if self._is_every else arb.max, values)
+
+        def length(states: Sequence[int]) -> Any:
+            return sum((x[i, 0] * x[i, 0] for i in states), arb(0)).nonnegative_part().sqrt()
+
+        distance = length(self._limit["position"])
+        if self._kind == "speed_limit":
+            limit = arb(self._limit["base"]) + arb(self._limit["slope"]) * distance
+            return limit - length(self._limit["velocity"])
+        away = distance - arb(self._limit["radius"])
+        return away if self._kind == "keep_out" else -away
 
 
 def _least(values: Iterable[Any]) -> float:
@@ -144,42 +296,21 @@ def _highest(row: Any, state: tuple[Any, Any]) -> Any:
     return (row * state[0])[0, 0] + absolute_row_sums(row * state[1])[0]
 
 
-def _margin(keep: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]) -> float:
-    """Margin of a property over a piece of a flight, which is off the chord between its ends by at most ``sag``.
-
-    Margins are linear in the state, so that over the chord each is least at an end.
-    """
-    ((kind, limit),) = keep.items()
-    if kind in ("avoid", "within"):
-        return _margin_of_box(kind, limit, begin, end, sag)
-    return _margin_of_distance(kind, limit, begin, end, sag)
-
-
-def _margin_of_box(
-    kind: str, limit: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]
-) -> float:
-    """Margin of keeping within a box: of the nearest face. Of avoiding it: of the axis that is farthest from it."""
-    margins = []
-    for axis, (low, high) in enumerate(zip(limit["lower"], limit["upper"], strict=True)):
-        row = arb_mat(1, len(sag), [arb(int(i == axis)) for i in range(len(sag))])
-        # x < low or -x < -high keeps out of the box, x < high and -x < -low within.
-        edges = (arb(low), -arb(high)) if kind == "avoid" else (arb(high), -arb(low))
-        for sign, edge in zip((1, -1), edges, strict=True):
-            reach = [_highest(sign * row, state) + sag[axis] for state in (begin, end)]
-            margins.append(_least((edge - x).lower() for x in reach))
-    return max(margins) if kind == "avoid" else _least(margins)
-
-
 def _margin_of_distance(
     kind: str, limit: dict[str, Any], begin: Any, end: Any, sag: Sequence[Any]
 ) -> float:
-    """Margin of a ball to keep out of, |p| > r, or of a limit of the speed, |v| < base + slope |p|.
+    """Margin of a ball to keep out of or to stay in, or of a limit of the speed, |v| < base + slope |p|.
 
     Along any unit vector d a position is no longer than it is, |p| >= d p: here along the middle of the chord. A
     velocity in the plane is at most 1 / cos(pi / K) times its longest component along K directions.
     """
     is_speed = kind == "speed_limit"
     position = limit["position"]
+    if kind == "stay_in":  # the farthest corner of the boxes around both ends
+        hulls = [_hull(state) for state in (begin, end)]
+        corners = [[abs(hull[i]).upper() + sag[i] for i in position] for hull in hulls]
+        far = [sum((x * x for x in corner), arb(0)).sqrt() for corner in corners]
+        return _least((arb(limit["radius"]) - x).lower() for x in far)
     ahead = [float((begin[0][i, 0] + end[0][i, 0]).mid()) for i in position]
     norm = sum((arb(x) ** 2 for x in ahead), arb(0)).sqrt()
     slope = arb(limit["slope"]) if is_speed else arb(1)
@@ -204,118 +335,3 @@ def _margin_of_distance(
     return _least(
         (base - _highest(x, state) - off).lower() for x in factors for state in (begin, end)
     )
-
-
-def _linear(problem: dict[str, Any]) -> Any:
-    """Motion of a linear plant by the exponential of its matrix, or None."""
-    count = len(problem["derivative"])
-    width = count + problem["commands"]
-    rates = [polynomial(text, count, width) for text in problem["derivative"]]
-    if any(sum(key) != 1 for rate in rates for key in rate):
-        return None
-    unit = [tuple(int(i == k) for i in range(width)) for k in range(width)]
-    rows = [[rate.get(key, arb(0)) for key in unit] for rate in rates]
-    both = arb_mat(rows + [[arb(0)] * width] * problem["commands"])
-    h = arb(problem["period"])
-    whole = (both * h).exp()
-    widest = (sizes(both) * h).exp()
-    second = sizes(both) * sizes(both) * widest * (h * h / 8)
-
-    def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
-        state = arb_mat([row[:count] for row in whole.tolist()[:count]])
-        push = arb_mat([row[count:] for row in whole.tolist()[:count]])
-        total = state + push * gain
-        end = total * centre + push * offset, side_by_side(total * spread, push * diagonal(errors))
-        largest = [
-            abs(c) + r for c, r in zip(centre.entries(), absolute_row_sums(spread), strict=True)
-        ]
-        forces = (sizes(gain) * column(largest) + sizes(offset)).entries()
-        largest += [f + e for f, e in zip(forces, errors, strict=True)]
-        sag = (second * column(largest)).entries()[:count]
-        return [((centre, spread), end, sag)]
-
-    return move
-
-
-def _taylor(problem: dict[str, Any]) -> Any:
-    """Motion of a polynomial plant by Taylor steps of second order, with a bound of the third term.
-
-    The variables are the states x, with x' = f(x, u), and the commands u, which are constant in a period. A step is
-    x + h f + h^2 / 2 f' + h^3 / 6 f'', with f'' anywhere in the step.
-    """
-    count = len(problem["derivative"])
-    width = count + problem["commands"]
-    rates = [polynomial(text, count, width) for text in problem["derivative"]]
-    h = arb(problem["period"]) / _SUBSTEPS
-
-    def along(polynomials: Sequence[Any]) -> list[Any]:
-        """Their derivatives by time."""
-        parts = [
-            [polynomial_product(derivative(p, k), f) for k, f in enumerate(rates)]
-            for p in polynomials
-        ]
-        return [functools.reduce(plus, part) for part in parts]
-
-    second = along(rates)
-    third = along(second)
-    unit = [{tuple(int(i == k) for i in range(width)): arb(1)} for k in range(count)]
-    step = [plus(plus(x, f, h), g, h * h / 2) for x, f, g in zip(unit, rates, second, strict=True)]
-    slopes = [[derivative(component, k) for k in range(width)] for component in step]
-
-    def states_of(centre: list[Any], spread: Any) -> tuple[Any, Any]:
-        return column(centre[:count]), arb_mat(spread.tolist()[:count])
-
-    def move(centre: Any, spread: Any, gain: Any, offset: Any, errors: list[Any]) -> list[Any]:
-        # States and commands as one set, centre + spread s with |s| <= 1; errors of commands are further s.
-        variables = [*centre.entries(), *(gain * centre + offset).entries()]
-        of_states = side_by_side(spread, arb_mat(count, len(errors)))
-        of_commands = side_by_side(gain * spread, diagonal(errors))
-        wide = arb_mat(of_states.tolist() + of_commands.tolist())
-        pieces = []
-        for _ in range(_SUBSTEPS):
-            widths = absolute_row_sums(wide)
-            balls = [
-                arb(c.mid(), (r + c.rad()).upper()) for c, r in zip(variables, widths, strict=True)
-            ]
-            during = _during(rates, balls, h)
-            remainder = [h**3 / 6 * abs(value_at(p, during)).upper() for p in third]
-            sag = [(h * h / 8 * abs(value_at(p, during))).upper() for p in second]
-            # Mean value theorem: the step is its value at the centre, and slopes over the whole set. What is
-            # uncertain in the slopes, in the centre and in that value is an error.
-            exact = [x.mid() for x in variables]
-            jacobian = arb_mat([[value_at(entry, balls) for entry in row] for row in slopes])
-            fixed = arb_mat([[x.mid() for x in row] for row in jacobian.tolist()])
-            loose = arb_mat([[arb(x.rad()) for x in row] for row in jacobian.tolist()])
-            reach = [r + arb(c.rad()) for r, c in zip(widths, variables, strict=True)]
-            off = [a + b for a, b in zip((loose * column(reach)).entries(), remainder, strict=True)]
-            new = [value_at(component, exact) for component in step]
-            of_centre = (sizes(fixed) * column([arb(c.rad()) for c in variables])).entries()
-            off = [a + b + arb(n.rad()) for a, b, n in zip(off, of_centre, new, strict=True)]
-            # The set after the step; its errors are further s.
-            begin = states_of(variables, wide)
-            moved = arb_mat((fixed * wide).tolist() + wide.tolist()[count:])
-            extra = arb_mat(diagonal(off).tolist() + [[arb(0)] * count] * (width - count))
-            variables = [n.mid() for n in new] + variables[count:]
-            wide = side_by_side(moved, extra)
-            pieces.append((begin, states_of(variables, wide), sag))
-        return pieces
-
-    return move
-
-
-def _during(rates: Sequence[Any], balls: list[Any], h: Any) -> list[Any]:
-    """Balls that hold states and commands at all times of a step of length h; ``balls`` hold them at its start.
-
-    They are guessed by Picard's iteration with some room, and hold the motion if it leaves them inside.
-    """
-    count = len(rates)
-    grown = balls
-    for _ in range(3):
-        grown = [
-            x + arb(0, (2 * h * abs(value_at(f, grown))).upper())
-            for x, f in zip(balls, rates, strict=False)
-        ] + balls[count:]
-    for x, larger, f in zip(balls, grown, rates, strict=False):
-        if not larger.contains(x + (arb(0).union(h)) * value_at(f, grown)):
-            raise Refused("its motion has no bound within a Taylor step.")
-    return grown

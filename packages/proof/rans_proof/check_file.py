@@ -22,6 +22,7 @@ _BOUND = 1e9
 """Numbers of a problem are below this."""
 _STATES = 12
 _STEPS = 10_000
+_FORMULAS = 1000
 _PERIOD = 1e4
 
 
@@ -33,7 +34,9 @@ class Claim(NamedTuple):
     problem: dict[str, Any]
     """Table of `problem_table`."""
     cells: list[list[tuple[float, float]]]
-    """Ends of each cell along each state."""
+    """Ends of each cell along each state; []: it is of a flight."""
+    flight: list[list[float]]
+    """States at the control instants of a flight that breaks the property; []: the property is claimed."""
 
 
 def claim_of(certificate: bytes) -> Claim:
@@ -48,7 +51,8 @@ def claim_of(certificate: bytes) -> Claim:
         table = json.loads(certificate, object_pairs_hook=_once, parse_constant=_constant)
     except (ValueError, RecursionError, MemoryError) as error:
         raise Refused("it is damaged, it is not valid JSON.") from error
-    _keys(table, {"format", "network", "problem", "cells", "margins"}, "it")
+    proofs = {"flight"} if isinstance(table, dict) and "flight" in table else {"cells", "margins"}
+    _keys(table, {"format", "network", "problem"} | proofs, "it")
     if type(table["format"]) is not int or table["format"] != 1:
         raise Refused("its format is not 1, the only one that is known.")
     network, text = table["network"], table["problem"]
@@ -59,16 +63,24 @@ def claim_of(certificate: bytes) -> Claim:
     if not isinstance(text, str):
         raise Refused("its problem is no text.")
     problem = problem_table(text)
+    count = len(problem["derivative"])
+    if "flight" in table:
+        states = table["flight"]
+        if not isinstance(states, list) or len(states) != problem["steps"] + 1:
+            raise Refused(f"its flight has not the {problem['steps'] + 1} states of its problem.")
+        flight = [_numbers(state, "flight") for state in states]
+        if not all(len(state) == count for state in flight):
+            raise Refused(f"its flight has not {count} numbers a state.")
+        return Claim(network, problem, [], flight)
     rows, margins = table["cells"], table["margins"]
     if not (isinstance(rows, list) and 1 <= len(rows) <= _CELLS):
         raise Refused("it has no cells, so that it proves nothing, or more than can be checked.")
-    count = len(problem["derivative"])
     cells = [_box(row, count, f"cell {k}") for k, row in enumerate(rows)]
     if not all(margin > 0.0 for margin in _numbers(margins, "margins")):
         raise Refused("it has a margin that is not above 0.")
     if len(margins) != len(cells):
         raise Refused(f"it has {len(margins)} margins for {len(cells)} cells.")
-    return Claim(network, problem, cells)
+    return Claim(network, problem, cells, [])
 
 
 def problem_table(text: str) -> dict[str, Any]:
@@ -83,8 +95,10 @@ def problem_table(text: str) -> dict[str, Any]:
         table = tomllib.loads(text)
     except (ValueError, RecursionError, MemoryError) as error:
         raise Refused("its problem is not valid TOML.") from error
-    keys = {"name", "period", "steps", "derivative", "commands", "start", "keep"}
-    _keys(table, keys | ({"end"} & table.keys()), "its problem")
+    keys = {"name", "period", "steps", "derivative", "commands", "start"}
+    _keys(table, keys | ({"keep", "end", "inputs", "begins"} & table.keys()), "its problem")
+    if not {"keep", "end"} & table.keys():
+        raise Refused("its problem asks nothing of flights.")
     rates = table["derivative"]
     if not (
         isinstance(rates, list)
@@ -100,18 +114,32 @@ def problem_table(text: str) -> dict[str, Any]:
     _whole(table["commands"], 1, count, "commands")
     if not 0.0 < _number(table["period"], "period") <= _PERIOD:
         raise Refused(f"its period is not above 0 and at most {_PERIOD:g} s.")
-    for key in ("start", "end"):
-        if key in table:
-            _corners(table[key], count, key)
-    keep = table["keep"]
+    _corners(table["start"], count, "start")
+    _whole(table.get("begins", 0), 0, table["steps"] - 1, "begins")
+    if "inputs" in table:
+        _texts(table["inputs"], "inputs")
+    if "end" in table:
+        end = dict(table["end"]) if isinstance(table["end"], dict) else table["end"]
+        if isinstance(end, dict):
+            _whole(end.pop("earliest", 0), 0, table["steps"], "end.earliest")
+        _corners(end, count, "end")
+    if "keep" in table:
+        _check_property(table["keep"], count)
+    return table
+
+
+def _check_property(keep: Any, count: int) -> None:
+    """Refuse a property that is not checked."""
     if not (isinstance(keep, dict) and len(keep) == 1):
         raise Refused("its keep has not exactly one property.")
     ((kind, limit),) = keep.items()
     if kind in ("avoid", "within"):
         _corners(limit, count, kind)
-    elif kind == "keep_out":
-        _keys(limit, {"position", "radius"}, "its keep_out")
-        _states(limit["position"], count, "keep_out.position")
+    elif kind in ("every", "some"):
+        _texts(limit, kind)
+    elif kind in ("keep_out", "stay_in"):
+        _keys(limit, {"position", "radius"}, f"its {kind}")
+        _states(limit["position"], count, f"{kind}.position")
         if not _number(limit["radius"], "radius") > 0.0:
             raise Refused("its radius is not above 0.")
     elif kind == "speed_limit":
@@ -126,35 +154,51 @@ def problem_table(text: str) -> dict[str, Any]:
             raise Refused("the slope of its speed limit is below 0.")
     else:
         raise Refused(f"its property {kind[:40]!r} is not checked.")
-    return table
+
+
+def _texts(texts: Any, what: str) -> None:
+    """Refuse what is no list of formulas."""
+    good = isinstance(texts, list) and 1 <= len(texts) <= _FORMULAS
+    if not good or not all(isinstance(text, str) for text in texts):
+        raise Refused(f"its {what} is no list of 1 to {_FORMULAS} formulas.")
 
 
 def statement(problem: dict[str, Any]) -> str:
     """What is proved of a network if a certificate of a problem is accepted, in a few lines."""
     count = len(problem["derivative"])
-    states = ", ".join(f"x{i}" for i in range(count))
+    states = ", ".join(problem.get("inputs", [f"x{i}" for i in range(count)]))
     commands = ", ".join(f"u{i}" for i in range(problem["commands"]))
-    period, end = _digits(problem["period"]), f"{problem['steps'] * problem['period']:.10g}"
-    ((kind, limit),) = problem["keep"].items()
+    period, steps = problem["period"], problem["steps"]
+    begin, end = (f"{n * period:.10g}" for n in (problem.get("begins", 0), steps))
     lines = [
         "plant: "
         + ", ".join(
             f"x{i}' = {' '.join(rate.split())}" for i, rate in enumerate(problem["derivative"])
         ),
-        f"commands: {commands} = network({states}), computed exactly and held for {period} s each",
+        f"commands: {commands} = network({states}), computed exactly and held for {_digits(period)} s each",
         f"starts: {_within(problem['start'])}",
-        f"property, at all times from 0 to {end} s: {_sentence(kind, limit)}",
     ]
-    if "end" in problem:
-        lines.append(f"end, at {end} s: {_within(problem['end'])}")
-        inner, outer = (
-            _box([problem[key]["lower"], problem[key]["upper"]], count, key)
-            for key in ("end", "start")
+    if "keep" in problem:
+        ((kind, limit),) = problem["keep"].items()
+        lines.append(f"property, at all times from {begin} to {end} s: {_sentence(kind, limit)}")
+    if "end" not in problem:
+        return "\n".join(lines)
+    earliest = problem["end"].get("earliest", 0) or steps
+    if earliest < steps:
+        lines.append(
+            f"end, at one of the control instants from {earliest * period:.10g} to {end} s: "
+            + _within(problem["end"])
         )
-        if all(c <= a and b <= d for (a, b), (c, d) in zip(inner, outer, strict=True)):
-            lines.append(
-                "flights end among the starts, so that the property holds at all later times, too"
-            )
+        return "\n".join(lines)
+    lines.append(f"end, at {end} s: {_within(problem['end'])}")
+    inner, outer = (
+        _box([problem[key]["lower"], problem[key]["upper"]], count, key) for key in ("end", "start")
+    )
+    is_back = all(c <= a and b <= d for (a, b), (c, d) in zip(inner, outer, strict=True))
+    if is_back and "keep" in problem and not problem.get("begins", 0):
+        lines.append(
+            "flights end among the starts, so that the property holds at all later times, too"
+        )
     return "\n".join(lines)
 
 
@@ -170,9 +214,14 @@ def _sentence(kind: str, limit: dict[str, Any]) -> str:
         return _within(limit)
     if kind == "avoid":
         return f"never {_within(limit)}, all at once"
+    if kind in ("every", "some"):
+        joint = " and " if kind == "every" else " or "
+        return joint.join(f"{' '.join(text.split())} >= 0" for text in limit)
     distance = f"|({', '.join(f'x{i}' for i in limit['position'])})|"
     if kind == "keep_out":
         return f"{distance} >= {_digits(limit['radius'])}"
+    if kind == "stay_in":
+        return f"{distance} <= {_digits(limit['radius'])}"
     speed = f"|({', '.join(f'x{i}' for i in limit['velocity'])})|"
     return f"{speed} <= {_digits(limit['base'])} + {_digits(limit['slope'])} {distance}"
 

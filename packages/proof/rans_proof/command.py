@@ -21,6 +21,7 @@ from rans.files import read_bytes
 from rans.terminal import Terminal, progress
 
 if TYPE_CHECKING:
+    from rans_proof.prove import Proof
     from rans_proof.trap_certificate import TrapCertificate
     from rans_proof.verdicts import Verdict
 
@@ -231,7 +232,7 @@ class Prove:
         from rans_proof.certificate import write_certificate
         from rans_proof.network import LARGEST, network_of
         from rans_proof.problem import read_problem
-        from rans_proof.prove import lowest_margins, prove
+        from rans_proof.prove import prove
 
         assert self.problem is not None
         assert self.onnx is not None
@@ -244,7 +245,7 @@ class Prove:
         # Prove: cells are split until each holds or a flight breaks the property.
         problem = read_problem(self.problem)
         content = read_bytes(self.onnx, LARGEST)
-        layers = network_of(content, self.onnx, (problem.lower, problem.upper))
+        layers = network_of(content, self.onnx, problem.input_range())
         output = self.output or self.problem.with_suffix(".certificate.json")
         begun = time.monotonic()
         terminal = Terminal()
@@ -259,15 +260,10 @@ class Prove:
                 lambda done, left: bars.update(task, completed=done, total=done + left),
             )
         seconds = time.monotonic() - begun
-        # False, open or proved; only a proof has a certificate.
+        # False with the flight, open, or proved with the cells.
         if proof.counterexample is not None:
-            start = np.round(proof.counterexample, 6).tolist()
-            least = lowest_margins(problem, layers, proof.counterexample[None])[0]
-            terminal.say(
-                f"False: the flight from {start} breaks the property by {-least:.3g}, after {seconds:.1f} s of "
-                "search."
-            )
-            return 1
+            output = self.output or self.problem.with_suffix(".flight.json")
+            return _refuted(proof, content, self.onnx, output, seconds)
         if not proof.is_whole:
             terminal.say(
                 f"Open: {100 * proof.volume:.2f} % of the starts' volume is proved, and {len(proof.open_low):,} "
@@ -311,6 +307,17 @@ class Prove:
                 f"Refused: it is of another problem than {self.problem}, by {differing}."
             )
             return 1
+        if claim.flight:
+            margin, refusal = _checked(None, *contents, [])
+            if refusal:
+                Terminal().say(f"Refused: {refusal}")
+                return 1
+            Terminal().say(
+                f"Accepted: the flight breaks the property by {-margin:.3g}, in ball arithmetic.\n\nRefuted of "
+                f"{self.onnx} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
+                f"{statement(claim.problem)}\nflight from: {claim.flight[0]}"
+            )
+            return 0
         count = len(claim.cells)
         chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
         return self._judged(
@@ -350,6 +357,32 @@ class Prove:
             f"{time.monotonic() - begun:.1f} s.{statement}"
         )
         return 0
+
+
+def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds: float) -> int:
+    """Write the flight that refutes a property, let the checker fly it again, and print both results."""
+    from rans_proof.certificate import LARGEST, write_certificate
+
+    assert proof.counterexample is not None
+    write_certificate(proof, content, output)
+    terminal = Terminal()
+    how = "The checker was not asked, as python-flint is not installed."
+    if is_installed("flint"):
+        margin, refusal = _checked(None, read_bytes(output, LARGEST), content, [])
+        if refusal:
+            terminal.say(
+                "Open: a simulated flight breaks the property, and the checker does not confirm it: "
+                + refusal
+            )
+            return 1
+        how = f"The checker's flight in ball arithmetic breaks it by {-margin:.3g}."
+    start = np.round(proof.counterexample, 6).tolist()
+    terminal.say(
+        f"False: the flight from {start} breaks the property, after {seconds:.1f} s of search. {how} Its states "
+        f"are in {output}."
+    )
+    terminal.suggest(shlex.join(["rans", "prove", str(network), "--check", str(output)]))
+    return 1
 
 
 def _flown(agent: str, start: np.ndarray) -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,14 @@ import numpy as np
 from rans.errors import ConfigError, brief, counted
 from rans.files import read_text
 from rans.structure import read_toml
+from rans_proof.formula import formula_value
 
 MOST_STATES = 12
 """Largest number of states."""
 MOST_STEPS = 10_000
 """Largest number of control periods."""
+_MOST_FUNCTIONS = 1000
+"""Linear functions of a property, or numbers that a network takes, at most."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +80,44 @@ class KeepOut:
 
 
 @dataclass(frozen=True)
+class StayIn:
+    """|position| <= radius at all times; position is of any number of states."""
+
+    position: tuple[int, ...]
+    radius: float
+
+    def margins(self, states: np.ndarray) -> np.ndarray:
+        """Margins (N,) of states (N, n); negative outside of the ball."""
+        return self.radius - np.linalg.norm(states[:, list(self.position)], axis=1)
+
+
+@dataclass(frozen=True)
+class HalfSpaces:
+    """Linear functions of the state are not negative: every one, or at least one at each instant."""
+
+    rows: tuple[tuple[float, ...], ...]
+    """Factors of each function."""
+    offsets: tuple[float, ...]
+    """Its constant."""
+    every: bool
+    """False: one of them, no matter which, is enough."""
+
+    def margins(self, states: np.ndarray) -> np.ndarray:
+        """Margins (N,) of states (N, n) in the functions' own units."""
+        values = states @ np.array(self.rows).T + np.array(self.offsets)
+        return values.min(axis=1) if self.every else values.max(axis=1)
+
+
+Property = SpeedLimit | Avoid | KeepOut | Within | StayIn | HalfSpaces
+
+
+@dataclass(frozen=True)
 class Problem:
     """Closed loop of a network, and what it is to keep."""
 
     name: str
     derivative: tuple[str, ...]
-    """Derivative of each state by time, a polynomial of x0, x1, ... and the commands u0, u1, ..."""
+    """Derivative of each state by time, a formula of x0, x1, ... and the commands u0, u1, ..."""
     commands: int
     """Number of commands, which are held for a control period."""
     period: float
@@ -94,11 +128,19 @@ class Problem:
     """Lowest start."""
     upper: tuple[float, ...]
     """Highest start."""
-    keep: SpeedLimit | Avoid | KeepOut | Within
+    keep: Property | None
+    """None: nothing but their end is asked of flights."""
     end: Within | None = None
     """Box in which every flight ends; None: anywhere."""
     text: str = ""
     """Text of the file."""
+    inputs: tuple[str, ...] = ()
+    """What the network takes, linear functions of the state; (): the state."""
+    begins: int = 0
+    """Number of control periods after which the property must hold."""
+    earliest: int = 0
+    """Number of control periods after which a flight may be in the box of its end: it must be there at the end of
+    one of them; 0: of the last."""
 
     @property
     def states(self) -> int:
@@ -106,29 +148,56 @@ class Problem:
         return len(self.derivative)
 
     def rates(self, states: Sequence[Any], commands: Sequence[Any]) -> list[Any]:
-        """Derivatives, of whatever can be added and multiplied."""
+        """Derivatives, of whatever formulas can be computed with."""
         values = {f"x{i}": x for i, x in enumerate(states)}
         values |= {f"u{i}": u for i, u in enumerate(commands)}
-        return [polynomial_value(text, values) for text in self.derivative]
+        return [formula_value(text, values) for text in self.derivative]
 
     def linear(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one."""
-        states = self.states
-        columns = [
-            _Linear(row) for row in np.eye(states + self.commands, states + self.commands + 1)
-        ]
+        names = [f"x{i}" for i in range(self.states)] + [f"u{i}" for i in range(self.commands)]
         try:
-            rates = self.rates(columns[:states], columns[states:])
-        except _NotLinear:
+            rows = np.array([linear_function(rate, names) for rate in self.derivative])
+        except NotLinear:
             return None
-        rows = np.array([_as_row(rate, states + self.commands + 1) for rate in rates])
         if rows[:, -1].any():
             return None
-        return rows[:, :states], rows[:, states:-1]
+        return rows[:, : self.states], rows[:, self.states : -1]
+
+    def network_inputs(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Matrix (inputs, n) and offset of what the network takes, or None where it takes the state."""
+        if not self.inputs:
+            return None
+        names = [f"x{i}" for i in range(self.states)]
+        rows = np.array([linear_function(text, names) for text in self.inputs])
+        return rows[:, :-1], rows[:, -1]
+
+    def input_range(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Lowest and highest numbers that the network takes at the starts."""
+        inputs = self.network_inputs()
+        if inputs is None:
+            return self.lower, self.upper
+        middle, half = (0.5 * np.add(sign * np.array(self.lower), self.upper) for sign in (1, -1))
+        at, reach = inputs[0] @ middle + inputs[1], np.abs(inputs[0]) @ half
+        return tuple((at - reach).tolist()), tuple((at + reach).tolist())
 
 
-class _NotLinear(Exception):
-    """A product of two variables."""
+def linear_function(text: str, names: Sequence[str]) -> np.ndarray:
+    """Factors of names in a formula, and its constant as the last one.
+
+    Raises:
+        NotLinear: the formula is no linear function.
+        ConfigError: it is no formula.
+    """
+    values = {
+        name: _Linear(row)
+        for name, row in zip(names, np.eye(len(names), len(names) + 1), strict=True)
+    }
+    return _as_row(formula_value(text, values), len(names) + 1)
+
+
+class NotLinear(Exception):
+    """A product or function of variables."""
 
 
 class _Linear:
@@ -153,10 +222,22 @@ class _Linear:
 
     def __mul__(self, other: Any) -> _Linear:
         if isinstance(other, _Linear):
-            raise _NotLinear
+            raise NotLinear
         return _Linear(other * self.row)
 
     __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> _Linear:
+        if isinstance(other, _Linear):
+            raise NotLinear
+        return _Linear(self.row / other)
+
+    def __rtruediv__(self, other: Any) -> _Linear:
+        raise NotLinear
+
+    def function(self, name: str) -> _Linear:
+        """See `rans_proof.formula`; none of the functions is linear."""
+        raise NotLinear
 
 
 def _as_row(value: Any, width: int) -> np.ndarray:
@@ -165,47 +246,6 @@ def _as_row(value: Any, width: int) -> np.ndarray:
     row = np.zeros(width)
     row[-1] = value
     return row
-
-
-def polynomial_value(text: str, values: Mapping[str, Any]) -> Any:
-    """Value of a polynomial: numbers, names, +, - and *; no other syntax is executed.
-
-    Raises:
-        ConfigError: the text is something else.
-    """
-    try:
-        tree = ast.parse(text, mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ConfigError(f"{brief(text)} is no formula.") from None
-    return _value(tree, values, text, 0)
-
-
-def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> Any:
-    """Value of a part of a formula's syntax tree, at a depth of it."""
-    if depth > 50:
-        raise ConfigError(f"{brief(text)} is nested too deep.")
-
-    def inner(operand: ast.expr) -> Any:
-        return _value(operand, values, text, depth + 1)
-
-    match node:
-        case ast.Constant(value=int() | float() as number) if (
-            type(number) is not bool and abs(number) < 1e300
-        ):
-            return float(number)
-        case ast.Name(id=name) if name in values:
-            return values[name]
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -inner(operand)
-        case ast.BinOp(left=left, op=ast.Add(), right=right):
-            return inner(left) + inner(right)
-        case ast.BinOp(left=left, op=ast.Sub(), right=right):
-            return inner(left) - inner(right)
-        case ast.BinOp(left=left, op=ast.Mult(), right=right):
-            return inner(left) * inner(right)
-    raise ConfigError(
-        f"{brief(text)} is no polynomial: formulas have numbers, {', '.join(values)}, +, - and *."
-    )
 
 
 def read_problem(file: Path) -> Problem:
@@ -221,11 +261,13 @@ def read_problem(file: Path) -> Problem:
 def problem_of(text: str, where: object = "the problem") -> Problem:
     """Problem of a TOML text; raises as `read_problem`."""
     table = read_toml(text)
-    required = {"name", "period", "steps", "derivative", "commands", "start", "keep"}
-    if table.keys() - {"end"} != required:
+    required = {"name", "period", "steps", "derivative", "commands", "start"}
+    if table.keys() - {"keep", "end", "inputs", "begins"} != required:
         raise ConfigError(
             f"{where} must have the keys {', '.join(sorted(required))}, and has {', '.join(table)}."
         )
+    if not {"keep", "end"} & table.keys():
+        raise ConfigError(f"{where} must have keep or end: what flights keep, or where they end.")
     # Sizes first, as all else depends on them.
     derivative = table["derivative"]
     if not (
@@ -249,6 +291,15 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
     if not 0.0 < period <= 1e4:
         raise ConfigError(f"{where}: period must be above 0 and at most 10,000 s, got {period}.")
     lower, upper = _corners(table["start"], count, f"{where}: start")
+    begins = table.get("begins", 0)
+    if type(begins) is not int or not 0 <= begins < steps:
+        raise ConfigError(
+            f"{where}: begins must be a whole number from 0 to {steps - 1}, got {brief(begins)}."
+        )
+    inputs = table.get("inputs", [])
+    if "inputs" in table:
+        _linear_rows(inputs, count, f"{where}: inputs")
+    end, earliest = _end(table["end"], count, steps, where) if "end" in table else (None, 0)
     problem = Problem(
         name,
         tuple(derivative),
@@ -257,15 +308,62 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
         steps,
         lower,
         upper,
-        _property(table["keep"], count, where),
-        Within(*_corners(table["end"], count, f"{where}: end")) if "end" in table else None,
+        _property(table["keep"], count, where) if "keep" in table else None,
+        end,
         text,
+        tuple(inputs),
+        begins,
+        earliest,
     )
-    problem.rates([1.0] * count, [1.0] * commands)  # refuses formulas that are no polynomials
+    # Refuses what is no formula.
+    problem.rates([_Anything()] * count, [_Anything()] * commands)
     return problem
 
 
-def _property(table: Any, count: int, where: object) -> SpeedLimit | Avoid | KeepOut | Within:
+class _Anything:
+    """Value of a variable of which formulas are only read."""
+
+    def _same(self, *_: Any) -> _Anything:
+        return self
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
+        _same
+    )
+    __neg__ = function = _same
+
+
+def _end(table: Any, count: int, steps: int, where: object) -> tuple[Within, int]:
+    """Box of a flight's end, and the number of periods after which flights may be in it."""
+    table = dict(table) if isinstance(table, dict) else table
+    earliest = table.pop("earliest", 0) if isinstance(table, dict) else 0
+    if type(earliest) is not int or not 0 <= earliest <= steps:
+        raise ConfigError(
+            f"{where}: end.earliest must be a whole number from 0 to {steps}, got {brief(earliest)}."
+        )
+    return Within(*_corners(table, count, f"{where}: end")), earliest
+
+
+def _linear_rows(
+    formulas: Any, count: int, where: str
+) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
+    """Factors and constants of linear functions of the state."""
+    good = isinstance(formulas, list) and 1 <= len(formulas) <= _MOST_FUNCTIONS
+    if not good or not all(isinstance(text, str) for text in formulas):
+        raise ConfigError(f"{where} must be a list of 1 to {_MOST_FUNCTIONS} formulas.")
+    names = [f"x{i}" for i in range(count)]
+    rows = []
+    for text in formulas:
+        try:
+            rows.append(linear_function(text, names))
+        except NotLinear:
+            raise ConfigError(
+                f"{where}: {brief(text)} is no linear function of the state."
+            ) from None
+    table = np.array(rows)
+    return tuple(map(tuple, table[:, :-1].tolist())), tuple(table[:, -1].tolist())
+
+
+def _property(table: Any, count: int, where: object) -> Property:
     match table:
         case {"speed_limit": dict() as limit, **rest} if not rest and limit.keys() == {
             "position",
@@ -292,18 +390,23 @@ def _property(table: Any, count: int, where: object) -> SpeedLimit | Avoid | Kee
             return Avoid(*_corners(box, count, f"{where}: keep.avoid"))
         case {"within": dict() as box, **rest} if not rest:
             return Within(*_corners(box, count, f"{where}: keep.within"))
-        case {"keep_out": dict() as ball, **rest} if not rest and ball.keys() == {
-            "position",
-            "radius",
-        }:
-            position = _state_numbers(ball["position"], count, f"{where}: keep.keep_out.position")
-            (radius,) = _numbers([ball["radius"]], 1, f"{where}: keep.keep_out.radius")
+        case {"every": formulas, **rest} if not rest:
+            return HalfSpaces(*_linear_rows(formulas, count, f"{where}: keep.every"), True)
+        case {"some": formulas, **rest} if not rest:
+            return HalfSpaces(*_linear_rows(formulas, count, f"{where}: keep.some"), False)
+        case {"keep_out": dict() as ball, **rest} | {"stay_in": dict() as ball, **rest} if (
+            not rest and (ball.keys() == {"position", "radius"})
+        ):
+            (kind,) = table
+            position = _state_numbers(ball["position"], count, f"{where}: keep.{kind}.position")
+            (radius,) = _numbers([ball["radius"]], 1, f"{where}: keep.{kind}.radius")
             if not radius > 0.0:
-                raise ConfigError(f"{where}: keep.keep_out.radius must be above 0, got {radius}.")
-            return KeepOut(position, radius)
+                raise ConfigError(f"{where}: keep.{kind}.radius must be above 0, got {radius}.")
+            return (KeepOut if kind == "keep_out" else StayIn)(position, radius)
     raise ConfigError(
-        f"{where}: keep is speed_limit with position, velocity, base and slope, keep_out with position and radius, "
-        "or avoid or within with lower and upper."
+        f"{where}: keep is speed_limit with position, velocity, base and slope, keep_out or stay_in with position "
+        "and radius, avoid or within with lower and upper, or every or some with a list of formulas that are not "
+        "negative."
     )
 
 

@@ -10,16 +10,19 @@ import torch
 from torch import Tensor
 
 from rans.errors import ConfigError
-from rans_proof.network import Layer, apply
+from rans_proof.flights import at_decisions, lowest_margins, worst_start
+from rans_proof.motion import TaylorPlant
+from rans_proof.network import Layer
 from rans_proof.plants import LinearPlant, Piece, Plant
-from rans_proof.polynomial import PolynomialPlant
-from rans_proof.problem import Avoid, KeepOut, Problem, SpeedLimit, Within
+from rans_proof.problem import Avoid, HalfSpaces, KeepOut, Problem, SpeedLimit, StayIn, Within
 from rans_proof.relaxation import TorchLayer, Zonotope, enclose
 
 _DIRECTIONS = 64
 """Directions of a speed: their polygon is outside the circle by a factor of 1 / cos(pi / 64), 0.12 %."""
 _BATCH = {"cpu": 512, "cuda": 8192}
 """Cells proved together."""
+_GENERATORS = 48
+"""Generators of a set that are kept after a period, at least."""
 _MOST_CELLS = 20_000_000
 """Cells that are looked at; more are a problem for another method."""
 
@@ -40,6 +43,8 @@ class Proof:
     open_high: np.ndarray
     counterexample: np.ndarray | None
     """(n,) a start whose flight breaks the property, if one was found."""
+    flight: np.ndarray | None = None
+    """(steps + 1, n) its states at the control instants."""
 
     @property
     def is_whole(self) -> bool:
@@ -75,11 +80,17 @@ def prove(
     Raises:
         ConfigError: network and problem do not fit, or more than twenty million cells are left.
     """
-    if layers[0].weight.shape[1] != problem.states or len(layers[-1].bias) != problem.commands:
+    taken = len(problem.inputs) or problem.states
+    if layers[0].weight.shape[1] != taken or len(layers[-1].bias) != problem.commands:
         raise ConfigError(
             f"the network takes {layers[0].weight.shape[1]} numbers and gives {len(layers[-1].bias)}, and the "
-            f"problem has {problem.states} states and {problem.commands} commands."
+            f"problem has {taken} {'inputs' if problem.inputs else 'states'} and {problem.commands} commands."
         )
+    none = np.zeros((0, problem.states))
+    # What is false is refuted sooner than proved in parts.
+    start, margin = worst_start(problem, layers)
+    if margin < 0.0:
+        return _proof(problem, [(none, none, none[:, 0])], [], start, layers)
     loop = ClosedLoop(problem, layers, torch.device(device))
     span = np.maximum(np.array(problem.upper) - np.array(problem.lower), 1e-300)
     batch = _BATCH[loop.device.type]
@@ -108,7 +119,7 @@ def prove(
             # A flight from an open cell that breaks the property ends the proof; else the cell is split.
             broken = broken_start(problem, layers, low, high)
             if broken is not None:
-                return _proof(problem, proved, [*stuck, *queue, (low, high)], broken)
+                return _proof(problem, proved, [*stuck, *queue, (low, high)], broken, layers)
             splittable = high - low > smallest * span * (1.0 + 1e-9)
             small = ~splittable.any(axis=1)
             stuck.append((low[small], high[small]))
@@ -118,7 +129,7 @@ def prove(
             if len(low):
                 queue.append((low, high))
         report(proved_count, sum(len(cells) for cells, _ in queue))
-    return _proof(problem, proved, stuck, None)
+    return _proof(problem, proved, stuck, None, layers)
 
 
 def _proof(
@@ -126,12 +137,14 @@ def _proof(
     proved: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
     stuck: list[tuple[np.ndarray, np.ndarray]],
     broken: np.ndarray | None,
+    layers: Sequence[Layer],
 ) -> Proof:
     """Proof of cells (low, high, margin), with the cells that are open and a start that breaks the property."""
     none = np.zeros((0, problem.states))
     low, high, margins = (np.concatenate([cell[k] for cell in proved]) for k in range(3))
     ends = [np.concatenate([none, *(cell[k] for cell in stuck)]) for k in range(2)]
-    return Proof(problem, low, high, margins, ends[0], ends[1], broken)
+    flight = None if broken is None else at_decisions(problem, layers, broken)
+    return Proof(problem, low, high, margins, ends[0], ends[1], broken, flight)
 
 
 def _grid(problem: Problem, first: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -168,29 +181,29 @@ def broken_start(
     return start[worst] if least[worst] < 0.0 else None
 
 
-def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray) -> np.ndarray:
-    """Lowest margins (N,) of simulated flights from starts (N, n), by Runge-Kutta steps of order 4."""
-    substeps = 4
-    h = problem.period / substeps
-    x = start
-    least = problem.keep.margins(x)
-    for _ in range(problem.steps):
-        u = list(apply(list(layers), x).T)
+def _faces_of(box: Within | Avoid) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and offsets of functions that are not negative inside of a box's faces, or outside for `Avoid`."""
+    eye = np.eye(len(box.lower))
+    rows = np.concatenate((eye, -eye))
+    offsets = np.concatenate((-np.array(box.lower), box.upper))
+    return (rows, offsets) if isinstance(box, Within) else (-rows, -offsets)
 
-        def rate(state: np.ndarray, held: Sequence[np.ndarray] = u) -> np.ndarray:
-            rates = problem.rates(list(state.T), held)
-            return np.stack(
-                [np.broadcast_to(polynomial, len(state)) for polynomial in rates], axis=1
-            )
 
-        for _ in range(substeps):
-            k1 = rate(x)
-            k2 = rate(x + 0.5 * h * k1)
-            k3 = rate(x + 0.5 * h * k2)
-            k4 = rate(x + h * k3)
-            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-            least = np.minimum(least, problem.keep.margins(x))
-    return least if problem.end is None else np.minimum(least, problem.end.margins(x))
+def reduced(states: Zonotope) -> Zonotope:
+    """A zonotope of few generators around each of others, whose least generators become a box.
+
+    Which are the least is as in Girard, "Reachability of uncertain linear systems using zonotopes", 2005.
+    """
+    _, width, many = states.generators.shape
+    kept = max(_GENERATORS, 4 * width)
+    if many <= kept + width:
+        return states
+    part = (states.generators / (states.radius[:, :, None] + 1e-300)).abs()
+    worth = part.sum(dim=1) - part.amax(dim=1)
+    order = worth.argsort(dim=1, descending=True)[:, None, :].expand(-1, width, -1)
+    ordered = states.generators.gather(2, order)
+    rest = ordered[:, :, kept:].abs().sum(dim=2) * (1.0 + 4.0 * many * 2.0**-53)
+    return Zonotope(states.centre, ordered[:, :, :kept], states.box + rest)
 
 
 class ClosedLoop:
@@ -199,6 +212,11 @@ class ClosedLoop:
     def __init__(self, problem: Problem, layers: Sequence[Layer], device: torch.device) -> None:
         self.problem = problem
         self.device = device
+        inputs = problem.network_inputs()
+        if inputs is not None:  # they are a part of the first layer
+            first = layers[0]
+            bias = first.weight @ inputs[1] + first.bias
+            layers = [Layer(first.weight @ inputs[0], bias, first.activation), *layers[1:]]
         self._layers = [
             TorchLayer(
                 torch.tensor(layer.weight, dtype=torch.float64, device=device),
@@ -207,7 +225,7 @@ class ClosedLoop:
             )
             for layer in layers
         ]
-        plant = PolynomialPlant if problem.linear() is None else LinearPlant
+        plant = TaylorPlant if problem.linear() is None else LinearPlant
         self._plant: Plant = plant(problem, device)
         angles = 2.0 * torch.pi * torch.arange(_DIRECTIONS, dtype=torch.float64) / _DIRECTIONS
         self._round = torch.stack((angles.cos(), angles.sin()), 1).to(device)
@@ -222,16 +240,22 @@ class ClosedLoop:
         box = 2.0**-51 * (ends[0].abs() + ends[1].abs())
         states = Zonotope(centre, torch.diag_embed(radius), box)
         least = torch.full_like(centre[:, 0], torch.inf)
-        for _ in range(self.problem.steps):
+        at_end = torch.full_like(least, -torch.inf)
+        end, earliest = self.problem.end, self.problem.earliest or self.problem.steps
+        for number in range(self.problem.steps):
             planes = enclose(self._layers, states)
             for piece in self._plant.move(states, planes):
-                least = torch.minimum(least, self._margin(piece))
+                if self.problem.keep is not None and number >= self.problem.begins:
+                    least = torch.minimum(least, self._margin(piece))
                 states = piece.end
+            if end is not None and number + 1 >= earliest:
+                still = Piece(states, states, torch.zeros_like(centre))
+                at_end = torch.maximum(at_end, self._faces(still, *_faces_of(end), every=True))
+            states = reduced(states)
             if not bool((least > 0.0).any()):
                 break
-        if self.problem.end is not None:
-            still = Piece(states, states, torch.zeros_like(centre))
-            least = torch.minimum(least, self._within(still, self.problem.end))
+        if end is not None:
+            least = torch.minimum(least, at_end.nan_to_num(-torch.inf))
         first = self._layers[0].weight
         worth = radius * torch.linalg.vector_norm(first, dim=0)
         return least.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()
@@ -239,10 +263,13 @@ class ClosedLoop:
     def _margin(self, piece: Piece) -> Tensor:
         """Margin (B,) over all times of a piece."""
         keep = self.problem.keep
-        if isinstance(keep, Avoid):
-            return self._apart(piece, keep)
-        if isinstance(keep, Within):
-            return self._within(piece, keep)
+        if isinstance(keep, Avoid | Within):
+            return self._faces(piece, *_faces_of(keep), every=isinstance(keep, Within))
+        if isinstance(keep, HalfSpaces):
+            return self._faces(piece, np.array(keep.rows), np.array(keep.offsets), keep.every)
+        if isinstance(keep, StayIn):
+            return self._in(piece, keep)
+        assert keep is not None
         ends = (piece.begin, piece.end)
         position = list(keep.position)
         middle = ends[0].centre[:, position] + ends[1].centre[:, position]
@@ -252,28 +279,24 @@ class ClosedLoop:
             return self._out(piece, keep, ahead)
         return self._slow(piece, keep, ahead)
 
-    def _apart(self, piece: Piece, keep: Avoid) -> Tensor:
-        """Distance from a box along one axis that serves for the whole piece."""
-        lower = torch.tensor(keep.lower, dtype=torch.float64, device=self.device)
-        upper = torch.tensor(keep.upper, dtype=torch.float64, device=self.device)
-        axes = torch.eye(len(lower), dtype=torch.float64, device=self.device)[None]
-        ends = (piece.begin, piece.end)
-        highest = torch.stack([end.highest(axes) for end in ends]).amax(dim=0) + piece.sag
-        lowest = -torch.stack([end.highest(-axes) for end in ends]).amax(dim=0) - piece.sag
-        return torch.maximum(lower - highest, lowest - upper).amax(dim=1)
-
-    def _within(self, piece: Piece, keep: Within) -> Tensor:
-        """Distance from the faces of a box, from inside."""
-        lower, upper = (
-            torch.tensor(x, dtype=torch.float64, device=self.device)
-            for x in (keep.lower, keep.upper)
+    def _faces(self, piece: Piece, rows: np.ndarray, offsets: np.ndarray, every: bool) -> Tensor:
+        """Least value of linear functions over a piece: of all of them, or of the best one."""
+        functions, constants = (
+            torch.tensor(x, dtype=torch.float64, device=self.device) for x in (rows, offsets)
         )
-        axes = torch.eye(len(lower), dtype=torch.float64, device=self.device)[None]
-        inner = [
-            torch.minimum(upper - end.highest(axes), -lower - end.highest(-axes))
+        lowest = torch.stack([-end.highest(-functions[None]) for end in (piece.begin, piece.end)])
+        value = lowest.amin(dim=0) + constants - piece.sag @ functions.abs().T * (1.0 + 1e-9)
+        value = value - 2.0**-50 * (lowest.abs().amax(dim=0) + constants.abs())
+        return value.amin(dim=1) if every else value.amax(dim=1)
+
+    def _in(self, piece: Piece, keep: StayIn) -> Tensor:
+        """Distance from a ball's surface, from inside: of the corner of the box around a piece."""
+        position = list(keep.position)
+        far = [
+            torch.linalg.vector_norm((end.size + piece.sag)[:, position], dim=1)
             for end in (piece.begin, piece.end)
         ]
-        return (torch.minimum(*inner) - piece.sag).amin(dim=1)
+        return keep.radius - torch.maximum(*far) * (1.0 + 1e-9)
 
     def _out(self, piece: Piece, keep: KeepOut, ahead: Tensor) -> Tensor:
         """Distance from a ball: |p| >= d p in any direction d, least at an end of the chord."""

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 from rans_proof.command import Prove
+from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, read_network
 from rans_proof.problem import SpeedLimit, Within, problem_of, read_problem
-from rans_proof.prove import ClosedLoop, lowest_margins, prove
+from rans_proof.prove import ClosedLoop, prove
 
 from rans.errors import ConfigError
 from tests.support.processes import ROOT

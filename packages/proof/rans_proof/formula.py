@@ -1,0 +1,91 @@
+"""Formulas of problems: numbers, names, arithmetic and a few functions, of whatever can be computed with."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError, brief
+
+FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt")
+"""Functions of one argument that formulas may have."""
+_DEEPEST = 50
+"""Brackets within brackets at most."""
+
+
+def formula_value(text: str, values: Mapping[str, Any]) -> Any:
+    """Value of a formula; no other syntax than a formula's is executed.
+
+    Args:
+        text: numbers, names, +, -, *, /, brackets and `FUNCTIONS`.
+        values: value of each name: numbers, arrays, or objects with these operators and a method
+            ``function(name)``.
+
+    Raises:
+        ConfigError: the text is something else.
+    """
+    return _value(_tree(text), values, text, 0)
+
+
+@functools.lru_cache(maxsize=256)
+def _tree(text: str) -> ast.expr:
+    """Syntax tree of a formula."""
+    try:
+        return ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ConfigError(f"{brief(text)} is no formula.") from None
+
+
+def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> Any:
+    """Value of a part of a formula's syntax tree, at a depth of it."""
+    if depth > _DEEPEST:
+        raise ConfigError(f"{brief(text)} is nested too deep.")
+
+    def inner(operand: ast.expr) -> Any:
+        return _value(operand, values, text, depth + 1)
+
+    match node:
+        case ast.Constant(value=int() | float() as number) if (
+            type(number) is not bool and abs(number) < 1e300
+        ):
+            return float(number)
+        case ast.Name(id=name) if name in values:
+            return values[name]
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -inner(operand)
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            return inner(left) + inner(right)
+        case ast.BinOp(left=left, op=ast.Sub(), right=right):
+            return inner(left) - inner(right)
+        case ast.BinOp(left=left, op=ast.Mult(), right=right):
+            return inner(left) * inner(right)
+        case ast.BinOp(left=left, op=ast.Div(), right=right):
+            divisor = inner(right)
+            if isinstance(divisor, float) and divisor == 0.0:
+                raise ConfigError(f"{brief(text)} divides by 0.")
+            return inner(left) / divisor
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+            return _function(name, inner(argument), text)
+    raise ConfigError(
+        f"{brief(text)} is no formula of a problem: those have numbers, {', '.join(values)}, +, -, *, /, brackets, "
+        f"and {', '.join(FUNCTIONS)} of one argument."
+    )
+
+
+def _function(name: str, argument: Any, text: str) -> Any:
+    """A function of a number, an array, or an object that has functions of its own."""
+    if isinstance(argument, float):
+        try:
+            return float(getattr(math, name)(argument))
+        except (ValueError, OverflowError):
+            raise ConfigError(
+                f"{brief(text)} has {name} of {argument:g}, which is no number."
+            ) from None
+    if isinstance(argument, np.ndarray):
+        return getattr(np, name)(argument)
+    return argument.function(name)
