@@ -84,6 +84,26 @@ def validations(docs: Path) -> Table:
     )
 
 
+def judges(docs: Path) -> Table:
+    """The table of judges.md: how far ours is from what others computed."""
+    rows = []
+    for one in read_json(docs / "validation" / "judges.json"):
+        differences = one["differences"]
+        rows.append(
+            (
+                one["case"],
+                one["about"],
+                "<br>".join(f"{x['name']}: {x['value']:.1e} {x['unit']}" for x in differences),
+                "<br>".join(f"{x['bound']:.0e}" for x in differences),
+                one["spread"],
+                f"`{one['file']}`",
+                "agrees" if one["passed"] else "**disagrees**",
+            )
+        )
+    headings = ("case", "what", "largest difference", "bound", "their own spread", "file", "")
+    return Table("judges.md", "rans validate --judges", headings, rows, "")
+
+
 def values(docs: Path) -> Table:
     """The second: the largest difference that every check has found."""
     found = {
@@ -160,6 +180,7 @@ TABLES: dict[str, Callable[[Path], Table]] = {
         for name in standings.MISSIONS
     },
     "settled gate": settled_gate_entry.in_document,
+    "judges": judges,
     "validations": validations,
     "values": values,
     "V-BAR": vbar.in_document,

@@ -113,6 +113,16 @@ SOURCES: dict[str, Source] = {
         ),
         quick_seconds=136.0,
     ),
+    "judges": Source(
+        tables=("judges",),
+        page="judges.md",
+        commands=("rans validate --judges --output runs/judges",),
+        # Differences of the last digits differ by a factor with the processor.
+        tolerance=(30.0, 100.0),
+        evidence=("judges.json",),
+        moved=(("runs/judges/judges.json", "judges.json"),),
+        quick_seconds=20.0,
+    ),
     "robustness": Source(
         tables=("robustness",),
         page="robustness.md",

@@ -24,7 +24,12 @@ from rans.tasks import TASKS, gymnasium_ids
 
 if TYPE_CHECKING:
     from rans.api.agent import Agent, load_agent
-    from rans.api.drafting import init_spacecraft, join_spacecraft
+    from rans.api.drafting import (
+        init_spacecraft,
+        join_at_contact,
+        join_spacecraft,
+        part,
+    )
     from rans.api.flying import fly
     from rans.api.judging import benchmark, compare, evaluate, validate
     from rans.api.limits import certify, optimal_trajectory, state
@@ -114,6 +119,8 @@ _LAZY = {
     "compare": "rans.api.judging",
     "init_spacecraft": "rans.api.drafting",
     "join_spacecraft": "rans.api.drafting",
+    "join_at_contact": "rans.api.drafting",
+    "part": "rans.api.drafting",
     "validate": "rans.api.judging",
     "benchmark": "rans.api.judging",
     "view": "rans.api.pages",
@@ -208,6 +215,8 @@ __all__ = [
     "compare",
     "init_spacecraft",
     "join_spacecraft",
+    "join_at_contact",
+    "part",
     "validate",
     "benchmark",
     "view",

@@ -60,6 +60,7 @@ LAYERS: list[set[str]] = [
     {"validation.two_body", "validation.peers"},
     {"validation.study"},
     {"validation.speed"},
+    {"validation.judges"},
     {"rans.api"},
     {"rans.cli"},
     {"campaigns"},

@@ -12,8 +12,8 @@ from tyro.conf import Positional, arg
 
 from rans.api import laboratory
 from rans.api.names import load_conditions, load_spacecraft
-from rans.errors import require
-from rans.files import ready_folder
+from rans.errors import ConfigError, require
+from rans.files import ready_folder, write_json
 from rans.terminal import Terminal, progress, stages, verdict
 
 
@@ -26,7 +26,7 @@ class Validate:
 
     group = "Check"
     guide = "docs/verification.md"
-    examples = ("rans validate mine.toml --quick",)
+    examples = ("rans validate mine.toml --quick", "rans validate --judges")
 
     craft: Annotated[str, Positional, arg(metavar="[SPACECRAFT]")] = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
@@ -40,16 +40,23 @@ class Validate:
     CONDITIONS`) or your own TOML file."""
     full: bool = False
     """Print every check, as with `--layer`, and not one line for each layer."""
+    judges: Annotated[tuple[Path, ...] | None, arg(metavar="[FOLDER]")] = None
+    """Compare with figures that others computed instead, such as NASA's JEOD (docs/judges.md), and with the longer
+    logs in a folder. The spacecraft then does not matter."""
     output: Path | None = None
-    """Folder for validation.json and validation.html."""
+    """Folder for validation.json and validation.html; with --judges for judges.json."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
+        if self.judges is not None:
+            return ()
         return (shlex.join(["rans", "train", "go-to-pose", "--spacecraft", self.craft]),)
 
     def run(self) -> int:
         """Print a table of layers or checks."""
         laboratory.enter()
+        if self.judges is not None:
+            return self._judge(self.judges)
         from validation.study.study import study
 
         console = Terminal()
@@ -87,3 +94,30 @@ class Validate:
         if nothing:
             console.print("Nothing could be checked here.")
         return 1 if failed or nothing else 0
+
+    def _judge(self, folders: tuple[Path, ...]) -> int:
+        """Print what others say."""
+        from validation.judges.table import judged, table
+
+        if len(folders) > 1:
+            raise ConfigError(
+                f"--judges takes one folder with logs, got {len(folders)}: put a spacecraft before it."
+            )
+        for option, value in (("--layer", self.layer), ("--conditions", self.conditions)):
+            if value is not None:
+                raise ConfigError(
+                    f"{option} is of checks against Drake: leave it out with --judges."
+                )
+        console = Terminal()
+        if self.output is not None:
+            ready_folder(self.output)
+        rows, left = judged(*folders)
+        console.print(table(rows))
+        for sentence in left:
+            console.print(Text("not flown", "yellow"), sentence)
+        agreed = sum(row.passed for row in rows)
+        console.print(f"{agreed} of {len(rows)} judges agree within their bounds.")
+        if self.output is not None:
+            write_json(self.output / "judges.json", [row.to_json() for row in rows])
+            console.print(f"Written to {self.output / 'judges.json'}.")
+        return 0 if agreed == len(rows) else 1

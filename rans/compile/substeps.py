@@ -81,6 +81,7 @@ class Substeps:
         last: Wrench | None = None,
         momentum: tuple[Vec3, Vec3] | None = None,
         growth: tuple[Field, Field] | None = None,
+        rotors: Sequence[float] = (),
     ) -> AnyState:
         """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period."""
         # Where loads change from substep to substep, one function makes all of them.
@@ -106,6 +107,7 @@ class Substeps:
             momentum is None,
             growth is None,
             disturbance is None,
+            rotors,
             tuple(None if isinstance(x, Symbol) else x for x in leaves(constants)),
         )
         if key not in self._kinds:
@@ -129,6 +131,7 @@ class Substeps:
                 end,
                 wheels,
                 swell,
+                rotors,
             )
             self._kinds[key] = Substep(
                 f"substep{len(self._kinds)}", tuple(before), tuple(read), _symbols(leaves(after))

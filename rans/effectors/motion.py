@@ -10,7 +10,8 @@ from typing import Any
 from rans.effectors.effector import Action, Begun, Effector, Push
 from rans.effectors.propellant import PropellantTank
 from rans.effectors.slosh import Pendulum, Swinging
-from rans.effectors.wheels import ReactionWheels
+from rans.effectors.wheels import ReactionWheels, wheel_inertia
+from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift, Following
@@ -82,11 +83,17 @@ def states_at_checks(
     if pieces is None:
         pieces = ThrusterEffector(craft).pieces(body, command, period)
     actions = begin_actions(craft, command, state.stores, body, period)
-    # On an orbit on which W turns unevenly, what stands in W without effectors that turn it is held there.
-    if not (drift.steady or craft.turns):
+    # On an orbit on which W turns unevenly, what stands in W without effectors that turn it is held there, unless
+    # gravity turns it.
+    if not (drift.steady or craft.turns or drift.gradient() is not None):
         square = sum(x * x for x in state.spin())
         zero = square * 0.0
         drift = Following(drift, where(square > _NO_SPIN**2, zero + 1.0, zero))
+    # Gravity acts on the wheels too, whose inertia about their axes is not in that of the craft.
+    rotors: tuple[float, ...] = ()
+    if drift.gradient() is not None:
+        check_gradient(craft)
+        rotors = wheel_inertia(craft.wheels)
     # A pendulum inside the craft moves together with it.
     swinging = next((action for action in actions if isinstance(action, Swinging)), None)
     if swinging is not None:
@@ -123,6 +130,7 @@ def states_at_checks(
                 push.last,
                 momentum,
                 growth,
+                *([rotors] if rotors else []),
             )
             drift = drift.later(duration)
         state = state.normalised()
@@ -132,6 +140,16 @@ def states_at_checks(
             state = replace(state, stores=stores)
         states.append(state)
     return tuple(states)
+
+
+def check_gradient(craft: Spacecraft) -> None:
+    """Refuse (`ConfigError`) craft on which the torque of gravity's gradient is not computed."""
+    if craft.dimension == 2 or craft.slosh is not None:
+        raise ConfigError(
+            f"the gradient of gravity turns rigid craft in space, and {craft.name!r} "
+            f"{'moves in the plane' if craft.dimension == 2 else 'has a sloshing liquid'}: leave "
+            "gravity_gradient out."
+        )
 
 
 def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:

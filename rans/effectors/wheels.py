@@ -116,6 +116,14 @@ def wheel_speeds(craft: Spacecraft, state: State) -> tuple[Any, ...]:
     return tuple(speeds)
 
 
+def wheel_inertia(wheels: Sequence[Wheel]) -> tuple[float, ...]:
+    """Sum of the wheels' moments of inertia about their axes, as the six entries of a tensor in B, kg m^2."""
+    pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    if not wheels:
+        return ()
+    return tuple(sum(w.inertia * w.axis[i] * w.axis[j] for w in wheels) for i, j in pairs)
+
+
 def along_axes(wheels: ReactionWheels, amounts: Sequence[Field]) -> Any:
     """Sum of amounts times the wheels' axes, in B: a vector in space, a scalar about z in the plane."""
     if wheels.dimension == 2:

@@ -84,6 +84,13 @@ class Drift(ABC):
         """Angular velocity of W now in its own axes, rad/s; None: W does not turn."""
         return None
 
+    def gradient(self) -> Field | None:
+        """Gravitational parameter over the cube of the planet's distance now, 1/s^2; None: gravity turns no craft.
+
+        The planet lies along -x of W.
+        """
+        return None
+
 
 @dataclass(frozen=True)
 class FreeFlight(Drift):
@@ -152,6 +159,8 @@ class ClohessyWiltshire(Drift):
 
     mean_motion: float
     """Mean motion n, rad/s: 0.00113 at 400 km above the Earth."""
+    gravity_gradient: bool = False
+    """Whether the gradient of gravity turns craft in space."""
     name: ClassVar[str] = "clohessy-wiltshire"
     in_straight_lines: ClassVar[bool] = False
 
@@ -199,6 +208,10 @@ class ClohessyWiltshire(Drift):
         """Angular velocity n about z, rad/s."""
         return Vec3(0.0, 0.0, self.mean_motion)
 
+    def gradient(self) -> Field | None:
+        """Square of n, 1/s^2."""
+        return self.mean_motion**2 if self.gravity_gradient else None
+
     def _transition(self, t: Field, v: Field) -> tuple[Field, Field, Field, Field, Field]:
         """Coefficients of the motion of fields such as v over a time t (s); those of a number are computed once."""
         # The compiler of torch warns of what remembers results, and computes numbers once by itself.
@@ -236,6 +249,8 @@ class EllipticOrbit(Drift):
     """Eccentricity e, from 0 (circle) to `MOST_ECCENTRIC`."""
     mean_anomaly: Field
     """Mean anomaly of the target at the start of a motion, rad: n times the time since its periapsis."""
+    gravity_gradient: bool = False
+    """Whether the gradient of gravity turns craft in space."""
     name: ClassVar[str] = "elliptic-orbit"
     in_straight_lines: ClassVar[bool] = False
     steady: ClassVar[bool] = False
@@ -343,8 +358,20 @@ class EllipticOrbit(Drift):
     def rate(self) -> Vec3:
         """Angular velocity of the line to the target, n sqrt(1 - e^2) (a / r)^2 about z, rad/s."""
         e = self.eccentricity
-        r = 1.0 - e * _cosine(eccentric_anomaly(self.mean_anomaly, e))
+        r = self._radius()
         return Vec3(0.0, 0.0, self.mean_motion * math.sqrt(1.0 - e * e) / (r * r))
+
+    def gradient(self) -> Field | None:
+        """n^2 (a / r)^3, 1/s^2."""
+        if not self.gravity_gradient:
+            return None
+        r = self._radius()
+        return self.mean_motion**2 / (r * r * r)
+
+    def _radius(self) -> Field:
+        """Distance of the target from the planet now, over the semi-major axis."""
+        e = self.eccentricity
+        return 1.0 - e * _cosine(eccentric_anomaly(self.mean_anomaly, e))
 
     def _passed(self, t: Field) -> tuple[Field, Field, Field, Field]:
         """Sine and cosine of the true anomaly at the start, and of half of its change over a time t (s)."""

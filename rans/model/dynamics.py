@@ -277,6 +277,7 @@ def advance(
     last: Wrench | None = None,
     momentum: tuple[Vec3, Vec3] | None = None,
     growth: tuple[Field, Field] | None = None,
+    rotors: Sequence[float] = (),
 ) -> AnyState:
     """State after a wrench, constant or linear in time in B, has acted on the body for a duration.
 
@@ -297,6 +298,8 @@ def advance(
             duration; None: no wheels. It does not affect planar motion.
         growth: factor on the disturbance at the start and at the end, linear in time, of a craft that burns
             propellant; None: 1.
+        rotors: moments of inertia that the wheels add to those of the body where gravity turns it
+            (`rans.model.drift.Drift.gradient`), as its six entries, kg m^2; empty: no wheels.
     """
     # Changes in a substep of what is linear in time.
     h = duration / substeps
@@ -310,7 +313,7 @@ def advance(
         swell = (growth[0], (growth[1] - growth[0]) * (1.0 / substeps))
     state = _relative_to(state, drift, 1.0)
     for _ in range(substeps):
-        load = _Load(applied, change, disturbance, body, drift, momentum, swell)
+        load = _Load(applied, change, disturbance, body, drift, momentum, swell, rotors)
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)
         else:
@@ -347,6 +350,8 @@ class _Load:
     """Angular momentum of the reaction wheels in B and its change until the end, N m s."""
     swell: tuple[Field, Field] | None = None
     """Factor on the disturbance and its change until the end; None: 1."""
+    rotors: Sequence[float] = ()
+    """Moments of inertia of the wheels, kg m^2; see `advance`."""
 
     def pushes(self) -> Callable[[float], Any]:
         """Acceleration by the thrust in B, m/s^2, as a function of the elapsed share of the substep."""
@@ -429,11 +434,26 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     torque = [load.thrust.torque, *([] if load.change is None else [load.change.torque])]
     steady = None
     carried = []
-    if pull is not None:
+    gradient = _gradient(drift, h)
+    radial = None
+    if pull is not None or gradient:
         into_body = state.attitude.inverse()
-        steady = into_body.rotate(pull.torque)
+        steady = None if pull is None else into_body.rotate(pull.torque)
+        radial = into_body.rotate(Vec3(1.0, 0.0, 0.0)) if gradient else None
         carried = [into_body.rotate(rate) for rate in _rates_of_frame(drift, h)]
-    rate = spin_series(state.w, torque, inertia, h, steady, load.momentum, load.swell, carried)
+    rate = spin_series(
+        state.w,
+        torque,
+        inertia,
+        h,
+        steady,
+        load.momentum,
+        load.swell,
+        carried,
+        radial,
+        gradient,
+        load.rotors,
+    )
     rotation = Rotation(rate, h)
     push = load.pushes()
     turns = [(rotation.vector(node), node, weight) for node, weight in rule]
@@ -473,6 +493,23 @@ def _rates_of_frame(drift: Drift, h: Field) -> list[Vec3]:
     two: Any = drift.later(second * h).rate()
     rise = (two - one).scale(1.0 / (second - first))
     return [one - rise.scale(first), rise]
+
+
+def _gradient(drift: Drift, h: Field) -> list[Field]:
+    """Three times `Drift.gradient` by powers of the elapsed share of a substep h (s), 1/s^2; empty without one.
+
+    Where it changes, it is a line through two nodes of Gauss, as the rate of the frame.
+    """
+    now: Any = drift.gradient()
+    if now is None:
+        return []
+    if drift.steady:
+        return [3.0 * now]
+    (first, _), (second, _) = RULES[2]
+    one: Any = drift.later(first * h).gradient()
+    two: Any = drift.later(second * h).gradient()
+    rise = (two - one) * (3.0 / (second - first))
+    return [3.0 * one - rise * first, rise]
 
 
 def moved(

@@ -47,13 +47,18 @@ def spin_series(
     stored: Sequence[Vec3] | None = None,
     swell: tuple[Field, Field] | None = None,
     carried: Sequence[Vec3] = (),
+    radial: Vec3 | None = None,
+    gradient: Sequence[Field] = (),
+    rotors: Sequence[float] = (),
 ) -> Series:
     """Taylor series of the angular velocity in the elapsed share of a step.
 
     Euler's equation is I w' = tau - w x ((I - I_zz 1) w + H), with the angular momentum H of the wheels: a
     multiple of the unit tensor does not contribute to w x I w. The series of a body with three equal moments of
     inertia and without wheels therefore ends after its second term. A torque u that is constant in W rotates in
-    B: u' = u x (w - f), with the angular velocity f of W.
+    B: u' = u x (w - f), with the angular velocity f of W. The unit vector r away from a planet, which is
+    constant in W, does likewise, and the gradient of gravity has the torque 3 mu / R^3 r x I r with the planet's
+    gravitational parameter mu and its distance R.
 
     Args:
         w: angular velocity in B, rad/s.
@@ -65,6 +70,9 @@ def spin_series(
         swell: factor on the second torque by powers of the elapsed share; None: 1.
         carried: angular velocity of W by powers of the elapsed share, expressed in B at the start, rad/s; at most
             two entries; none: W does not turn.
+        radial: unit vector away from the planet, constant in W, expressed in B at the start; None: no planet.
+        gradient: 3 mu / R^3 by powers of the elapsed share, 1/s^2.
+        rotors: what the wheels add to the inertia on which gravity acts, as its six entries; empty: nothing.
     """
     xx, xy, xz, yy, yz, zz = inertia
     # The part of the tensor that contributes, and how many terms the series has.
@@ -74,6 +82,10 @@ def spin_series(
     calm = is_even and stored is None
     order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
+    pulled_on = tuple(x + y for x, y in zip(excess, rotors, strict=True)) if rotors else excess
+    outwards = [] if radial is None or (is_even and not rotors) else [radial]
+    stretched: list[Vec3] = []
+    tides: list[Vec3] = []
     rate = [w]
     # Vectors that are constant in axes that do not turn, as B sees them.
     frame = [[vector] for vector in carried]
@@ -84,6 +96,11 @@ def spin_series(
         if turning:
             torques += _swollen(turning[: k + 1], swell)
             turning.append(last_product(turning, relative).scale(h / (k + 1)))
+        if outwards:
+            stretched.append(symmetric_times(pulled_on, outwards[k]))
+            tides.append(last_product(outwards, stretched))
+            torques += _swollen(tides, gradient)
+            outwards.append(last_product(outwards, relative).scale(h / (k + 1)))
         if not calm:
             own = [] if is_even else [symmetric_times(excess, rate[k])]
             own += (stored or ())[k : k + 1]
@@ -98,8 +115,8 @@ def spin_series(
     return rate
 
 
-def _swollen(turning: Series, swell: tuple[Field, Field] | None) -> Series:
-    """Terms of the last coefficient of a series times a factor that is linear in the elapsed share."""
+def _swollen(turning: Series, swell: Sequence[Field] | None) -> Series:
+    """Terms of the last coefficient of a series times a factor by powers of the elapsed share; None: 1."""
     if swell is None:
         return turning[-1:]
     return [x.scale(factor) for x, factor in zip(reversed(turning), swell, strict=False)]

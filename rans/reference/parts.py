@@ -187,6 +187,7 @@ class OrbitForces(LeafSystem):
     the target, the forces are m (G p - w' x p - w x (w x p) - 2 w x v), and m times a drag. The same
     pseudo-accelerations of all parts of a body that turns with u relative to the frame add up to the torque
     -J w' - w x J w + tr(J) u x w - 2 u x J w, of a wheel with the momentum h relative to the body to h x w besides.
+    If the drift says so, the gradient of gravity turns the craft too.
     Circles have a constant w along z. On ellipses w and G follow from Kepler's equation at the time. Around an
     oblate planet w tilts with the plane of the orbit, and G has the part of J2.
 
@@ -269,6 +270,8 @@ class OrbitForces(LeafSystem):
             torque -= turn @ axes @ (self._rotors * speeds)[:, :, None]
             along = axes.transpose(0, 2, 1) @ (across - change[:, :, None])
             total[self._spins] += self._rotors * along[:, :, 0]
+        if getattr(self._drift, "gravity_gradient", False):
+            torque += _gravity_torques(inertia, gradient)[:, :, None]
         total[self._turning] += torque[:, -self._turning.shape[1] :, 0]
         output.SetFromVector(total)
 
@@ -307,6 +310,28 @@ class OrbitForces(LeafSystem):
         rate[:, 2] = n * np.sqrt(1.0 - e * e) / radius**2
         change[:, 2] = -2.0 * rate[:, 2] * n * e * np.sin(anomaly) / radius**2
         return rate, change, (n * n / radius**3)[:, None, None] * _SPHERE
+
+
+def _gravity_torques(inertia: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Torques (N, 3) of gravity about centres of mass, N m: of the accelerations G s on all masses at s from there.
+
+    With the second moments S of the mass, tr(I) / 2 - I, the sum of s x G s over the mass is the axial vector of
+    S G.
+
+    Args:
+        inertia: moments of inertia in W, (N, 3, 3) kg m^2.
+        gradient: G in W, (N, 3, 3) 1/s^2.
+    """
+    half = 0.5 * np.einsum("nii->n", inertia)
+    product = (half[:, None, None] * np.eye(3) - inertia) @ gradient
+    return np.stack(
+        [
+            product[:, 1, 2] - product[:, 2, 1],
+            product[:, 2, 0] - product[:, 0, 2],
+            product[:, 0, 1] - product[:, 1, 0],
+        ],
+        axis=1,
+    )
 
 
 def _crossing(vectors: np.ndarray) -> np.ndarray:

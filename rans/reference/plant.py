@@ -568,7 +568,7 @@ class Plant:
             own = stores[:, end - len(self.craft.slosh_stores) : end]
             self._rods.set(self._plant_context, q, v, own)
         spins = states[:, 5:] if self.craft.dimension == 2 else states[:, 10:]
-        held = not (self._drift.steady or self.craft.turns)
+        held = not (self._drift.steady or self.craft.turns or self._drift.gradient() is not None)
         self._held = held & (np.abs(spins) < 1e-15).all(axis=1)
         self._left = np.zeros(self.count) if self.craft.propellant is None else stores[:, 0]
         if held or self.craft.propellant is not None:

@@ -8,6 +8,7 @@ from functools import reduce
 from operator import add
 from typing import ClassVar
 
+from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
@@ -48,6 +49,9 @@ class GoToAttitude(SingleTask):
     """Attitude error that counts as reached, rad."""
     spin_tolerance: float = math.radians(0.5)
     """Angular rate that counts as rest, rad/s."""
+    mean_motion: float | None = None
+    """Mean motion of a circular orbit, rad/s, such as 0.00113 at 400 km: the goal rests in its Hill frame, and the
+    gradient of gravity turns the craft. None: no planet."""
     fail_spin: float = 4.0
     """Angular rate beyond which an episode fails, rad/s, as in go-to-pose."""
 
@@ -57,6 +61,13 @@ class GoToAttitude(SingleTask):
     0.2 rad/s with four differ by 1e-12 rad from those with 16."""
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     spacecraft: ClassVar[str | None] = "innocube"
+
+    @property
+    def drift(self) -> Drift:
+        """Free flight, or the motion near a target on a circular orbit with the gradient of gravity."""
+        if self.mean_motion is None:
+            return FREE
+        return ClohessyWiltshire(self.mean_motion, gravity_gradient=True)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal at the origin with attitudes of their own; the start spins."""

@@ -72,8 +72,8 @@ class TargetOrbit(Settings):
     Raises:
         ConfigError: the eccentricity is not from 0 to 0.9, the semi-major axis is negative or not finite, the
             perigee is within the Earth, angles are no range, the inclination is not from 0 to 180 degrees, a drag
-            is negative or has a ballistic ratio of 1, a ratio is not above 0, or an ellipse has an oblate Earth
-            or drag.
+            is negative or has a ballistic ratio of 1, a ratio is not above 0, or an ellipse or a gradient of
+            gravity has an oblate Earth or drag.
     """
 
     eccentricity: float = 0.0
@@ -95,6 +95,9 @@ class TargetOrbit(Settings):
     ballistic_ratio: float = 1.0
     """Ballistic coefficient (mass over drag coefficient and area) of the craft, divided by that of the target.
     Below 1 the air slows the craft down more than the target."""
+    gravity_gradient: bool = False
+    """Whether the gradient of gravity turns the craft: with its largest axis of inertia across the orbit, and its
+    smallest along the radius."""
 
     def __post_init__(self) -> None:
         e, size, angles = self.eccentricity, self.semi_major_axis_km, self.true_anomaly_degrees
@@ -122,7 +125,7 @@ class TargetOrbit(Settings):
         self._check_perturbations()
 
     def _check_perturbations(self) -> None:
-        """Refuse impossible inclinations and drags, and ellipses with either."""
+        """Refuse impossible inclinations and drags, and ellipses and gradients of gravity with either."""
         tilt, drag, ratio = self.inclination_degrees, self.target_drag, self.ballistic_ratio
         if not is_finite(tilt) or not 0.0 <= tilt <= 180.0:
             raise ConfigError(f"inclination_degrees must be from 0 to 180 degrees, got {tilt!r}.")
@@ -152,6 +155,11 @@ class TargetOrbit(Settings):
                 f"an oblate Earth and drag are computed near circular orbits, and the eccentricity is "
                 f"{self.eccentricity:g}: leave out one of them."
             )
+        if self.gravity_gradient and self.is_perturbed:
+            raise ConfigError(
+                "gravity_gradient is that of a sphere without drag, and the orbit has an oblate Earth or drag: "
+                "leave out one of them."
+            )
 
     @property
     def drag(self) -> float:
@@ -176,9 +184,9 @@ class TargetOrbit(Settings):
             angle: where the target is, rad: its mean anomaly on an ellipse, its argument of latitude elsewhere.
         """
         if self.eccentricity:
-            return EllipticOrbit(mean_motion, self.eccentricity, angle)
+            return EllipticOrbit(mean_motion, self.eccentricity, angle, self.gravity_gradient)
         if not self.is_perturbed:
-            return ClohessyWiltshire(mean_motion)
+            return ClohessyWiltshire(mean_motion, self.gravity_gradient)
         tilt = math.radians(self.inclination_degrees)
         orbit = PerturbedOrbit.around_earth(mean_motion, tilt, self.drag, angle)
         return orbit if self.oblate else replace(orbit, oblateness=0.0)

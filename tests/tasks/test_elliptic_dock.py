@@ -130,4 +130,4 @@ def test_a_plant_in_drake_is_of_its_own_orbit() -> None:
     with pytest.raises(ConfigError, match="was built for EllipticOrbit"):
         plant.advance(plant._rest()[None], np.zeros((1, 6)), 1.0, drift=other)
     assert np.abs(plant.advance(plant._rest()[None], np.zeros((1, 6)), 1.0)[0, 7:10]).max() < 1e-12
-    assert leaves(TASK.drift) == (TASK.mean_motion, 0.5, 0.0)
+    assert leaves(TASK.drift) == (TASK.mean_motion, 0.5, 0.0, False)

@@ -1,0 +1,220 @@
+"""Flights on orbits against NASA's JEOD (`validation.judges.jeod_facts` has the figures and their source)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.model import dynamics
+from rans.model.body import Body
+from rans.model.drift import ClohessyWiltshire, EllipticOrbit
+from rans.model.dynamics import SpatialState, Wrench, advance
+from rans.model.fields import Quat, Vec3
+from validation.judges import jeod
+from validation.judges.jeod import RUNS, Run, differences, rows
+from validation.judges.logs import COLUMNS, TIME, logged
+
+SHORT = {"8A": 14400, "8B": 14400, "9A": 2160, "9B": 2160, "9D": 2400, "10C": 480}
+"""Times, s, at which the default tests end."""
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_the_start_of_a_run_is_that_of_jeod(name: str) -> None:
+    (row,) = rows({name: (_cut(RUNS[name], SHORT[name]), "log")})
+    assert row.passed, row.differences()
+    # The fields that a run has: sixteen digits of 17 rad, and the log has as many.
+    found = {check.name: check.value for check in row.checks}
+    assert found["attitude"] < 1e-9
+    assert found["spin"] < 1e-13
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RUNS)
+def test_eight_hours_are_those_of_jeod(name: str) -> None:
+    (row,) = rows({name: (RUNS[name], "log")})
+    assert row.passed, row.differences()
+
+
+def _cut(run: Run, until: int) -> Run:
+    """A run without figures after a time, s."""
+    return replace(
+        run,
+        motion={time: x for time, x in run.motion.items() if time <= until},
+        turning={time: x for time, x in run.turning.items() if time <= until},
+    )
+
+
+def _no_turn(orbit: EllipticOrbit, t: float) -> Quat:
+    return Quat(1.0, 0.0, 0.0, 0.0)
+
+
+def _other_way(orbit: EllipticOrbit, t: float) -> Quat:
+    return TRUE_TURN(orbit, t).inverse()
+
+
+def _half(orbit: EllipticOrbit, t: float) -> Quat:
+    return TRUE_TURN(orbit, 0.5 * t)
+
+
+TRUE_TURN = EllipticOrbit.turn
+
+
+@pytest.mark.parametrize("planted", [_no_turn, _other_way, _half])
+@pytest.mark.parametrize("name", ["9A", "9B"])
+def test_a_frame_that_turns_wrongly_is_far_from_jeod(
+    monkeypatch: pytest.MonkeyPatch, planted: Any, name: str
+) -> None:
+    """The fault is in the engine alone: positions and axes of the orbit stay right."""
+    run = _cut(RUNS[name], 1680)
+    orbit = jeod.Orbit(run.motion[0])
+    right = {time: orbit.axes(time) for time in (0, *run.motion)}
+    monkeypatch.setattr(EllipticOrbit, "turn", planted)
+    monkeypatch.setattr(jeod.Orbit, "axes", lambda orbit, time: right[time])
+    assert differences(run).values["attitude"] > 10.0
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1.0 / 3.0, 1.001])
+def test_a_wrong_gradient_of_gravity_is_far_from_jeod(
+    monkeypatch: pytest.MonkeyPatch, factor: float
+) -> None:
+    true = dynamics._gradient
+    monkeypatch.setattr(
+        dynamics, "_gradient", lambda drift, h: [x * factor for x in true(drift, h)]
+    )
+    # Even a thousandth of the torque is 1e6 times the bound.
+    (row,) = rows({"10C": (_cut(RUNS["10C"], 480), "log")})
+    assert not row.passed
+    assert differences(_cut(RUNS["10C"], 480)).values["attitude"] > 1e-4
+
+
+def test_positions_along_straight_axes_are_far_from_jeod(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sagitta d^2 / 2r of a drift of 2,038 m is 0.31 m; along the arc 0.016 m are left."""
+    run = replace(RUNS["9D"], turning={0: RUNS["9D"].turning[0]})
+    state = SpatialState(
+        Vec3(22.067571, -2035.43318, 0.0),
+        Quat(1.0, 0.0, 0.0, 0.0),
+        Vec3(0.0, 0.0, 0.0),
+        Vec3(0.0, 0.0, 0.0),
+    )
+    orbit = jeod.Orbit(run.motion[0])
+    bent, _ = orbit.inertial(state, 28380.0)
+    monkeypatch.setattr(jeod, "from_arc", lambda p, v, radius, climb: (p, v))
+    straight, _ = orbit.inertial(state, 28380.0)
+    assert np.linalg.norm(bent - straight) == pytest.approx(2035.43**2 / 2 / 6.76e6, rel=0.01)
+
+
+def _log(folder: Path, name: str, run: Run, header: list[str] | None = None) -> Path:
+    """A log with JEOD's columns among others, as its simulation writes them."""
+    columns = [TIME, "vehicle.dyn_body.derivs.rot_accel[0] {rad/s2}"]
+    columns += [column for names in COLUMNS.values() for column in names]
+    lines = [",".join(header or columns)]
+    for time in sorted({*run.motion} & {*run.turning}):
+        values = (*run.motion[time][0], *run.motion[time][1])
+        values += (*run.turning[time][0], *run.turning[time][1])
+        lines.append(",".join([f"{time:>20}", "0", *(f"{x:>20.16g}" for x in values)]))
+    file = folder / f"RUN_{name}" / "log_state_ASCII.csv"
+    file.parent.mkdir(parents=True)
+    file.write_text("\n".join(lines) + "\n", "utf-8")
+    return file
+
+
+def test_logs_of_a_folder_are_read_with_their_start(tmp_path: Path) -> None:
+    """The figures of 9B as a log of its own and as that of 9C, whose start and force are other ones."""
+    run = _cut(RUNS["9B"], 2040)
+    _log(tmp_path / "SET_test_val", "9B", run)
+    _log(tmp_path / "SET_test_val", "9C", run)
+    _log(tmp_path / "SET_test_val", "7A", run)
+    runs, left = logged(tmp_path)
+    assert set(runs) == {"9B", "9C"}
+    assert "RUN_7A" in left[0]
+    assert runs["9B"][0].turning[1680] == RUNS["9B"].turning[1680]
+    assert differences(runs["9B"][0]).values["attitude"] < 1e-9
+    assert (runs["9C"][0].force, runs["9C"][0].torque) == (10.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("{rad/s}", "{deg/s}"), r"ang_vel_this\[0\] \{rad/s\}"),
+        (("                1680", "                1680.5"), "1680.5"),
+        (("6.713", "nan #"), "line 3"),
+        (("                   0", "                  10"), "no row at 0 s"),
+    ],
+)
+def test_a_damaged_log_is_refused(tmp_path: Path, change: tuple[str, str], complaint: str) -> None:
+    file = _log(tmp_path, "9A", _cut(RUNS["9A"], 1680))
+    text = file.read_text("utf-8")
+    assert change[0] in text
+    file.write_text(text.replace(*change), "utf-8")
+    with pytest.raises(ConfigError, match=complaint):
+        logged(tmp_path)
+
+
+def test_a_folder_without_logs_is_refused(tmp_path: Path, capsys: Any) -> None:
+    assert main(["validate", "--judges", str(tmp_path)]) == 2
+    assert "RUN_X" in capsys.readouterr().err
+    assert main(["validate", "--judges", "--layer", "thrusters"]) == 2
+
+
+def test_a_judge_that_disagrees_stays_in_the_table(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    from validation.judges import table
+
+    run = _cut(RUNS["9A"], 1680)
+    spin, attitude = run.turning[1680]
+    wrong = replace(run, turning={**run.turning, 1680: ((spin[0] + 1e-6, *spin[1:]), attitude)})
+    monkeypatch.setattr(jeod, "RUNS", {"9A": run, "9Z": wrong})
+    monkeypatch.setattr(table.brick, "rows", list)
+    assert main(["validate", "--judges"]) == 1
+    printed = capsys.readouterr().out
+    assert "9Z" in printed
+    assert "FAIL" in printed
+
+
+def test_a_gravity_gradient_is_that_of_scipy_on_any_body() -> None:
+    """Euler's equation with 3 n^2 r x I r in axes that do not turn, for a tensor with products of inertia."""
+    n, moments = 0.00113, (3.0, 0.4, -0.2, 5.0, 0.3, 6.0)
+    xx, xy, xz, yy, yz, zz = moments
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    start = Rotation.from_euler("xyz", [0.3, -0.5, 0.8])
+    spin = np.array([0.001, -0.002, 0.0015])
+
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        turn = Rotation.from_quat(y[:4])
+        r = turn.inv().apply([math.cos(n * t), math.sin(n * t), 0.0])
+        w = y[4:]
+        torque = 3.0 * n * n * np.cross(r, tensor @ r) - np.cross(w, tensor @ w)
+        x, y_, z, s = y[:4]
+        rate = 0.5 * np.array(
+            [
+                s * w[0] + y_ * w[2] - z * w[1],
+                s * w[1] + z * w[0] - x * w[2],
+                s * w[2] + x * w[1] - y_ * w[0],
+                -x * w[0] - y_ * w[1] - z * w[2],
+            ]
+        )
+        return np.concatenate([rate, np.linalg.solve(tensor, torque)])
+
+    first = np.concatenate([start.as_quat(), spin])
+    end = solve_ivp(slope, (0.0, 2000.0), first, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+
+    x, y, z, w = map(float, start.as_quat())
+    zero = Vec3(0.0, 0.0, 0.0)
+    relative = spin - start.inv().apply([0.0, 0.0, n])
+    state = SpatialState(zero, Quat(w, x, y, z), zero, Vec3(*map(float, relative)))
+    drift = ClohessyWiltshire(n, gravity_gradient=True)
+    state = advance(state, Wrench(zero, zero), Body(1.0, moments), 2000.0, 100, drift=drift)
+    q = state.attitude
+    own = Rotation.from_rotvec([0.0, 0.0, n * 2000.0]) * Rotation.from_quat([q.x, q.y, q.z, q.w])
+    off = (own.inv() * Rotation.from_quat(end[:4])).magnitude()
+    assert off < 1e-9

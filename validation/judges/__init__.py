@@ -1,0 +1,1 @@
+"""Figures of others that ours are compared with: `rans validate --judges`."""

@@ -1,0 +1,290 @@
+"""NASA's JEOD: craft on orbits under torques, forces, drag and the gradient of gravity.
+
+JEOD integrates a craft in axes that do not turn, in steps of 1/32 s. RANS flies it in the Hill frame of a target
+that moves on the same orbit without the craft's forces: an `EllipticOrbit`, whose positions are read along its arc.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rans.model.arc import from_arc
+from rans.model.body import Body
+from rans.model.drift import Drift, EllipticOrbit, eccentric_anomaly
+from rans.model.dynamics import SpatialState, Wrench, advance
+from rans.model.fields import Quat, Vec3
+from validation.judges import jeod_facts as facts
+from validation.judges.judge import Judge, Largest, Row
+from validation.study.checks import Check
+
+JEOD = Judge(
+    "NASA JEOD",
+    "nasa/jeod, verif/SIM_dyncomp",
+    "6550cf4edbfc556c5765508b238a226eebab4a78",
+    "It integrates Newton's and Euler's equations in axes that do not turn, in steps of 1/32 s, and has neither a "
+    "Hill frame nor a closed form.",
+)
+_ATTITUDE = Check("attitude", 0.0, 1e-8, "degrees", "Sixteen digits of 33 rad in eight hours.")
+_SPIN = Check("spin", 0.0, 1e-12, "degrees/s", "Sixteen digits, and eight hours of steps.")
+_ORBIT = Check(
+    "position", 0.0, 1e-4, "m", "JEOD's own steps: an independent integration is 6e-5 m off."
+)
+_DRIFT = Check(
+    "position",
+    0.0,
+    0.02,
+    "m",
+    "Equations of the first order, along the arc: (2 km)^3 / r^2 is 2e-4 m an orbit.",
+)
+_DRAG = Check(
+    "displacement",
+    0.0,
+    5e-3,
+    "of the displacement",
+    "The drag is a constant here, and follows speed and height there.",
+)
+_PORT = "of a port to Rust (simnaut/astrodyn, its tests' limits)"
+STEP = 20.0
+"""Step of our flights, s, of which 1,000 s and the logs' 60 s are multiples: halves of it change 1e-11 degrees."""
+GRADIENT_STEP = 12.0
+"""Step under the gradient of gravity, which changes by a line in a step: halves change 3e-10 degrees."""
+BURN = (1000, 2000)
+"""Times at which forces and torques begin and end, s."""
+
+CRAFT = {
+    "sphere": Body(1.0, (0.4, 0.0, 0.0, 0.4, 0.0, 0.4)),
+    "cylinder": Body(1e3, (500.0, 0.0, 0.0, 12250.0, 0.0, 12250.0)),
+    "station": Body(4e5, (1.02e8, -6.96e6, -5.48e6, 0.91e8, 5.90e5, 1.64e8)),
+}
+"""Mass, kg, and the six moments of inertia, kg m^2."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What acts in a run, and its figures."""
+
+    about: str
+    craft: str
+    """A name in `CRAFT`."""
+    motion: Mapping[int, facts.Motion]
+    """Positions and velocities by time, s; the one at 0 is the start."""
+    turning: Mapping[int, facts.Turning]
+    """Spins and attitudes by time; the one at 0 is the start. Empty: rotation is not judged."""
+    force: float = 0.0
+    """Force along body x in the burn, N."""
+    torque: float = 0.0
+    """Torque about body x in the burn, N m."""
+    gradient: bool = False
+    """Whether the gradient of gravity turns the craft."""
+    drag: bool = False
+    """Whether air slows the craft down."""
+    spread: str = "not published"
+
+
+_TYPICAL = facts.TYPICAL
+_PUSHED = {0: _TYPICAL[0], **facts.PUSHED}
+_DRAGGED = {0: facts.ELLIPTIC[0], **facts.DRAGGED}
+RUNS = {
+    "8A": Run("sphere, no spin", "sphere", _TYPICAL, facts.STILL),
+    "8B": Run("sphere that turns with the orbit", "sphere", _TYPICAL, facts.TURNING),
+    "9A": Run(
+        "station under a torque, from rest",
+        "station",
+        _TYPICAL,
+        facts.STILL_PUSHED,
+        torque=10.0,
+        spread=f"2.2e-6 m, 4.4e-8 rad {_PORT}",
+    ),
+    "9B": Run(
+        "station under a torque, turning", "station", _TYPICAL, facts.TURNING_PUSHED, torque=10.0
+    ),
+    "9D": Run(
+        "station under a torque and a force, turning",
+        "station",
+        _PUSHED,
+        facts.TURNING_PUSHED,
+        force=10.0,
+        torque=10.0,
+        spread=f"8.3e-3 m {_PORT}",
+    ),
+    "10A": Run(
+        "cylinder under the gradient of gravity",
+        "cylinder",
+        _TYPICAL,
+        facts.SWINGING,
+        gradient=True,
+    ),
+    "10C": Run(
+        "the same on an ellipse",
+        "cylinder",
+        facts.ELLIPTIC,
+        facts.SWINGING_ON_ELLIPSE,
+        gradient=True,
+    ),
+    "10D": Run(
+        "the same with a spin", "cylinder", facts.ELLIPTIC, facts.SPUN_ON_ELLIPSE, gradient=True
+    ),
+    "6A": Run(
+        "sphere in air of constant density, on an ellipse", "sphere", _DRAGGED, {}, drag=True
+    ),
+}
+"""The runs that RANS flies, by their names in JEOD."""
+NOT_FLOWN = {
+    "6D": "a burn of 3,187 m/s that leaves the Earth: RANS flies near a target",
+    "3A, 3B, 4, 6B, 7A to 7D": "harmonics of gravity, Sun and Moon, an atmosphere by the hour, which RANS has not",
+}
+"""Runs that are not flown, and why."""
+
+
+class Orbit:
+    """Kepler's orbit through a start in axes that do not turn, with the drift of RANS near a target on it.
+
+    Args:
+        start: position, m, and velocity, m/s.
+        mu: gravitational parameter, m^3/s^2.
+    """
+
+    def __init__(self, start: facts.Motion, mu: float = facts.MU) -> None:
+        r, u = np.array(start[0], float), np.array(start[1], float)
+        radius = float(np.linalg.norm(r))
+        self.size = float(1.0 / (2.0 / radius - u @ u / mu))
+        """Semi-major axis, m."""
+        along = 1.0 - radius / self.size, r @ u / math.sqrt(mu * self.size)
+        e = math.hypot(*along)
+        anomaly = math.atan2(along[1], along[0]) - along[1]
+        self.drift = EllipticOrbit(math.sqrt(mu / self.size**3), e, anomaly)
+        momentum = np.cross(r, u)
+        out, across = r / radius, momentum / np.linalg.norm(momentum)
+        self._axes = Rotation.from_matrix(np.stack([out, np.cross(across, out), across], axis=1))
+
+    def axes(self, time: float) -> Rotation:
+        """Rotation from the Hill frame at a time, s, to axes that do not turn."""
+        return self._axes * _rotation(self.drift.turn(time))
+
+    def rate(self, time: float) -> np.ndarray:
+        """Angular velocity of the Hill frame in its own axes, (3,) rad/s."""
+        return np.array(self.drift.later(time).rate().columns())
+
+    def radius(self, time: float) -> tuple[float, float]:
+        """Distance of the target, m, and its rate, m/s."""
+        e = self.drift.eccentricity
+        angle = float(eccentric_anomaly(self.drift.later(time).mean_anomaly, e))
+        radius = 1.0 - e * math.cos(angle)
+        rate = self.drift.mean_motion * e * math.sin(angle) / radius
+        return self.size * radius, self.size * rate
+
+    def inertial(self, state: SpatialState, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Position, m, and velocity, m/s, of a craft in axes that do not turn."""
+        radius, climb = self.radius(time)
+        p, v = from_arc(state.p, state.v, radius, climb)
+        here = np.array([radius, 0.0, 0.0]) + np.array(p.columns())
+        speed = np.array([climb, 0.0, 0.0]) + np.array(v.columns())
+        axes = self.axes(time)
+        return axes.apply(here), axes.apply(speed + np.cross(self.rate(time), here))
+
+    def mean_drag(self) -> float:
+        """Acceleration along the track, m/s^2, that takes the energy which the air of 6A takes in an orbit."""
+        samples = np.linspace(0.0, math.tau / self.drift.mean_motion, 256, endpoint=False)
+        zero = Vec3(0.0, 0.0, 0.0)
+        rest = SpatialState(zero, Quat(1.0, 0.0, 0.0, 0.0), zero, zero)
+        powers = []
+        for time in samples:
+            p, v = self.inertial(rest, float(time))
+            wind = v - np.cross([0.0, 0.0, facts.AIR_RATE], p)
+            powers.append(
+                0.5 * facts.AIR_DENSITY * facts.AIR_DRAG * np.linalg.norm(wind) * (wind @ v)
+            )
+        return float(np.mean(powers)) / float(self.drift.mean_motion * self.size)
+
+
+def flown(run: Run, until: float = math.inf) -> Iterator[tuple[int, SpatialState, Orbit]]:
+    """States of a run near its reference orbit at every time with a figure, and that orbit.
+
+    Args:
+        run: what acts, and its start.
+        until: time of the last figure that is judged, s.
+    """
+    step = GRADIENT_STEP if run.gradient else STEP
+    orbit = Orbit(run.motion[0])
+    zero = Vec3(0.0, 0.0, 0.0)
+    state = SpatialState(zero, Quat(1.0, 0.0, 0.0, 0.0), zero, zero)
+    if run.turning:
+        spin, logged = run.turning[0]
+        attitude = orbit.axes(0.0).inv() * body_to_inertial(logged)
+        relative = np.array(spin, float) - attitude.inv().apply(orbit.rate(0.0))
+        x, y, z, w = map(float, attitude.as_quat())
+        state = replace(state, attitude=Quat(w, x, y, z), w=Vec3(*map(float, relative)))
+    drift: Drift = replace(orbit.drift, gravity_gradient=run.gradient)
+    air = None
+    if run.drag:
+        air = Wrench(Vec3(0.0, -orbit.mean_drag() * CRAFT[run.craft].mass, 0.0), zero)
+    now = 0.0
+    for time in sorted(time for time in {*run.motion, *run.turning} if 0 < time <= until):
+        while now < time - 1e-9:
+            on = BURN[0] <= now < BURN[1]
+            wrench = Wrench(Vec3(run.force * on, 0.0, 0.0), Vec3(run.torque * on, 0.0, 0.0))
+            length = min(step, time - now)
+            moved = advance(state, wrench, CRAFT[run.craft], length, disturbance=air, drift=drift)
+            state = moved.normalised()
+            drift = drift.later(length)
+            now += length
+        yield time, state, orbit
+
+
+def differences(run: Run, until: float = math.inf) -> Largest:
+    """Largest differences of a run from JEOD.
+
+    They are a component of position, m (of 6A over its displacement), the angle of attitude, degrees, and a
+    component of spin, degrees/s.
+    """
+    largest = Largest()
+    for time, state, orbit in flown(run, until):
+        if time in run.motion:
+            p, _ = orbit.inertial(state, time)
+            off = float(np.abs(p - run.motion[time][0]).max())
+            if run.drag:
+                rest = replace(state, p=Vec3(0.0, 0.0, 0.0), v=Vec3(0.0, 0.0, 0.0))
+                free, _ = orbit.inertial(rest, time)
+                off /= float(np.linalg.norm(free - run.motion[time][0]))
+            largest.add("displacement" if run.drag else "position", off)
+        if time in run.turning:
+            spin, logged = run.turning[time]
+            q = state.attitude
+            attitude = Rotation.from_quat([q.x, q.y, q.z, q.w])
+            inertial = orbit.axes(time) * attitude
+            off = (inertial.inv() * body_to_inertial(logged)).magnitude()
+            largest.add("attitude", math.degrees(off))
+            own = np.array(state.w.columns()) + attitude.inv().apply(orbit.rate(time))
+            largest.add("spin", math.degrees(float(np.abs(own - spin).max())))
+    return largest
+
+
+def body_to_inertial(logged: tuple[float, ...]) -> Rotation:
+    """Rotation of a logged quaternion: JEOD's turns the other way, and its scalar comes first."""
+    s, x, y, z = logged
+    return Rotation.from_quat([-x, -y, -z, s])
+
+
+def rows(runs: Mapping[str, tuple[Run, str]] | None = None) -> Iterator[Row]:
+    """A row for each run, with the figures that stand here or those of logs.
+
+    Args:
+        runs: runs by name, each with the file of its figures; None: those that stand here.
+    """
+    if runs is None:
+        runs = {name: (run, f"RUN_{name}/log_state_ASCII.csv") for name, run in RUNS.items()}
+    for name, (run, file) in runs.items():
+        bounds = {"position": _DRIFT if run.force else _ORBIT, "displacement": _DRAG}
+        bounds |= {"attitude": _ATTITUDE, "spin": _SPIN}
+        found = differences(run).values.items()
+        checks = tuple(replace(bounds[quantity], value=value) for quantity, value in found)
+        yield Row(JEOD, f"JEOD {name}", run.about, file, checks, run.spread)
+
+
+def _rotation(q: Quat) -> Rotation:
+    return Rotation.from_quat([q.x, q.y, q.z, q.w])

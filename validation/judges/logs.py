@@ -1,0 +1,123 @@
+"""Longer logs of JEOD, from a folder that the user fetched."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from rans.errors import ConfigError
+from rans.files import read_text
+from validation.judges.jeod import RUNS, Run
+from validation.judges.jeod_facts import Motion, Turning
+
+FILE = "log_state_ASCII.csv"
+"""Name of a log in its folder RUN_X."""
+_BODY = "vehicle.dyn_body.composite_body.state"
+TIME = "sys.exec.out.time {s}"
+COLUMNS = {
+    "position": [f"{_BODY}.trans.position[{k}] {{m}}" for k in range(3)],
+    "velocity": [f"{_BODY}.trans.velocity[{k}] {{m/s}}" for k in range(3)],
+    "spin": [f"{_BODY}.rot.ang_vel_this[{k}] {{rad/s}}" for k in range(3)],
+    "attitude": [
+        f"{_BODY}.rot.Q_parent_this.scalar {{--}}",
+        *(f"{_BODY}.rot.Q_parent_this.vector[{k}] {{--}}" for k in range(3)),
+    ],
+}
+"""Columns that are read, with their units as in the header; others are ignored."""
+_LARGEST = 4_000_000
+"""Bytes: a log of 481 rows has 820,000."""
+_ALIKE = {"2": "8A", "9C": "9A", "10B": "10A"}
+"""Runs whose start is in their log only, each with one under the same torques."""
+
+
+def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:
+    """Runs whose logs lie in or below a folder, by name, each with its file; and sentences on those left out.
+
+    The start is the first row of a log, and its figures are all others.
+
+    Raises:
+        ConfigError: the folder has no log, or a log has not the columns, units or times of JEOD's.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{str(folder)!r} is no folder: --judges takes the one with JEOD's logs.")
+    files = {
+        match[1]: file
+        for file in sorted(folder.rglob(FILE))
+        if (match := re.fullmatch(r"RUN_(\w+)", file.parent.name))
+    }
+    if not files:
+        raise ConfigError(
+            f"{str(folder)!r} has no RUN_X/{FILE}: copy SET_test_val of nasa/jeod, verif/SIM_dyncomp, there."
+        )
+    runs, left = {}, []
+    for name, file in files.items():
+        template = _template(name)
+        if template is None:
+            left.append(
+                f"{file}: what acts in run {name} is not something that RANS flies near a target."
+            )
+            continue
+        motion, turning = _rows(file)
+        # Nothing says what turns the body of run 2.
+        turning = turning if template.turning and name != "2" else {}
+        runs[name] = replace(template, motion=motion, turning=turning), str(file)
+    return runs, left
+
+
+def _template(name: str) -> Run | None:
+    """What acts in a run; None: unknown, or not flown."""
+    run = RUNS.get(_ALIKE.get(name, name))
+    if run is None or name not in _ALIKE:
+        return run
+    force = 10.0 if name == "9C" else run.force
+    about = {
+        "2": "a free orbit",
+        "9C": "station under a torque and a force, from rest",
+        "10B": "the same with a spin",
+    }
+    return replace(run, about=about[name], force=force, spread="not published")
+
+
+def _rows(file: Path) -> tuple[dict[int, Motion], dict[int, Turning]]:
+    """Motion and rotation of a log by time, s."""
+    lines = csv.reader(io.StringIO(read_text(file, _LARGEST, "the log ")))
+    header = [name.strip() for name in next(lines, [])]
+    missing = [
+        name
+        for name in (TIME, *(c for names in COLUMNS.values() for c in names))
+        if name not in header
+    ]
+    if missing:
+        raise ConfigError(
+            f"{file} has no column {missing[0]!r}: a log of JEOD's SIM_dyncomp names it with this unit."
+        )
+    places = {key: [header.index(name) for name in names] for key, names in COLUMNS.items()}
+    at = header.index(TIME)
+    motion: dict[int, Motion] = {}
+    turning: dict[int, Turning] = {}
+    for number, line in enumerate(lines, 2):
+        if not line:
+            continue
+        try:
+            time = float(line[at])
+            read = {key: tuple(float(line[k]) for k in ks) for key, ks in places.items()}
+        except (ValueError, IndexError) as error:
+            raise ConfigError(f"{file}, line {number}: {error}.") from error
+        numbers = (time, *(x for values in read.values() for x in values))
+        last = next(reversed(motion), -1)
+        if not all(map(math.isfinite, numbers)) or time != round(time) or time <= last:
+            raise ConfigError(
+                f"{file}, line {number}: the time {time!r} s must be a whole number above {last}, and all numbers "
+                "finite."
+            )
+        motion[int(time)] = read["position"], read["velocity"]  # type: ignore[assignment]
+        turning[int(time)] = read["spin"], read["attitude"]  # type: ignore[assignment]
+    if 0 not in motion or len(motion) < 2:
+        raise ConfigError(
+            f"{file} has no row at 0 s, from which the flight starts, or none after it."
+        )
+    return motion, turning
