@@ -23,10 +23,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
-from scipy.linalg import solve_discrete_are
-from torch import Tensor
-
-from campaigns.any_craft_training import (
+from rans_any_craft.training import (
     RANGES_OF_LAYOUTS,
     DemandNetwork,
     DemandSettings,
@@ -42,6 +39,9 @@ from campaigns.any_craft_training import (
     stopping_law,
     train,
 )
+from scipy.linalg import solve_discrete_are
+from torch import Tensor
+
 from rans.deploy.export import evaluated
 from rans.episode import Setup
 from rans.errors import ConfigError
@@ -523,7 +523,7 @@ class LinearLaw:
         authority: Authority,
         before: Tensor,
     ) -> Tensor:
-        """See `campaigns.any_craft_training.Law`."""
+        """See `rans_any_craft.training.Law`."""
         period, _, _, a, alpha = authority
         weights = Weights()
         axes = (

@@ -191,7 +191,7 @@ class Registry(Mapping[str, T]):
         """Whether a name is built in, or of a package of RANS."""
         extra = self.extra_of.get(name)
         return name in self.built_in or (
-            extra is not None and self.package(name) == f"rans-{extra}"
+            extra is not None and self.package(name) == f"rans-{extra.replace('_', '-')}"
         )
 
     def check_installed(self, name: str) -> None:

@@ -13,6 +13,7 @@ from rans.abilities import EXTRA_OF, PUBLIC
 from rans.cli.commands import COMMANDS
 from rans.deploy.export import EXPORTERS
 from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.model.foreign import IMPORTERS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(file.parent for file in (ROOT / "packages").glob("*/pyproject.toml"))
@@ -56,7 +57,12 @@ def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Pa
         *points.get("rans.commands", {}),
         *points.get("rans.public", {}),
     }
-    for group, registry in (("rans.controllers", CONTROLLERS), ("rans.exporters", EXPORTERS)):
+    registries = {
+        "rans.controllers": CONTROLLERS,
+        "rans.exporters": EXPORTERS,
+        "rans.importers": IMPORTERS,
+    }
+    for group, registry in registries.items():
         for name in points.get(group, {}):
             assert registry[name]
             assert registry.comes_with_rans(name)

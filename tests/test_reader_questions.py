@@ -32,7 +32,6 @@ from rans.fast.learn.run_folder import read_config
 from rans.fast.learn.sweep import read_configs
 from rans.files import write_json
 from rans.model.fields import leaves
-from rans.model.foreign import read_foreign
 from rans.model.spacecraft_file import load_spacecraft, read_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions_file import load_conditions
@@ -91,28 +90,6 @@ def opm(old: str, new: str) -> Any:
     return written("a.opm", OPM.replace(old, new), read_opm)
 
 
-def link(name: str, mass: str = "17", pose: str = "", i: str = "0.3") -> str:
-    tensor = f"<ixx>{i}</ixx><iyy>{i}</iyy><izz>{i}</izz>"
-    inertial = f"<inertial><mass>{mass}</mass><inertia>{tensor}</inertia></inertial>"
-    return f"<link name='{name}'>{pose}{inertial}</link>"
-
-
-def jet(name: str, number: int) -> str:
-    return (
-        f"<plugin name='gz::sim::systems::SpacecraftThrusterModel'><link_name>{name}</link_name>"
-        f"<actuator_number>{number}</actuator_number><max_thrust>1</max_thrust></plugin>"
-    )
-
-
-def sdf(*parts: str, read: Callable[[Path], object] = read_foreign) -> Any:
-    return written("m.sdf", f"<sdf><model name='m'>{''.join(parts)}</model></sdf>", read)
-
-
-def drafted(file: Path) -> object:
-    return rans.init_spacecraft("mine", base=file, dimension=3)
-
-
-FAR = "<pose>120 0 0 0 0 0</pose>"
 PLATFORM = (ROOT / "rans/data/spacecraft/floating-platform.toml").read_text()
 LAB = (ROOT / "rans/data/conditions/lab.toml").read_text()
 CRAFT = load_spacecraft("floating-platform")
@@ -250,25 +227,6 @@ ANSWERS: dict[str, dict[str, Answer | str]] = {
             opm("OBJECT_NAME", "COMMENT x\n" * 200_000 + "OBJECT_NAME"), "are read; it is probably"
         ),
         "evidence": Answer(opm("7000.0 [km]", "7000000.0"), "usual cause are other units"),
-    },
-    "read_foreign": {
-        "units": Answer(
-            sdf(link("b"), link("jet", "0.1", FAR), jet("jet", 0), read=drafted),
-            "positions in mm or cm",
-            is_warning=True,
-        ),
-        "frames": Answer(sdf(link("b", pose="<pose relative_to='x'/>")), "relative to 'x'"),
-        "times": "a body has none",
-        "order": Answer(
-            sdf(link("b"), link("c"), link("d"), jet("c", 1), jet("d", 1)), "one actuator_number, 1"
-        ),
-        "dropped": Answer(
-            sdf(link("b"), link("jet"), jet("jet", 0), "<plugin name='Camera'/>", read=drafted),
-            r"\['Camera'\] are not read",
-            is_warning=True,
-        ),
-        "sizes": Answer(sdf(link("b"), "<!--" + "x" * 2**24 + "-->"), "are read; it is probably"),
-        "evidence": Answer(sdf(link("b"), link("leg", "-1")), "mass of the link 'leg'"),
     },
     "read_spacecraft": {
         "units": Answer(toml(r"^radius = .*", "radius = 310.0"), "in mm or cm", is_warning=True),
@@ -408,6 +366,7 @@ ELSEWHERE = {
     "read_network": "packages/proof/tests",
     "read_run": "packages/proof/tests",
     "read_path": "packages/assurance/tests",
+    "read_foreign": "packages/any_craft/tests",
 }
 """Readers whose questions are asked by tests of their own room."""
 

@@ -95,7 +95,7 @@ ALLOWED = {
     ("rans.registry", "read_text"): "files of installed packages, beside their code",
     ("rans.deploy.c_file", "json.loads"): "the contract that this process has just made",
     ("rans.show.figures.svg", "ET.fromstring"): "pictures, after a check for entities",
-    ("rans.model.foreign", "ET.fromstring"): "robots, after a check for entities",
+    ("rans_any_craft.importers", "ET.fromstring"): "robots, after a check for entities",
     ("rans.cli.train", "json.loads"): "the user types it",
     ("rans.cli.sweep", "json.loads"): "the user types it",
 }

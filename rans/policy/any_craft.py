@@ -55,7 +55,7 @@ RANGES = {
         MARGIN,
     ),
 }
-"""Ranges of the craft that the shipped agents were trained on (`campaigns.any_craft_training`), by dimension."""
+"""Ranges of the craft that the shipped agents were trained on, by dimension."""
 AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
 """Agents for any craft that come with RANS, by dimension."""
 COAST = 3.0

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-
-from campaigns import any_craft_training as demands
-from campaigns.any_craft import RECIPES, LinearLaw, gains
-from campaigns.any_craft_training import (
+from rans_any_craft import training as demands
+from rans_any_craft.training import (
     DemandSettings,
     Stage,
     draw_batch,
@@ -20,6 +18,8 @@ from campaigns.any_craft_training import (
     train,
     unit_rows,
 )
+
+from campaigns.any_craft import RECIPES, LinearLaw, gains
 from rans.randomization.layouts import canonical
 from tests.support.layouts import columns_of
 
