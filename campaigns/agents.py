@@ -28,7 +28,7 @@ from rans.evaluation.measure.metrics import samples
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, fly
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 
 _COMMAND = "python -m campaigns.agents"
 _HEADINGS = ("task, protocol", "what", "original", "target", "ours", "verdict", "command")
@@ -225,7 +225,7 @@ def main() -> int:
     import tyro
 
     lines = tyro.cli(Agents).run()
-    Terminal().print(table("", _HEADINGS[:-1], [line.cells()[:-1] for line in lines]))
+    Terminal().show("", _HEADINGS[:-1], [line.cells()[:-1] for line in lines])
     return 0 if all(line.passed for line in lines) else 1
 
 

@@ -27,7 +27,7 @@ from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 from rans.verdict import Failure
 
 _COMMAND = "python -m campaigns.assurances"
@@ -82,7 +82,7 @@ class Assurances:
             self._assure(*one)
         found = in_document(self.docs)
         found.write(self.docs)
-        Terminal(room=120).print(table("Assurances", _HEADINGS, found.rows))
+        Terminal(room=120).show("Assurances", _HEADINGS, found.rows)
         return 0
 
     def _assure(self, spec: str, conditions: str) -> None:

@@ -26,7 +26,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.tasks import GoToPose
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 
 _TASK = GoToPose(spawn_distance=(0.3, 1.0))
 _TIMING = Timing(episode_steps=32)
@@ -137,8 +137,8 @@ class Attention:
             ("trained on", f"{fmean(rewards[0]):.2f}", f"{fmean(rewards[-1]):.2f}"),
             ("another", *(f"{reward:.2f}" for reward in found)),
         )
-        Terminal(room=110).print(
-            table("Attention over effectors", ("layouts", "reward before", "after"), rows)
+        Terminal(room=110).show(
+            "Attention over effectors", ("layouts", "reward before", "after"), rows
         )
         return 0
 

@@ -249,7 +249,7 @@ def main() -> int:
 
     study = tyro.cli(Bounds).run()
     console = Terminal()
-    console.print(study.table())
+    console.table(study.table())
     for said in (*study.checks, *study.skipped):
         console.print(f"{said.name}: {said.reason}")
     console.print(verdict(study.passed))

@@ -30,7 +30,7 @@ from rans.policy.heads import OnOff
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.processes import Workers, nothing
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 from validation.speed.exported import Answer, answers
 
 DUTY_TOLERANCE = 1e-4
@@ -194,22 +194,20 @@ class Exports:
             ordered = [row for one in sorted(by_agent) for row in by_agent[one]]
             write_json(self.output, {"environment": environment(), "rows": ordered})
         headings = "agent", "form", "observations", "other commands", "beyond rounding", "memory"
-        Terminal(room=110).print(
-            table(
-                "Exports",
-                headings,
+        Terminal(room=110).show(
+            "Exports",
+            headings,
+            (
                 (
-                    (
-                        row.agent,
-                        row.form,
-                        f"{row.observations:,}",
-                        str(row.unequal),
-                        str(row.beyond_rounding),
-                        f"{row.memory:.1e}",
-                    )
-                    for row in found
-                ),
-            )
+                    row.agent,
+                    row.form,
+                    f"{row.observations:,}",
+                    str(row.unequal),
+                    str(row.beyond_rounding),
+                    f"{row.memory:.1e}",
+                )
+                for row in found
+            ),
         )
         return 0 if all(row.passed for row in found) else 1
 

@@ -34,7 +34,7 @@ from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
 from rans.scenario import EVALUATION_SEED, Scenario, draws, each, scenarios
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows."""
@@ -271,22 +271,20 @@ def main() -> None:
                     *ends,
                 )
             )
-        Terminal(room=150).print(
-            table(
-                name,
-                (
-                    "fault",
-                    "solved, %",
-                    "settling, s",
-                    "over its bound",
-                    "certified",
-                    "lost, %",
-                    "distance, m",
-                    "speed, m/s",
-                    "spin, rad/s",
-                ),
-                rows,
-            )
+        Terminal(room=150).show(
+            name,
+            (
+                "fault",
+                "solved, %",
+                "settling, s",
+                "over its bound",
+                "certified",
+                "lost, %",
+                "distance, m",
+                "speed, m/s",
+                "spin, rad/s",
+            ),
+            rows,
         )
 
 

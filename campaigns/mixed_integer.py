@@ -498,7 +498,7 @@ def main() -> int:
     import tyro
 
     study = tyro.cli(MixedInteger).run()
-    Terminal().print(study.table())
+    Terminal().table(study.table())
     print(", ".join(f"{name} {value}" for name, value in study.settings.items()))  # noqa: T201
     return 0 if study.passed else 1
 

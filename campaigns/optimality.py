@@ -184,7 +184,7 @@ def main() -> int:
     import tyro
 
     study = tyro.cli(Optimality).run()
-    Terminal().print(study.table())
+    Terminal().table(study.table())
     return 0 if study.passed else 1
 
 

@@ -35,7 +35,7 @@ from rans.model.timing import Timing
 from rans.processes import Workers, nothing
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPosition
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 
 COMMAND = "python -m campaigns.raft"
 MODES = ("degraded", "dead", "stuck")
@@ -357,7 +357,7 @@ class Raft:
                 write_json(file, found)
         for spacecraft in (PLATFORM, WHEELED):
             headings, *lines = rows(found, spacecraft)
-            console.print(table(f"RAFT's protocol: held, %, {spacecraft}", headings, lines))
+            console.show(f"RAFT's protocol: held, %, {spacecraft}", headings, lines)
         if not self.quick:
             for spacecraft in (PLATFORM, WHEELED):
                 in_document(self.docs, spacecraft).write(self.docs)

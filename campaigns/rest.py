@@ -27,7 +27,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from rans.pretrained import pretrained_names
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 from rans.verdict import last_fifth
 
 _COMMAND = "python -m campaigns.rest"
@@ -130,7 +130,7 @@ class Rest:
         )
         found = in_document(self.docs)
         found.write(self.docs)
-        Terminal(room=110).print(table("At rest", _HEADINGS, found.rows))
+        Terminal(room=110).show("At rest", _HEADINGS, found.rows)
         return 0
 
 

@@ -29,7 +29,7 @@ from rans.files import environment, read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.registry import trust_files
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 
 AGENT = "go-to-pose-2d"
 CRAFT = "floating-platform"
@@ -221,10 +221,10 @@ class Robots:
         finally:
             shutil.rmtree(folder)
         terminal = Terminal(room=110)
-        terminal.print(table("Loop at 10 Hz", ("quantity", "value"), _rows(loop)))
+        terminal.show("Loop at 10 Hz", ("quantity", "value"), _rows(loop))
         headings = "killed", "kills", "valves open then", "shut in time", "latest, s"
         sides = [_side([one for one in kills if one.side == side]) for side in ("node", "twin")]
-        terminal.print(table("Kills", headings, (row for row in sides if row)))
+        terminal.show("Kills", headings, (row for row in sides if row))
         write_json(
             self.output,
             {

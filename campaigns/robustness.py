@@ -235,22 +235,22 @@ def _said(found: Found) -> dict[str, Any]:
 def main() -> None:
     """Print the table: solved in % with its 95 % interval, median settling time in s, duty at rest in %."""
     import tyro
-    from rich.console import Console
-    from rich.table import Table
+
+    from rans.terminal import Terminal
 
     result = tyro.cli(Robustness).run()
-    table = Table("perturbation", *result)
-    for row in rows():
-        cells = [result[name][row] for name in result]
-        table.add_row(
+    cells = [
+        (
             row,
             *(
                 f"{x['held']['value']:.2f} ({x['held']['low']:.2f} to {x['held']['high']:.2f}), "
                 f"{x['settling time']:.1f} s, {x['duty at rest']:.1f}"
-                for x in cells
+                for x in (result[name][row] for name in result)
             ),
         )
-    Console().print(table)
+        for row in rows()
+    ]
+    Terminal().show("", ("perturbation", *result), cells)
 
 
 if __name__ == "__main__":

@@ -39,6 +39,7 @@ from campaigns.settled_gate_agent import Agent, Axes, Memory, flown, trained
 from rans.evaluation.measure.statistics import Estimate, share
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, fly
+from rans.terminal import Terminal
 
 AGENT = "agent.safetensors"
 GAINS = (0.3, 0.4, 0.5, 1.0, 1.5, 2.0)
@@ -112,9 +113,6 @@ class Fly:
 
     def run(self) -> dict[str, dict[Class, Estimate]]:
         """Share of settled flights by controller and class."""
-        from rich.console import Console
-        from rich.table import Table
-
         move = fly
         if self.drake:
             from rans.reference.flight import (
@@ -126,12 +124,12 @@ class Fly:
             for one in self._controllers(each):
                 found = settled(one, each, begun, move)
                 result.setdefault(one.name, {})[kind] = share(found).scaled(100.0)
-        table = Table("% settled", *CLASSES)
-        for name, row in result.items():
-            table.add_row(name, *(x.text(".1f") for x in row.values()))
-        for name, numbers in PUBLISHED.items():
-            table.add_row(f"{name} (published)", *map("{:.1f}".format, numbers))
-        Console().print(table)
+        rows = [(name, *(x.text(".1f") for x in row.values())) for name, row in result.items()]
+        rows += [
+            (f"{name} (published)", *map("{:.1f}".format, numbers))
+            for name, numbers in PUBLISHED.items()
+        ]
+        Terminal().show("", ("% settled", *CLASSES), rows)
         write_json(
             self.output,
             {

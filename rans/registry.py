@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib
+import importlib.util
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, wraps
 from importlib import resources
+from importlib.abc import InspectLoader
 from importlib.metadata import EntryPoint, distributions, entry_points
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -202,6 +205,20 @@ class Registry(Mapping[str, T]):
                 f"'rans[{self.extra_of[name]}]'"
             )
 
+    def summary(self, name: str) -> str:
+        """First line of an object's docstring, read from its module's text where that says it.
+
+        Only packages above the module are imported. An object that its module imports or makes is loaded.
+
+        Raises:
+            ConfigError: there is no such object, or it has to be loaded and cannot be.
+        """
+        reference = self.built_in.get(name) or next(
+            (entry.value for entry in self._offered.get(name, ())), ""
+        )
+        found = _docstring(reference) or getattr(self[name], "__doc__", None) or ""
+        return next(iter(found.strip().splitlines()), "no docstring")
+
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
         result: dict[str, list[EntryPoint]] = {}
@@ -240,6 +257,21 @@ class Registry(Mapping[str, T]):
         if others:
             raise ConfigError("two packages have this name; uninstall one of them.")
         return resolve(first.value)
+
+
+def _docstring(reference: str) -> str:
+    """Docstring of the class or function "module:name" by the text of its module; empty if that does not tell."""
+    module, _, attribute = reference.partition(":")
+    spec = None
+    with contextlib.suppress(Exception):  # a package above it may raise anything
+        spec = importlib.util.find_spec(module) if module else None
+    if spec is None or not isinstance(spec.loader, InspectLoader):
+        return ""
+    with contextlib.suppress(ImportError, SyntaxError):
+        for node in ast.parse(spec.loader.get_source(module) or "").body:
+            if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == attribute:
+                return ast.get_docstring(node) or ""
+    return ""
 
 
 def _of_file(name: str, kind: str, files: Mapping[str, str]) -> str:

@@ -13,8 +13,9 @@ from dataclasses import replace
 from textwrap import fill, wrap
 from typing import Any, ClassVar, NoReturn
 
+import rich.table
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.progress import (
     BarColumn,
     Progress,
@@ -25,13 +26,13 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 from rich.text import Text
 
 from rans.abilities import EXTRA_OF
 from rans.errors import EXTRAS, is_installed, legible
 from rans.progress import Progress as Step
 from rans.progress import Stages
+from rans.table import Table, cell_text
 
 _LONGEST = 20_000
 """Largest number of characters of a cell or sentence."""
@@ -114,6 +115,10 @@ class Terminal(Console):
             lacks = lacking(text)
             self.command(f"{text}   # first: pip install 'rans[{lacks}]'" if lacks else text)
 
+    def table(self, table: Table) -> None:
+        """Print a table; if its columns do not fit, every row is a block of lines."""
+        self.print(rendered(table))
+
     def show(
         self,
         title: str,
@@ -122,7 +127,7 @@ class Terminal(Console):
         shorter: Iterable[Sequence[Any]] | None = None,
         caption: str = "",
     ) -> None:
-        """Print a table.
+        """Print a table of many columns.
 
         If it is too wide, its headings are broken and its cells are replaced by ``shorter``, with ``caption``
         below. If it is still too wide, it is divided into several tables, which all have the first column.
@@ -155,8 +160,8 @@ class Terminal(Console):
         groups = _fitting(columns, texts, self.width)
         for number, some in enumerate(groups):
             cells = [[row[0], *(row[k] for k in some)] for row in texts]
-            self.print(
-                table("" if number else title, [columns[0], *(columns[k] for k in some)], cells)
+            self.table(
+                Table([columns[0], *(columns[k] for k in some)], cells, "" if number else title)
             )
         if note:
             self.say(note)
@@ -187,7 +192,7 @@ def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) 
     return groups
 
 
-class _Titled(Table):
+class _Titled(rich.table.Table):
     """Table in which no word is broken; if its columns do not fit, every row is printed as a block.
 
     Title and caption are broken at the width of the terminal; Rich breaks them at the width of the table.
@@ -199,7 +204,8 @@ class _Titled(Table):
         heads = [str(column.header) for column in self.columns]
         cells = [[_plain(cell) for cell in column.cells] for column in self.columns]
         room = options.max_width - _FRAME * len(heads) - 1
-        widths = _column_widths(heads, cells, room, fixed=1)
+        fixed = [column.no_wrap for column in self.columns]
+        widths = _column_widths(heads, cells, room, fixed)
         if widths is None:
             yield from _blocks(heads, list(zip(*cells, strict=True)), options.max_width)
         else:
@@ -209,7 +215,7 @@ class _Titled(Table):
                 replace(column, width=width)
                 for column, width in zip(self.columns, widths, strict=True)
             ]
-            yield from Table.__rich_console__(rows, console, options)
+            yield from rich.table.Table.__rich_console__(rows, console, options)
         if self.caption:
             yield console.render_str(str(self.caption), style="table.caption")
 
@@ -219,11 +225,11 @@ def _plain(cell: object) -> str:
 
 
 def _column_widths(
-    heads: Sequence[str], cells: Sequence[Sequence[str]], room: int, fixed: int
+    heads: Sequence[str], cells: Sequence[Sequence[str]], room: int, fixed: Sequence[bool]
 ) -> list[int] | None:
     """Width of each column such that lines break between words only; None if there is no room.
 
-    The widest columns are narrowed first; the first ``fixed`` columns are not narrowed.
+    The widest columns are narrowed first; those that are fixed are not narrowed.
     """
     lines = [
         [line for text in (head, *column) for line in text.splitlines() or [""]]
@@ -231,9 +237,7 @@ def _column_widths(
     ]
     widths = [max(map(cell_len, some)) for some in lines]
     least = [
-        width
-        if k < fixed
-        else max(cell_len(word) for line in some for word in line.split() or [""])
+        width if fixed[k] else max(cell_len(word) for line in some for word in line.split() or [""])
         for k, (some, width) in enumerate(zip(lines, widths, strict=True))
     ]
     while sum(widths) > room:
@@ -261,20 +265,23 @@ def _blocks(heads: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> 
                     yield Text(f"  {part}", no_wrap=True, overflow="ignore")
 
 
-def table(
-    title: str,
-    columns: Sequence[str],
-    rows: Iterable[Sequence[Any]],
-    caption: str = "",
-    justify: JustifyMethod = "left",
-) -> Table:
-    """Table whose first column is not broken, and in which long words are folded."""
-    printed = _Titled(title=title or None, caption=caption or None)
-    for column in columns:
-        printed.add_column(column, overflow="fold", justify=justify, no_wrap=not printed.columns)
-    for row in rows:
-        printed.add_row(*row)
+def rendered(table: Table) -> rich.table.Table:
+    """A table for Rich; long words are folded."""
+    printed = _Titled(title=table.title or None, caption=table.note or None)
+    whole = table.whole or table.columns[:1]
+    for k, column in enumerate(table.columns):
+        justify = "right" if table.is_numeric(k) else "left"
+        printed.add_column(column, overflow="fold", justify=justify, no_wrap=column in whole)
+    for number, row in enumerate(table.rows):
+        is_marked = len(row) == 1 or number in table.marked
+        if len(row) == 1 and number:
+            printed.add_section()
+        printed.add_row(*map(_cell, row), style="bold" if is_marked else None)
     return printed
+
+
+def _cell(cell: Any) -> str | Text:
+    return verdict(cell) if isinstance(cell, bool) else cell_text(cell)
 
 
 class _Bar(BarColumn):

@@ -35,6 +35,7 @@ LAYERS: list[set[str]] = [
         "rans.settled",
         "rans.progress",
         "rans.system",
+        "rans.table",
     },
     {"rans.files", "rans.renamed", "rans.backend"},
     {"rans.registry", "rans.structure", "rans.archives"},
@@ -177,6 +178,25 @@ def test_each_engine_keeps_to_its_library() -> None:
             refused |= HEAVY - ({"gymnasium"} if name == "rans.effectors.commands" else set())
         found += [f"{name} imports {library}" for library in libraries & refused]
     assert not found
+
+
+ONE_ROOM = {"rich.table": "rans.terminal"}
+"""What one module alone does for all: results are values (`rans.table.Table`), and it lays them out."""
+
+
+def test_a_mechanism_has_one_room() -> None:
+    files = [*MODULES.items()]
+    files += [(file.stem, file) for file in (ROOT / "packages").rglob("*.py")]
+    for mechanism, room in ONE_ROOM.items():
+        found = {
+            name
+            for name, file in files
+            if any(
+                imported == mechanism or imported.startswith(f"{mechanism}.")
+                for imported in imports(file)
+            )
+        }
+        assert found == {room}
 
 
 def test_the_judge_knows_nothing_of_our_equations() -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from rans.errors import legible
-from rans.terminal import Terminal, doing, progress, stages, table, verdict
+from rans.table import Table
+from rans.terminal import Terminal, doing, progress, stages
 
 
 def test_names_are_no_markup_and_no_commands(capsys: pytest.CaptureFixture[str]) -> None:
-    named = table("[/bold]title", ("[/red]column",), [("\x1b[31mred[/]",), (verdict(False),)])
+    named = Table(("[/red]column", ""), [("\x1b[31mred[/]", ""), (False, "")], "[/bold]title")
     terminal = Terminal()
-    terminal.print(named)
+    terminal.table(named)
     terminal.print("[/]sentence\x07 of :rocket:")
     printed = capsys.readouterr().out
     for text in (
@@ -110,7 +113,7 @@ def test_no_word_is_broken(
     rows = [("engine", "floating-platform, 1,024 environments", "1,460", "steps/s")]
     for columns in (60, 40, 24):
         monkeypatch.setenv("COLUMNS", str(columns))
-        Terminal().print(table("", ("", "measurement", "value", "unit"), rows))
+        Terminal().table(Table(("", "measurement", "value", "unit"), rows))
         text = capsys.readouterr().out
         assert max(len(line.rstrip()) for line in text.splitlines()) <= columns
         words = text.replace("│", " ").replace("┃", " ").split()
@@ -133,13 +136,12 @@ def test_a_title_is_as_long_as_the_terminal_is_wide(
 ) -> None:
     """Not as the table below it; what is longer breaks between words."""
     monkeypatch.setenv("COLUMNS", "40")
-    made = table("A title of some words", ("x", "y"), [("1", "2")], "and of what it is made")
-    Terminal().print(made)
+    made = Table(("x", "y"), [("1", "2")], "A title of some words", "and of what it is made")
+    Terminal().table(made)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert (lines[0], lines[-1]) == ("A title of some words", "and of what it is made")
     assert {len(line) for line in lines[1:-1]} == {len("│ 1 │ 2 │")}
-    made.title = "A title of many more words than there is room for"
-    Terminal().print(made)
+    Terminal().table(replace(made, title="A title of many more words than there is room for"))
     assert capsys.readouterr().out.split("\n")[:2] == [
         "A title of many more words than there is",
         "room for",

@@ -36,7 +36,7 @@ from campaigns.breaking.training import Left, full_disk, killed, whole
 from campaigns.breaking.trial import Outcome, ran
 from campaigns.command import ended
 from rans.files import environment, write_json
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 
 _MANY = 10
 """More cases than this, and what most commands load is loaded once, before."""
@@ -160,7 +160,7 @@ class Breaking:
             if x.steps
         ]
         headings = "kind", "tried", "how commands ended", "faults", "seconds"
-        terminal.print(table("Breaking", headings, rows))
+        terminal.show("Breaking", headings, rows)
         return 1 if faults else 0
 
     def _write(self, found: Mapping[str, Tally | Flown]) -> int:

@@ -18,7 +18,7 @@ from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.policy.architecture import EXTRACTOR
 from rans.policy.network import Network
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal
 
 AGENTS = ("go-to-pose-2d", "go-to-pose-3d", "go-to-position-3d", "multi-task-2d")
 PARTS = {"bf16": 1, "bf16x3": 2, "bf16x6": 3}
@@ -98,10 +98,8 @@ if __name__ == "__main__":
         for name in sys.argv[1:] or AGENTS
         for products, commands, decisions in differing(name)
     ]
-    Terminal().print(
-        table(
-            f"Commands that differ from float32's, over {FLIGHTS} flights",
-            ("agent", "products", "commands", "decisions"),
-            rows,
-        )
+    Terminal().show(
+        f"Commands that differ from float32's, over {FLIGHTS} flights",
+        ("agent", "products", "commands", "decisions"),
+        rows,
     )

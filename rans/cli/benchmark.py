@@ -13,7 +13,8 @@ from rans.api import laboratory
 from rans.api.names import load_spacecraft
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
-from rans.terminal import Terminal, table, writing_at_end
+from rans.table import Table
+from rans.terminal import Terminal, writing_at_end
 
 if TYPE_CHECKING:
     from validation.peers.runner import PeerResult
@@ -119,24 +120,20 @@ class Benchmark:
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
         # The first column of a table is not broken, and names are long.
-        console.print(
-            table(
-                _hardware(about),
+        console.table(
+            Table(
                 ("value", "ratio", "of"),
                 [(_digits(r.value), r.name, r.note) for r in (*ratios, *bound_ratios)],
+                _hardware(about),
             )
         )
         columns = ("", "measurement", "value", "unit")
-        console.print(table("", columns, (_measured(m) for m in measured)))
+        console.table(Table(columns, [_measured(m) for m in measured]))
         if peers:
-            console.print(
-                table(
-                    "",
-                    ("peer", "version", "environments", "M steps/s", "task", "command"),
-                    map(_peer, peers),
-                )
-            )
-            console.print(table("", ("not measured", "why", "tried"), map(astuple, UNMEASURED)))
+            columns = ("peer", "version", "environments", "M steps/s", "task", "command")
+            console.table(Table(columns, [*map(_peer, peers)]))
+            unmeasured = [*map(astuple, UNMEASURED)]
+            console.table(Table(("not measured", "why", "tried"), unmeasured))
         if self.output is not None:
             self._write(self.output, about, measured, bound_ratios, peers, ratios)
         elif self.quick:

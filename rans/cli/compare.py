@@ -19,7 +19,8 @@ from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, doing, progress, stages, table, writing_at_end
+from rans.table import Table
+from rans.terminal import Terminal, doing, progress, rendered, stages, writing_at_end
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -337,7 +338,8 @@ def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> 
         for key in keys
         if key.startswith(_FIRST)
     ]
-    bars.console.print(table(f"{comparison.contest.title()}, so far", ("", *board), rows))
+    so_far = Table(("", *board), rows, f"{comparison.contest.title()}, so far")
+    bars.console.print(rendered(so_far))
     more = " and ".join("certified bounds" if name == "optimal" else name.upper() for name in rest)
     bars.console.print(
         f"Now {more}, which take longer. Ctrl-C ends here and writes what there is.", soft_wrap=True

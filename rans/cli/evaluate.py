@@ -159,12 +159,12 @@ class Evaluate:
         if run.conditions is not None:
             console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
         for metrics in measured.values():
-            console.print(metrics.table(console.width, self.full))
+            console.table(metrics.table(console.width, self.full))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
         passed = True
         if self.engine == "both":
             comparison = compare_engines(flights["fast"], flights["drake"])
-            console.print(comparison.table())
+            console.table(comparison.table())
             results["both"] = comparison.to_json()
             passed = comparison.passed
         written = self._write_files(run, next(iter(flights.values())))
@@ -239,7 +239,7 @@ class Evaluate:
         console = Terminal(room=ROOM)
         if run.conditions is not None:
             console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
-        console.print(metrics.table(console.width, self.full))
+        console.table(metrics.table(console.width, self.full))
         # Of failed flights the file has numbers and kinds, with which `rans view` shows them.
         listed = [
             {"episode": int(number), "failure": Failure(kind).name}

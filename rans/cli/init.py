@@ -187,19 +187,19 @@ class Init:
     def _show(self, draft: Draft, picture: Path) -> None:
         """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
-        from rans.cli.list import prospects
+        from rans.cli.details import prospects
         from rans.model.spacecraft import is_steerable
         from rans.policy.any_craft import AGENTS
-        from rans.terminal import table
+        from rans.table import Table
 
         # Control authority, whether it settles, and thrusters without which it still does.
         craft = draft.spacecraft
         console = Terminal()
-        console.print(
-            table(
-                f"{craft.name}: largest force and torque, with every other one at zero",
+        console.table(
+            Table(
                 AUTHORITY_COLUMNS,
                 draft.authority_rows(),
+                f"{craft.name}: largest force and torque, with every other one at zero",
             )
         )
         steerable = is_steerable(craft)

@@ -165,7 +165,7 @@ class Optimal:
                 craft, task, objective, starts, guesses, progress=step, limits=limits
             ),
         )
-        Terminal().print(
+        Terminal().table(
             optima_table(
                 f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
                 objective,
@@ -334,7 +334,7 @@ class Optimal:
                 every.extend(sorted_answers)
                 if sorted_answers:
                     costs = [upper[number] for number in sorted(answers_by_number)]
-                    Terminal().print(bounds.bounds_table(title, measure, sorted_answers, costs))
+                    Terminal().table(bounds.bounds_table(title, measure, sorted_answers, costs))
 
     def with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         """Do work that reports starts, with a bar of this title."""

@@ -35,7 +35,7 @@ class Report:
         with doing(f"writing {file}"):
             report = report_from_run(self.run_folder)
             report.write(file)
-        Terminal().print(report.summary())
+        Terminal().table(report.summary())
         Terminal().say(report.hero)
         Terminal().say(f"The report is {file}.")
         return 0

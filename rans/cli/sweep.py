@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
@@ -19,6 +18,7 @@ from rans.cli.train import StopGently, Train, compile_in_this_process, trust_opt
 from rans.errors import ConfigError, counted
 from rans.files import command_line
 from rans.show.progress import NowAndThen
+from rans.table import Table
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Sweep:
         from rans.show.sweep_files import save_sweep
 
         save_sweep(sweep, folder, self.log)
-        Terminal().print(_table(sweep))
+        Terminal().table(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = f" ({sweep.timed_steps / max(sweep.seconds, 1e-9):,.0f} steps/s of all together)"
         trained = "nothing was left to train" if not sweep.timed_steps else ""
@@ -173,7 +173,7 @@ def _changes(text: str) -> list[str]:
 
 
 def _table(sweep: Trainings) -> Table:
-    """Table with one row per member, the best in bold."""
+    """Table with one row per member, the best marked."""
     from rans.fast.learn.sweep import short
     from rans.tasks.quantities import QUANTITIES
 
@@ -186,7 +186,7 @@ def _table(sweep: Trainings) -> Table:
     }
     heads = [f"{name.removeprefix('error/')}\n{unit}" for name, (_, unit) in errors.items()]
     varied = [short(name).replace("_", "\n") for name in sweep.varied]
-    table = Table(
+    columns = (
         "seed",
         *varied,
         "solved",
@@ -195,9 +195,8 @@ def _table(sweep: Trainings) -> Table:
         "success\n%",
         "duty\n%",
         *heads,
-        box=None,
-        padding=(0, 1, 0, 0),
     )
+    rows = []
     for row in results:
         ended = "diverged" if row["diverged"] else "yes" if row["solved"] else "no"
         choice = [json.dumps(row[name], separators=(",", ":")) for name in sweep.varied]
@@ -208,14 +207,9 @@ def _table(sweep: Trainings) -> Table:
             100.0 * row["duty"],
             *(factor * row[name] for name, (factor, _) in errors.items()),
         ]
-        table.add_row(
-            str(row["seed"]),
-            *choice,
-            ended,
-            *(f"{number:.2f}" for number in numbers),
-            style="bold" if row["member"] == best else None,
-        )
-    return table
+        rows.append((str(row["seed"]), *choice, ended, *(f"{number:.2f}" for number in numbers)))
+    marked = [number for number, row in enumerate(results) if row["member"] == best]
+    return Table(columns, rows, right=columns[len(varied) + 2 :], marked=marked)
 
 
 def describe_batch(sweep: Trainings, batch: Sequence[Member]) -> str:

@@ -12,7 +12,8 @@ from tyro.conf import Positional, arg
 from rans.errors import ConfigError
 from rans.files import command_line, ready_folder
 from rans.registry import typed
-from rans.terminal import Terminal, progress, stages, table
+from rans.table import Table
+from rans.terminal import Terminal, progress, stages
 
 if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
@@ -123,7 +124,7 @@ class Tune:
         ]
         rows.append(("cost, s", *(f"{value:.3f}" for value in result.costs.values())))
         title = f"{name}, {task_name(task)}, {craft.name}: {result.budget()}"
-        Terminal().print(table(title, ("setting", "default", "tuned"), rows))
+        Terminal().table(Table(("setting", "default", "tuned"), rows, title))
         Terminal().say(
             f"Written to {file}."
             if staying is None

@@ -73,7 +73,7 @@ class Validate:
                 None if self.conditions is None else load_conditions(self.conditions),
             )
         every = self.full or self.layer is not None
-        console.print(report.table() if every else report.layers())
+        console.table(report.table() if every else report.layers())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
             console.print(

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import main
-from rans.cli.list import _solved
+from rans.cli.overview import _solved
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.randomization.conditions import Conditions
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation_columns
@@ -36,9 +36,13 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def test_everything_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     text = listed(capsys)
-    ids = [gymnasium_ids(name)[d - 2] for name in TASKS for d in TASKS[name].dimensions]
-    for name in (*spacecraft_names(), *TASKS, *ids):
+    for name in (*spacecraft_names(), *TASKS):
         assert name in text
+    text = listed(capsys, "TASKS")
+    for name in TASKS:
+        dimensions = TASKS[name].dimensions
+        for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(name), strict=True):
+            assert (gymnasium_id in text) == (dimension in dimensions)
 
 
 def test_an_agent_of_several_tasks_is_as_good_as_its_worst_and_best() -> None:

@@ -15,7 +15,7 @@ import rans
 import validation.study.study
 from rans.cli import main
 from rans.cli import train as training
-from rans.cli.list import _agent_details
+from rans.cli.details import _agent_details
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe_batch as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
@@ -27,7 +27,7 @@ from rans.optimal.trajectory.objectives import objective_of
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.show.progress import TrainingProgress, describe, describe_terms
 from rans.show.tables.layout_text import layout_text
-from rans.show.tables.listing import Listing
+from rans.table import Table
 from rans.tasks import GoToPose
 from validation.study.checks import Check, Skipped, Study
 
@@ -152,8 +152,8 @@ def swept() -> Any:
 
 def test_the_table_of_a_sweep() -> None:
     table = _table(swept())
-    columns = [[str(cell) for cell in column.cells] for column in table.columns]
-    assert [str(column.header).replace("\n", " ") for column in table.columns] == [
+    columns = [[str(cell) for cell in column] for column in zip(*table.rows, strict=True)]
+    assert [column.replace("\n", " ") for column in table.columns] == [
         "seed",
         "gamma",
         "solved",
@@ -176,7 +176,7 @@ def test_the_table_of_a_sweep() -> None:
         "5.73",
     ]
     assert [column[1] for column in columns][2:6] == ["diverged", "1.00", "3.00", "75.00"]
-    assert [row.style for row in table.rows] == ["bold", None, None]
+    assert table.marked == [0]
 
 
 def test_progress_of_a_sweep() -> None:
@@ -219,14 +219,14 @@ def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
             "own": {"": {"settling time": [None, 2.5, "inf", "s"], "duty": [7.25, 7.0, 7.5, "%"]}}
         },
     }
-    monkeypatch.setattr("rans.cli.list.pretrained_card", lambda _: card)
+    monkeypatch.setattr("rans.cli.details.pretrained_card", lambda _: card)
     title, made, *_, table = _agent_details("go-to-pose-2d")
     assert str(title).startswith("go-to-pose-2d: go-to-pose with x, in ")
     assert made == (
         "Trained with seed 3 for 2,000,000 steps in 4.2 s on cuda; judged on 1,024 episodes of "
         "seed 7."
     )
-    assert isinstance(table, Listing)
+    assert isinstance(table, Table)
     assert [list(row) for row in (table.columns, *table.rows)] == [
         ["metric", "value", "95 % interval"],
         ["settling time", "never", "2.5 to never"],
@@ -315,7 +315,7 @@ def test_notes_of_a_comparison_are_printed(
 ) -> None:
     """Also beside names that are no mark-up, and all files are written before."""
 
-    def fill(comparison: Any, *_: object) -> None:
+    def fill(comparison: Any, *_: object, **__: object) -> None:
         comparison.notes.append("No certificate [/red].")
         comparison.failures.append("LQR [bold]failed.")
 

@@ -7,12 +7,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
 from rans.errors import counted
 from rans.files import environment, write_json
-from rans.terminal import verdict
+from rans.table import Table
 
 
 @dataclass(frozen=True)
@@ -96,42 +93,34 @@ class Study:
         return bool(self.checks) and all(check.passed for check in self.checks)
 
     def table(self) -> Table:
-        """The checks for the terminal. Names are wrapped where it is narrow, but no number is cut."""
-        table = Table(title=self.title, title_justify="left")
-        table.add_column("check")
-        for heading in ("value", "tolerance"):
-            table.add_column(heading, justify="right", no_wrap=True)
-        table.add_column("unit", no_wrap=True)
-        table.add_column("verdict", no_wrap=True)
-        for check in self.checks:
-            numbers = (f"{check.value:.1e}", f"{check.tolerance:.1e}")
-            table.add_row(check.name, *numbers, check.unit, verdict(check.passed))
-        for skipped in self.skipped:
-            table.add_row(skipped.name, "", "", "", Text("not run", "yellow"))
-        return table
+        """The checks, a row each."""
+        rows: list[tuple[Any, ...]] = [
+            (
+                check.name,
+                f"{check.value:.1e}",
+                f"{check.tolerance:.1e}",
+                check.unit,
+                bool(check.passed),
+            )
+            for check in self.checks
+        ]
+        rows += [(skipped.name, "", "", "", "not run") for skipped in self.skipped]
+        columns = ("check", "value", "tolerance", "unit", "verdict")
+        return Table(columns, rows, self.title, right=columns[1:3])
 
     def layers(self) -> Table:
         """A line for each layer: how many of its checks passed, and which is nearest to its tolerance."""
-        table = Table(title=self.title, title_justify="left")
-        table.add_column("layer", no_wrap=True)
-        table.add_column("passed", justify="right", no_wrap=True)
-        table.add_column("nearest to its tolerance")
-        table.add_column("value / tolerance", justify="right", no_wrap=True)
-        table.add_column("verdict", no_wrap=True)
+        rows: list[tuple[Any, ...]] = []
         for layer in dict.fromkeys(check.layer for check in self.checks):
             members = [check for check in self.checks if check.layer == layer]
             passed = sum(check.passed for check in members)
             nearest = max(members, key=lambda check: check.share)
-            table.add_row(
-                layer or "-",
-                f"{passed} of {len(members)}",
-                nearest.name,
-                f"{nearest.share:.2g}",
-                verdict(passed == len(members)),
-            )
-        for skipped in self.skipped:
-            table.add_row("-", "", skipped.name, "", Text("not run", "yellow"))
-        return table
+            of_all = f"{passed} of {len(members)}"
+            share = f"{nearest.share:.2g}"
+            rows.append((layer or "-", of_all, nearest.name, share, passed == len(members)))
+        rows += [("-", "", skipped.name, "", "not run") for skipped in self.skipped]
+        columns = ("layer", "passed", "nearest to its tolerance", "value / tolerance", "verdict")
+        return Table(columns, rows, self.title, right=(columns[1], columns[3]))
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""

@@ -17,8 +17,9 @@ from matplotlib.figure import Figure
 from rans.files import environment
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
-from rans.show.pages.page import Page, Picture, Section, Table, header
+from rans.show.pages.page import Page, Picture, Section, header
 from rans.show.pages.report import validation_section
+from rans.table import Table
 from validation.study.checks import Check, Curve, Study
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY, INK)

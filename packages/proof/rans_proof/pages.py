@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError
-from rans.show.pages.page import Finding, Section, Table
+from rans.show.pages.page import Finding, Section
+from rans.table import Table
 from rans_proof.proved import FILE, proved
 
 

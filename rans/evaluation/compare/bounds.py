@@ -11,9 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from rich.table import Table
 
-from rans import terminal
 from rans.errors import ConfigError
 from rans.evaluation.measure.statistics import figure
 from rans.model.drift import FREE
@@ -31,6 +29,7 @@ from rans.optimal.certificate.problem import Problem, SearchEffort, TooManyPoint
 from rans.processes import Workers, nothing
 from rans.progress import Progress, unseen
 from rans.scenario import Scenario
+from rans.table import Table
 from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, aims
@@ -425,10 +424,6 @@ def bounds_table(
             loose.append(figure(math.nan if answer.tube is None else answer.tube, ".3f"))
         return str(answer.start), *loose, figure(cost, ".3f"), *certain, gap
 
-    return terminal.table(
-        f"What nothing can beat: {measure}",
-        ("start", "hull bound", *tube, "relaxed", "certified", "on/off found", "gap"),
-        map(row, answers, result),
-        sentence,
-        "right",
-    )
+    columns = ("start", "hull bound", *tube, "relaxed", "certified", "on/off found", "gap")
+    rows = [*map(row, answers, result)]
+    return Table(columns, rows, f"What nothing can beat: {measure}", sentence, right=columns)

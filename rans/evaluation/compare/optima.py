@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from rans import terminal
 from rans.archives import read_arrays
 from rans.errors import ConfigError, legible
 from rans.evaluation.measure.aggregate import save_arrays
@@ -30,6 +28,7 @@ from rans.optimal.trajectory.transcription import START_IS_GOAL, Trajectory
 from rans.progress import Progress, unseen
 from rans.scenario import Scenario, each
 from rans.scenario import scenario as example
+from rans.table import Table
 from rans.tasks import TASKS
 from rans.tasks.base import Task
 from rans.tasks.quantities import QUANTITIES
@@ -225,27 +224,27 @@ def optima_table(title: str, objective: Objective, answers: Sequence[Optimum]) -
     errors = [f"{name} {QUANTITIES[name].display[1]}" for name in names]
     solver = ("guesses", "optima", "steps", "ms", "")
     columns = ("start", objective.measure, *errors, "replay mm", *solver)
-    result = terminal.table(title, columns, (), "\n".join(notes), "right")
+    rows = []
     for answer in answers:
         path = answer.trajectory
-        good = answer.good
         numbers = (
             path.cost,
             *(QUANTITIES[n].display[0] * answer.errors.get(n, math.nan) for n in names),
             1e3 * answer.replay_error,
         )
         cells = [f"{x:.3f}" if path.solved else "-" for x in numbers]
-        result.add_row(
+        row = (
             str(answer.start),
             *cells,
             f"{path.agreeing} of {path.attempts}",
             str(path.optima),
             str(path.iterations),
             f"{1e3 * path.seconds:.0f}",
-            "solved" if good else "lost",
-            style=None if good else "red",
+            "solved" if answer.good else "lost",
         )
-    return result
+        rows.append(row)
+    lost_rows = [number for number, answer in enumerate(answers) if not answer.good]
+    return Table(columns, rows, title, "\n".join(notes), right=columns, marked=lost_rows)
 
 
 def write(

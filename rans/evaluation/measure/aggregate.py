@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
 from rans.display import NotebookRepr
 from rans.errors import counted, meant
@@ -30,6 +28,7 @@ from rans.evaluation.measure.statistics import (
 from rans.files import number, replace_file
 from rans.flight import Flight
 from rans.model.fields import leaves
+from rans.table import Table
 
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
@@ -126,32 +125,21 @@ class Metrics(NotebookRepr):
         return [by_name[name] for name in order if name in by_name]
 
     def table(self, width: int = ROOM, full: bool = True) -> Table:
-        """Table for a terminal of ``width`` columns, of all lines or of the `key_lines`.
+        """Table for a terminal of ``width`` characters, of all lines or of the `key_lines`.
 
         A narrow table has no column of meanings.
         """
         columns = COLUMNS if width >= ROOM else COLUMNS[:-1]
-        hint = f"A terminal of {ROOM} columns or more shows what each of them means."
         if not full:
-            table = Table(*columns, title=self.title(), title_justify="left")
-            for _, texts in self.key_lines():
-                table.add_row(*texts[: len(columns)])
-            return table
-        table = Table(
-            *columns,
-            title=self.title(),
-            title_justify="left",
-            caption_justify="left",
-            caption=None if width >= ROOM else hint,
-        )
-        for column in table.columns[1:3]:
-            column.no_wrap = True
+            rows = [texts[: len(columns)] for _, texts in self.key_lines()]
+            return Table(columns, rows, self.title(), whole=COLUMNS[1:3])
+        rows = []
         for group, lines in itertools.groupby(self.lines(), lambda line: line[0]):
-            table.add_row(Text(group, "bold"))
-            for _, texts in lines:
-                table.add_row(*texts[: len(columns)])
-            table.add_section()
-        return table
+            rows.append((group,))
+            rows += [texts[: len(columns)] for _, texts in lines]
+        hint = f"A terminal of {ROOM} columns or more shows what each of them means."
+        note = "" if width >= ROOM else hint
+        return Table(columns, rows, self.title(), note, whole=COLUMNS[1:3])
 
 
 def measure(flight: Flight) -> Metrics:

@@ -6,14 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
 from rans.evaluation.measure.metrics import final_errors, metric_definitions, settling_times, solved
 from rans.evaluation.measure.statistics import RESAMPLES, SEED, Bootstrap, Estimate, share
 from rans.flight import Flight
+from rans.table import Table
 from rans.tasks.quantities import QUANTITIES
-from rans.terminal import table, verdict
 
 
 @dataclass(frozen=True)
@@ -81,12 +78,12 @@ class EngineComparison:
         }
 
     def table(self) -> Table:
-        """Table for the terminal."""
+        """Its pairs."""
         columns = ("quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict")
-        return table(
-            self.title,
+        return Table(
             columns,
-            map(_texts, self.pairs),
+            [*map(_texts, self.pairs)],
+            self.title,
             f"In {self.same_commands:.2%} of all control periods both opened the same thrusters.",
         )
 
@@ -125,7 +122,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     return EngineComparison(title, tuple(pairs), float(same))
 
 
-def _texts(pair: Pair) -> tuple[str | Text, ...]:
+def _texts(pair: Pair) -> tuple[str | bool, ...]:
     allowed = "" if pair.bound is None else f"{pair.bound[0]:+.2g}, {pair.bound[1]:+.2g}"
     return (
         f"{pair.name}, {pair.unit}",
@@ -133,5 +130,5 @@ def _texts(pair: Pair) -> tuple[str | Text, ...]:
         pair.drake.text(),
         f"{pair.difference:+.1e}",
         allowed,
-        "" if pair.passed is None else verdict(pair.passed),
+        "" if pair.passed is None else pair.passed,
     )

@@ -20,11 +20,12 @@ from rans.show.figures import landing_figures, mission_figures
 from rans.show.figures.panels import FOUND, series_style
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import front_chart, plane_chart
-from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile, header
+from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
 from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
+from rans.table import Table
 
 TEXT = (
     "All fly the same craft from the same starts at the same rate. The settling time is that from which a flight "

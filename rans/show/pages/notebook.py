@@ -17,12 +17,12 @@ from rans.show import markup
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.svg import data_uri, svg
 from rans.show.tables.listing import (
-    Listing,
     conditions_listing,
     spacecraft_listing,
     task_listings,
     thruster_listing,
 )
+from rans.table import Table, cell_text
 from rans.tasks import Task
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def _(metrics: Metrics) -> str:
     rows = [
         (name, value, interval, meaning) for _, (name, value, interval, meaning) in metrics.lines()
     ]
-    return _table(Listing(metrics.title(), COLUMNS, rows))
+    return _table(Table(COLUMNS, rows, metrics.title()))
 
 
 def _comparison(comparison: Comparison) -> str:
@@ -82,7 +82,7 @@ def _comparison(comparison: Comparison) -> str:
     paragraphs = "".join(
         f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures)
     )
-    return _table(Listing(comparison.contest.title(), ("", *board), rows)) + paragraphs
+    return _table(Table(("", *board), rows, comparison.contest.title())) + paragraphs
 
 
 @html_of.register
@@ -93,10 +93,10 @@ def _(flight: Flight) -> str:
 
 def listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table as HTML, of what has no form of its own here."""
-    return _table(Listing(title, tuple(columns), [tuple(row) for row in rows]))
+    return _table(Table(columns, rows, title))
 
 
-def _table(listing: Listing) -> str:
+def _table(listing: Table) -> str:
     head, *body = (
         _row(row, cell)
         for row, cell in ((listing.columns, "th"), *((row, "td") for row in listing.rows))
@@ -108,9 +108,9 @@ def _table(listing: Listing) -> str:
     )
 
 
-def _row(texts: Sequence[str], cell: str) -> str:
+def _row(texts: Sequence[Any], cell: str) -> str:
     style = 'style="text-align:left;vertical-align:top;white-space:pre-wrap;padding:0.1em 0.8em 0.1em 0"'
-    return f"<tr>{''.join(f'<{cell} {style}>{_said(text)}</{cell}>' for text in texts)}</tr>"
+    return f"<tr>{''.join(f'<{cell} {style}>{_said(cell_text(text))}</{cell}>' for text in texts)}</tr>"
 
 
 def _said(text: str) -> str:

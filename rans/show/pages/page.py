@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from numbers import Number
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import rich.table
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rans.files import write_text
 from rans.show import markup
+from rans.table import Table, cell_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rans.show.pages.chart import Chart
     from rans.show.pages.race import Race
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of texts, numbers, truth values (shown as pass or FAIL) and None (shown as a dash)."""
-
-    columns: Sequence[str]
-    rows: Sequence[Sequence[Any]]
-    caption: str = ""
-    colours: Mapping[str, str] = field(default_factory=dict)
-    """CSS colours of columns, by their names: those of contestants in the charts."""
-
-    def numeric(self, k: int) -> bool:
-        """Whether a column holds numbers, which stand right; a dash stands where its column does."""
-        return all(
-            row[k] is None or (isinstance(row[k], Number) and not isinstance(row[k], bool))
-            for row in self.rows
-        ) and bool(self.rows)
 
 
 @dataclass(frozen=True)
@@ -158,15 +138,14 @@ class Page:
             }[self.passed]
         )
 
-    def summary(self) -> rich.table.Table:
+    def summary(self) -> Table:
         """The few most telling lines of every section, for the terminal."""
-        table = rich.table.Table("part", "what", "value", title=self.title, title_justify="left")
-        table.columns[1].overflow = "fold"
-        for section in self.sections:
-            for number, (what, value) in enumerate(section.summary):
-                table.add_row("" if number else section.title, what, value)
-            table.add_section()
-        return table
+        rows = [
+            ("" if number else section.title, what, value)
+            for section in self.sections
+            for number, (what, value) in enumerate(section.summary)
+        ]
+        return Table(("part", "what", "value"), rows, self.title)
 
     def html(self) -> str:
         """The page."""
@@ -193,11 +172,7 @@ def filled(template: str, **values: Any) -> str:
 
 def show(value: Any) -> str:
     """A table's cell as text."""
-    if value is None:
-        return "–"  # noqa: RUF001
-    if isinstance(value, float):
-        return "never" if value == math.inf else f"{value:.4g}"
-    return str(value)
+    return "–" if value is None else cell_text(value)  # noqa: RUF001
 
 
 _WITH_INTERVAL = re.compile(r"(\S{1,12}) (\([^()]{1,36}\))")

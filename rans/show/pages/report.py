@@ -26,18 +26,9 @@ from rans.registry import Registry
 from rans.show.figures.panels import STYLE, series_style
 from rans.show.pages.assure_counts import asked, counts, decision_sentence, is_over
 from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.pages.page import (
-    Finding,
-    Page,
-    Picture,
-    Section,
-    Table,
-    Tile,
-    header,
-    named,
-    show,
-)
+from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.screen import Screen
+from rans.table import Table
 
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""

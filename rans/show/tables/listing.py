@@ -4,38 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from rans.display import default, meanings
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.randomization.conditions import Conditions
+from rans.table import Table
 from rans.tasks import Task, observation_columns
 from rans.tasks.derived import PLACES, dimensions, example_state
 from rans.tasks.formula import OPEN, reward_formulas
 from rans.tasks.observation_terms import Dimension
 from rans.tasks.quantities import QUANTITIES
-from rans.terminal import table
 
 
-class Listing(NamedTuple):
-    """A table of texts."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-    note: str = ""
-
-    def to_json(self) -> list[dict[str, str]]:
-        """A mapping a row, by the columns' names."""
-        return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
-
-    def table(self) -> Any:
-        """For a terminal."""
-        return table(self.title, self.columns, self.rows, self.note)
-
-
-def spacecraft_listing(craft: Spacecraft) -> Listing:
+def spacecraft_listing(craft: Spacecraft) -> Table:
     """Masses and shape."""
     moments = "\n".join(vector_text(row, 4) for row in craft.inertia)
     if craft.dimension == 2:  # the axis of the plane is the only one
@@ -46,8 +29,7 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
     half_a_turn = "never: it cannot turn"
     if can_turn(craft):
         half_a_turn = f"{seconds_for_half_a_turn(craft):.3g} s"
-    return Listing(
-        craft.name,
+    return Table(
         ("property", "value"),
         [
             ("moves in", space(craft)),
@@ -61,6 +43,7 @@ def spacecraft_listing(craft: Spacecraft) -> Listing:
             ("1 m from rest to rest, at the quickest", metre),
             ("half a turn from rest to rest, at the quickest", half_a_turn),
         ],
+        craft.name,
     )
 
 
@@ -88,7 +71,7 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
         )
 
 
-def thruster_listing(craft: Spacecraft) -> Listing:
+def thruster_listing(craft: Spacecraft) -> Table:
     """A row a thruster, its torque about the centre of mass."""
     axes = craft.dimension
     columns = ("thruster", "position, m", "direction", "force, N", "torque, N m")
@@ -96,10 +79,10 @@ def thruster_listing(craft: Spacecraft) -> Listing:
     for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True)):
         vectors = (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])
         rows.append((str(i), *map(vector_text, vectors)))
-    return Listing("Thrusters", columns, rows)
+    return Table(columns, rows, "Thrusters")
 
 
-def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
+def task_listings(task: Task, prefix: str = "") -> Iterator[Table]:
     """Reward, ends, settings and observation; of a multi-task the rewards of what it draws from."""
     parts = {name: part for name, part in task.parts().items() if type(part) is not type(task)}
     works = dimensions(task)
@@ -109,24 +92,24 @@ def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
         yield _ends(task)
     yield settings_listing(task, prefix)
     for dimension in works:
-        yield Listing(
-            f"Observation {PLACES[dimension]}",
+        yield Table(
             ("column", "what", "unit", "frame"),
             [
                 (str(index), *column)
                 for index, column in enumerate(observation_columns(task, dimension))
             ],
+            f"Observation {PLACES[dimension]}",
         )
 
 
-def _reward(task: Task, name: str, dimension: Dimension) -> Listing:
+def _reward(task: Task, name: str, dimension: Dimension) -> Table:
     quantities = task.errors(*example_state(task, dimension))
     errors = ", ".join(f"{error} ({QUANTITIES[error].unit})" for error in quantities)
-    return Listing(
-        f"Reward of a step{f' of {name}' if name else ''}, the sum of",
+    return Table(
         ("term", "value"),
         [(name, _readable(text, task)) for name, text in reward_formulas(task, dimension).items()]
         or [_UNREAD],
+        f"Reward of a step{f' of {name}' if name else ''}, the sum of",
         f"Of the errors {errors}, and {OPEN}, how many thrusters are.",
     )
 
@@ -145,7 +128,7 @@ def _readable(formula: str, task: Task) -> str:
 _UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")
 
 
-def _ends(task: Task) -> Listing:
+def _ends(task: Task) -> Table:
     near = ", ".join(
         f"{name} {value:.4g} {QUANTITIES[name].unit}" for name, value in task.tolerances().items()
     )
@@ -169,12 +152,12 @@ def _ends(task: Task) -> Listing:
     else:
         won = (type(task).done.__doc__ or "").strip().splitlines()[:1]
         rows.append(("as a success", " ".join(won)))
-    return Listing("An episode", ("ends", "when"), rows)
+    return Table(("ends", "when"), rows, "An episode")
 
 
-def settings_listing(settings: Any, prefix: str = "", title: str = "Settings") -> Listing:
+def settings_listing(settings: Any, prefix: str = "", title: str = "Settings") -> Table:
     """Listing with a row for each field; keys have the prefix of ``rans train --set``."""
-    return Listing(title, ("key", "value", "meaning"), list(_settings(settings, prefix)))
+    return Table(("key", "value", "meaning"), list(_settings(settings, prefix)), title)
 
 
 def _settings(settings: Any, prefix: str) -> Iterator[tuple[str, str, str]]:
@@ -188,12 +171,12 @@ def _settings(settings: Any, prefix: str) -> Iterator[tuple[str, str, str]]:
             yield prefix + setting_field.name, setting(value), texts.get(setting_field.name, "")
 
 
-def conditions_listing(conditions: Conditions) -> Listing:
+def conditions_listing(conditions: Conditions) -> Table:
     """Listing of the settings that are not the defaults."""
-    return Listing(
-        conditions.description or "Conditions",
+    return Table(
         ("what", "range"),
         list(_changed(conditions)) or [("nothing", "nominal conditions")],
+        conditions.description or "Conditions",
     )
 
 

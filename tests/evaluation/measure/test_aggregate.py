@@ -17,6 +17,7 @@ from rans.flight import fly
 from rans.model.fields import Vec2
 from rans.model.timing import Timing
 from rans.scenario import scenarios
+from rans.terminal import rendered
 from tests.support.evaluation_flights import TrackNothing, flight_of, two_episodes
 
 LINES = """\
@@ -57,7 +58,7 @@ shares of episodes are Wilson's, with z^2 = 3.84: of one of two (50 +- 40.5) %, 
 def printed(measured: Metrics, width: int) -> list[list[str]]:
     """Lines of a table, cell by cell."""
     console = Console(file=io.StringIO(), width=width)
-    console.print(measured.table(width))
+    console.print(rendered(measured.table(width)))
     text = console.file.getvalue()  # type: ignore[attr-defined]
     return [
         [cell.strip() for cell in line.replace("┃", "│").split("│") if cell.strip()]

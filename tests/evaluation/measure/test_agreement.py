@@ -22,6 +22,7 @@ from rans.files import write_json
 from rans.model.fields import leaves, map_leaves
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
+from rans.terminal import rendered
 from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes
 from tests.support.training import ignore, tiny_trainer
 
@@ -85,7 +86,7 @@ def test_the_table_says_who_is_where() -> None:
         == "by hand: the same 4 episodes of 5 s with floating-platform in both engines"
     )
     console = Console(file=io.StringIO(), width=140)
-    console.print(comparison.table())
+    console.print(rendered(comparison.table()))
     lines = [
         [cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]]
         for line in console.file.getvalue().splitlines()  # type: ignore[attr-defined]

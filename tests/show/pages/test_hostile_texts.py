@@ -32,12 +32,13 @@ from rans.show import markup
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.comparison_page import page as comparison_page
 from rans.show.pages.notebook import html_of
-from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile
+from rans.show.pages.page import Finding, Page, Picture, Section, Tile
 from rans.show.pages.playground import playground
 from rans.show.pages.race import median_and_slowest
 from rans.show.pages.report import report_from_run
 from rans.show.pages.screen import Screen
 from rans.show.scene.view import View
+from rans.table import Table
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, live, ran
 from tests.support.evaluation_flights import two_episodes

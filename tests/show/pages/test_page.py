@@ -6,8 +6,9 @@ import re
 
 import pytest
 
-from rans.show.pages.page import Finding, Page, Section, Table, header, show
+from rans.show.pages.page import Finding, Page, Section, header, show
 from rans.show.pages.report import validation_section
+from rans.table import Table
 
 GOOD = Finding("fine", True)
 BAD = Finding("broken", False)
@@ -84,7 +85,7 @@ def test_a_dash_stands_where_its_column_does() -> None:
     table = Table(
         ("text", "number", "nothing"), [("1 of 2", 1.5, None), (None, None, None), ("a", 2, None)]
     )
-    assert [table.numeric(k) for k in range(3)] == [False, True, True]
+    assert [table.is_numeric(k) for k in range(3)] == [False, True, True]
     html = Page("x", [Section("s", tables=[table])]).html()
     assert '<td data-column="text">–</td><td data-column="number" class="number">–</td>' in html  # noqa: RUF001
 

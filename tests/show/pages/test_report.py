@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import measure
 from rans.files import plain, read_json, write_json
 from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.pages.page import Finding, Page, Picture, Section, Table, Tile
+from rans.show.pages.page import Finding, Page, Picture, Section, Tile
 from rans.show.pages.race import median_and_slowest
 from rans.show.pages.report import (
     SOLVED_SHARE,
@@ -31,6 +31,7 @@ from rans.show.pages.report import (
     validation_section,
 )
 from rans.show.pages.screen import Screen
+from rans.table import Table
 from tests.support.evaluation_flights import two_episodes
 from tests.support.training_rows import ROWS
 

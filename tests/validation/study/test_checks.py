@@ -8,6 +8,7 @@ import math
 import pytest
 from rich.console import Console
 
+from rans.terminal import rendered
 from validation.study.checks import Check, Curve, Skipped, Study
 
 
@@ -48,7 +49,7 @@ def test_table_shows_every_check_and_its_verdict() -> None:
     console = Console(width=100, record=True, quiet=True)
     console.quiet = False
     with console.capture() as capture:
-        console.print(Study("mixed", (check(5e-4), check(2.0))).table())
+        console.print(rendered(Study("mixed", (check(5e-4), check(2.0))).table()))
     lines = [line for line in capture.get().splitlines() if "way flown" in line]
     assert ["pass" in line for line in lines] == [True, False]
     assert ["FAIL" in line for line in lines] == [False, True]
@@ -66,7 +67,9 @@ def test_a_layer_is_one_line_with_the_check_nearest_to_its_tolerance() -> None:
     console = Console(width=100, record=True, quiet=True)
     console.quiet = False
     with console.capture() as capture:
-        console.print(Study("some", checks, skipped=(Skipped("kernel", "No GPU."),)).layers())
+        console.print(
+            rendered(Study("some", checks, skipped=(Skipped("kernel", "No GPU."),)).layers())
+        )
     text = capture.get().splitlines()
     (thrusters,) = [line for line in text if "thrusters" in line]
     assert all(word in thrusters for word in ("2 of 2", "torque", "0.5", "pass"))
@@ -79,7 +82,7 @@ def test_a_narrow_terminal_cuts_no_number() -> None:
     name = "the name of a check that takes more than half of the terminal's width"
     report = Study("one", (Check(name, 1.26e-9, 1e-9, "kg, N m s", ""),))
     console = Console(width=80, record=True)
-    console.print(report.table())
+    console.print(rendered(report.table()))
     text = console.export_text()
     assert "…" not in text
     assert all(word in text for word in ("1.3e-09", "1.0e-09", "kg, N m s", "FAIL"))
@@ -117,8 +120,7 @@ def test_report_as_json_says_what_was_not_run_and_holds_the_points_of_figures() 
 def test_table_says_what_was_not_run() -> None:
     console = Console(width=100)
     with console.capture() as capture:
-        console.print(
-            Study("some", (check(0.0),), {}, (Skipped("kernel", "No compiler."),)).table()
-        )
+        study = Study("some", (check(0.0),), {}, (Skipped("kernel", "No compiler."),))
+        console.print(rendered(study.table()))
     (line,) = (line for line in capture.get().splitlines() if "kernel" in line)
     assert "not run" in line

@@ -46,7 +46,8 @@ class Faults:
     def run(self) -> int:
         """Print the table; the exit code is 0."""
         from rans.api.names import load_spacecraft
-        from rans.terminal import Terminal, table
+        from rans.table import Table
+        from rans.terminal import Terminal
         from rans_assurance.functions import FAULT_COLUMNS, faults
 
         craft = load_spacecraft(self.craft)
@@ -55,11 +56,11 @@ class Faults:
 
             check_picture(self.picture)
         result = faults(craft)
-        Terminal().print(
-            table(
-                f"{craft.name}: recoverable faults",
+        Terminal().table(
+            Table(
                 FAULT_COLUMNS,
                 result.rows(),
+                f"{craft.name}: recoverable faults",
                 "Margin: distance of the others from always shut and always open while they balance the craft.",
             )
         )

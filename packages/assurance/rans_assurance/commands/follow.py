@@ -57,7 +57,7 @@ class Follow:
         following = follow(
             self.contestant, self.course, flights=self.episodes, seed=EVALUATION_SEED
         )
-        Terminal().print(following.table())
+        Terminal().table(following.table())
         write_json(file, following.to_json() | {"seed": EVALUATION_SEED})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))
         Terminal().say(f"Written to {file}.")

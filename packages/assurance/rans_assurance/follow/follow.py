@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from rans.episode import Setup
 from rans.errors import ConfigError
@@ -19,6 +18,7 @@ from rans.model.dynamics import State
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS, Timing
+from rans.table import Table
 from rans.tasks import Task
 from rans_assurance.follow.paths import SPACING, LookAhead
 
@@ -181,16 +181,17 @@ class Following:
         )
 
     def table(self) -> Table:
-        """Table for the terminal."""
-        table = Table(
-            "quantity", "mean", "worst flight", "meaning", title=self.title(), title_justify="left"
-        )
-        for _, name, meaning, unit, values, _ in self.quantities():
-            ends = values.mean(), values.max()
-            table.add_row(
-                name, *(f"{x:.3g} {unit}" if math.isfinite(x) else "never" for x in ends), meaning
+        """A row a quantity."""
+        rows = [
+            (
+                name,
+                *(f"{x:.3g} {unit}" if math.isfinite(x) else "never" for x in ends),
+                meaning,
             )
-        return table
+            for _, name, meaning, unit, values, _ in self.quantities()
+            for ends in [(values.mean(), values.max())]
+        ]
+        return Table(("quantity", "mean", "worst flight", "meaning"), rows, self.title())
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json`; the duration of a flight that never arrived is infinite."""

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from rans.errors import is_installed
 from rans.flight import Flight
 from rans.show.pages.assure_counts import counts, decision_sentence
-from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
+from rans.show.pages.page import Finding, Page, Picture, Section, header
+from rans.table import Table
 from rans.tasks.quantities import QUANTITIES
 from rans.verdict import Failure
 from rans_assurance.assure.assurance import Assurance

@@ -17,7 +17,8 @@ from rans.evaluation.stress.outcome import WANTED, holds_to
 from rans.files import environment, inside, write_json, write_text
 from rans.randomization.conditions_file import conditions_text
 from rans.show.pages.notebook import listed
-from rans.show.pages.page import Finding, Page, Picture, Section, Table, header
+from rans.show.pages.page import Finding, Page, Picture, Section, header
+from rans.table import Table
 from rans.tasks.quantities import QUANTITIES
 from rans_assurance.figures import stress_figures as figures
 from rans_assurance.stress.run import Stress

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from rans.episode import Mover, Setup, World
 from rans.evaluation.measure.aggregate import save_arrays
@@ -21,6 +20,7 @@ from rans.model.timing import Timing
 from rans.progress import Progress, unseen
 from rans.randomization.parameters import StepInputs
 from rans.scenario import Scenario, each
+from rans.table import Table
 from rans.tasks.land import Land
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
 
@@ -180,14 +180,13 @@ def _columns(vector: Any) -> np.ndarray:
 
 def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
     """Table with a row for each start."""
-    table = Table(title=title)
-    for name in ("start", "propellant kg", "bound kg", "time s", "engine m", "Drake m", ""):
-        table.add_column(name, justify="right")
+    columns = ("start", "propellant kg", "bound kg", "time s", "engine m", "Drake m", "")
+    rows = []
     for answer in answers:
         if answer.landing is None:
-            table.add_row(str(answer.start), "-", "-", "-", "-", "-", "no landing: out of reach")
+            rows.append((str(answer.start), *[None] * 5, "no landing: out of reach"))
             continue
-        table.add_row(
+        row = (
             str(answer.start),
             f"{answer.landing.propellant:.2f}",
             f"{answer.bound:.2f}",
@@ -196,7 +195,8 @@ def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
             f"{answer.in_drake:.3f}",
             "solved" if answer.good else "solved, but it flies elsewhere",
         )
-    return table
+        rows.append(row)
+    return Table(columns, rows, title, right=columns)
 
 
 def write_landings(folder: Path, about: dict[str, Any], answers: list[LandingAnswer]) -> None:

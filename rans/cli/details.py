@@ -1,0 +1,212 @@
+"""Details of one spacecraft, task, agent, controller or set of conditions, and of all tasks, for ``rans list``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rans.api.names import load_conditions, load_spacecraft, load_task
+from rans.cli.overview import named, or_why_not
+from rans.errors import ConfigError, legible
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.files import number, read_text
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_folder
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import CONDITIONS
+from rans.registry import resolve_typed, typed
+from rans.show.tables.layout_text import AWAY, TOWARDS, layout_text
+from rans.show.tables.listing import (
+    settings_listing,
+    spacecraft_listing,
+    task_listings,
+    thruster_listing,
+)
+from rans.structure import LARGEST_TOML
+from rans.table import Table
+from rans.tasks import TASKS, Task, gymnasium_ids, observation_columns
+from rans.tasks.derived import dimensions
+from rans.tasks.formula import reward_formulas
+
+
+def kind_of_object(reference: str) -> str:
+    """Kind of the object of MODULE:NAME; anything else is treated as a spacecraft, whose reader rejects it."""
+    try:
+        result = resolve_typed(typed(reference))
+    except ConfigError as error:
+        raise ConfigError(f"{reference} cannot be shown: {error}") from error
+    if isinstance(result, Conditions):
+        return "conditions"
+    if isinstance(result, type) and issubclass(result, Task):
+        return "task"
+    return "controller" if hasattr(result, "act") else "spacecraft"
+
+
+def _all_tasks() -> Table:
+    def row(name: str) -> tuple[str, ...]:
+        return "\n".join(_environments(name)), _flag(TASKS[name]), _summary(TASKS[name])
+
+    rows = []
+    for name in TASKS:
+        cells = or_why_not(row, name)
+        rows.append((named(TASKS, name), *("",) * (3 - len(cells)), *cells))
+    return Table(("name", "Gymnasium ids", "flag", "what"), rows, "Tasks")
+
+
+def _agent_details(name: str) -> Iterable[str | Table]:
+    from rans.evaluation.measure.statistics import interval, quantity
+
+    card = pretrained_card(name)
+    training = card["training"]
+    yield f"{name}: {card['task']} with {card['spacecraft']}, in {pretrained_folder(name)}"
+    judged = card.get("evaluation_environment", {}).get("revision", "")
+    trained = training.get("environment", {}).get("revision", "")
+    yield (
+        f"Trained with seed {training['seed']} for {training['steps']:,} steps in "
+        f"{training['seconds']:.1f} s on {training['device']}"
+        f"{f', at revision {trained}' if trained else ''}; judged on {card['episodes']:,} episodes of "
+        f"seed {card['evaluation_seed']}{f', at revision {judged}' if judged else ''}."
+    )
+    if (recipe := RECIPE_FOLDER / f"{name}.toml").exists():
+        yield f"rans train {name} trains it again, by the recipe {recipe}."
+    for protocol, parts in card["evaluation"].items():
+        for part, values in parts.items():
+            rows = [
+                (metric, quantity(value, unit), interval(low, high))
+                for metric, (*three, unit) in values.items()
+                for value, low, high in [map(number, three)]
+            ]
+            title = f"Protocol {protocol} {part}".rstrip()
+            yield Table(("metric", "value", "95 % interval"), rows, title)
+
+
+def _spacecraft_details(name: str) -> Iterable[str | Table]:
+    craft = load_spacecraft(name)
+    yield spacecraft_listing(craft)
+    if not craft.thrusters:
+        return
+    yield thruster_listing(craft)
+    yield f"\n{layout_text(craft)}\n"
+    yield f"x to the right, y up; arrows are forces on the craft; {TOWARDS} towards you, {AWAY} away."
+    if name.endswith(".toml"):
+        yield from prospects(craft)
+
+
+def prospects(craft: Spacecraft) -> Iterator[str]:
+    """Whether a craft can come to rest within the tolerances of go-to-pose, and which thrusters it can lose."""
+    from rans.policy.prospects import Prospect, doubt, spared
+    from rans.policy.timing import timing_for
+
+    try:
+        period = timing_for(craft, Timing()).control_period
+        yield Prospect.of(craft, period).text(period)
+        yield doubt(craft, period) or spared(craft, period)
+    except ConfigError as error:
+        yield f"Nothing brings it to rest at a pose: {error}"
+
+
+def _task_details(name: str) -> Iterable[str | Table]:
+    task = load_task(name)
+    yield f"{name}: {_summary(type(task))}"
+    own = " or ".join(
+        f"rans.SpacecraftEnv({name!r}, {dimension})" for dimension in dimensions(task)
+    )
+    yield f"Gymnasium: {', '.join(_environments(name)) or own}; task flag: {_flag(task)}"
+    yield from task_listings(task, "settings.")
+    yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
+
+
+def _training_details(_: str) -> list[Table]:
+    from rans.fast.learn.config import PPOSettings
+
+    return [
+        settings_listing(PPOSettings(), "ppo.", "Settings of the learner, before a task's preset"),
+        settings_listing(Timing(), "timing.", "Time"),
+    ]
+
+
+def _conditions_details(name: str) -> Iterable[str]:
+    load_conditions(name)  # raises an error if they are not valid
+    if name.endswith(".toml"):
+        text = legible(read_text(Path(name), LARGEST_TOML), 20_000)
+    else:
+        text = CONDITIONS[name].text
+    yield from text.rstrip().splitlines()
+
+
+def _controller_details(name: str) -> Iterable[str]:
+    yield f"{name}: {_summary(CONTROLLERS[name])}"
+    yield f"As a contestant {name}:go-to-pose-2d, or {name} after a first one."
+
+
+def _flag(task: object) -> str:
+    flag = getattr(task, "flag", None)
+    return "sampled" if flag is None else f"{flag:g}"
+
+
+def _environments(task: str) -> tuple[str, ...]:
+    """Gymnasium ids of a task; none for MODULE:NAME, which is not registered."""
+    if ":" in task:
+        return ()
+    pair = gymnasium_ids(task)
+    return tuple(pair[dimension - 2] for dimension in TASKS[task].dimensions)
+
+
+def _task_facts(name: str) -> dict[str, Any]:
+    task: Any = load_task(name)
+    parts = task.parts()
+    works = dimensions(task)
+    return {
+        "summary": _summary(type(task)),
+        "gymnasium": _environments(name),
+        "settings": asdict(task),
+        "flag": getattr(task, "flag", None),
+        "reward": {
+            part or name: reward_formulas(subtask, works[0]) for part, subtask in parts.items()
+        },
+        "tolerances": {part or name: subtask.tolerances() for part, subtask in parts.items()},
+        "observation": {str(work): observation_columns(task, work) for work in works},
+    }
+
+
+def _spacecraft_facts(name: str) -> dict[str, Any]:
+    craft = load_spacecraft(name)
+    return asdict(craft) | {
+        "actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},
+        "wrench_map": craft.wrench_map,
+        "commands": [command._asdict() for command in craft.commands],
+        "stores": [store._asdict() for store in craft.stores],
+    }
+
+
+def _summary(described: object) -> str:
+    text = (described.__doc__ or "").strip()
+    if text.startswith(f"{getattr(described, '__name__', '')}("):  # a signature, by `dataclass`
+        text = ""
+    return next(iter(text.splitlines()), "no docstring")
+
+
+PARTS: dict[str, Callable[[str], Iterable[str | Table]]] = {
+    "spacecraft": _spacecraft_details,
+    "task": _task_details,
+    "all tasks": lambda _: [_all_tasks()],
+    "conditions": _conditions_details,
+    "all training": _training_details,
+    "controller": _controller_details,
+    "agent": _agent_details,
+}
+"""Printed parts of an object, by its kind."""
+
+
+FACTS: dict[str, Callable[[str], Any]] = {
+    "spacecraft": _spacecraft_facts,
+    "task": _task_facts,
+    "agent": pretrained_card,
+    "conditions": lambda name: asdict(load_conditions(name)),
+    "controller": lambda name: {"summary": _summary(CONTROLLERS[name])},
+    "all training": lambda _: {part.title: part.to_json() for part in _training_details("")},
+}
+"""Plain values of an object for JSON, by its kind."""
