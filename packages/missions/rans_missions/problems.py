@@ -73,7 +73,7 @@ def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
         f"least propellant to land {where}: {command.task} with {craft.name}, turned at once, thrust held for "
         f"{task.timing.control_period:g} s"
     )
-    Terminal().print(landing_table(title, answers))
+    Terminal().table(landing_table(title, answers))
     # Files, and how many are solved.
     about = {
         "task": command.task,

@@ -331,7 +331,7 @@ def _summary(comparison: Comparison) -> Section:
     rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
     colours = {entry.name: series_style(k)[0] for k, entry in enumerate(comparison.entries)}
     tuning = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
-    scores = Table(("score", *board), rows, "Scores over all starts", colours)
+    scores = Table(("score", *board), rows, "Scores over all starts", colours=colours)
     known = Table(("contestant", "knows", "tuning"), tuning, "Information and tuning")
     result = [scores, known] if rows else []
     text = _MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT

@@ -234,7 +234,7 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
     folder = folder / "<img src=hostile onerror=hostile()>"
     written(folder, run_folder())
     (folder / "spacecraft.toml").write_text(file.read_text("utf-8"), "utf-8")
-    table = Table((HOSTILE, "n"), [(HOSTILE, 1.0)], HOSTILE, {HOSTILE: "red"})
+    table = Table((HOSTILE, "n"), [(HOSTILE, 1.0)], HOSTILE, colours={HOSTILE: "red"})
     section = Section(HOSTILE, 9 * HOSTILE, [table], [], [Finding(HOSTILE)], link="x.html")
 
     stress = small("lqr:go-to-pose-2d", episodes=2)
