@@ -18,6 +18,7 @@ EXTRA_OF = {
             "PassiveEntry",
             "VelocityToGain",
             "Visiting",
+            "improve",
             "read_opm",
             "relative_state",
             "write_ccsds",

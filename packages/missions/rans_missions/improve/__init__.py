@@ -1,0 +1,1 @@
+"""The cheapest flight that a local search finds: `rans improve`."""
