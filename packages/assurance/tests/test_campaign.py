@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +77,28 @@ def test_a_wanted_bound_far_from_the_truth_is_decided_early() -> None:
     shown = _flown(Campaign(plan(0.99, None, 0.1), 0))
     assert shown.decision == "below"
     assert shown.flights < shown.plan.flights
+
+
+@pytest.mark.usefixtures("fleet")
+def test_bars_reach_their_ends_where_a_campaign_is_decided_early() -> None:
+    bars: dict[str, list[int]] = {}
+
+    def stages(name: str, total: int | None, /) -> Callable[[int], None]:
+        assert total is not None
+        bars[name] = [0, total]
+
+        def advance(count: int, /) -> None:
+            bars[name][0] += count
+
+        return advance
+
+    campaign = Campaign(plan(0.99, None, 2e-2), 0)
+    setup: object = None
+    campaign.fly(setup, setup, "cpu", stages)  # type: ignore[arg-type]  # the fleet needs neither
+    assert campaign.flights < campaign.plan.flights
+    assert len(bars) > 1
+    assert all(done == total for done, total in bars.values())
+    assert [total for _, total in bars.values()][-1] == campaign.flights
 
 
 @pytest.mark.usefixtures("fleet")

@@ -132,10 +132,8 @@ class Assurance:
         """Count flights until the plan ends, from the state of the first process; see `Campaign.fly`."""
         if processes.size > 1:
             self.campaign.go_on_from(processes.from_first(self.campaign.to_json()))
-        progress = stages("flights", self.campaign.plan.flights)
-        progress(self.campaign.flights)
         policy = self._network or self.run.controller
-        self.campaign.fly(policy, self.run.judged, device, progress, keep, processes)
+        self.campaign.fly(policy, self.run.judged, device, stages, keep, processes)
 
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans_assurance.assure.replay.replays`."""

@@ -17,7 +17,7 @@ from rans.fast.flights import Flights
 from rans.flight import Controller
 from rans.flight_statistics import FlightStatistics
 from rans.policy.network import Network
-from rans.progress import Progress, unseen
+from rans.progress import Stages, unseen_stages
 from rans.verdict import Failure
 from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
 from rans_assurance.assure.fleet import ControllerFleet
@@ -83,7 +83,7 @@ class Campaign:
         policy: Network | Controller,
         setup: Setup,
         device: str,
-        progress: Progress = unseen,
+        stages: Stages = unseen_stages,
         keep: Callable[[], object] = lambda: None,
         processes: Processes = ALONE,
     ) -> None:
@@ -93,7 +93,7 @@ class Campaign:
             policy: a network of one member, or any controller, which flies in NumPy on the CPU.
             setup: spacecraft, task with its starts, and timing.
             device: torch device.
-            progress: reports flights.
+            stages: reports flights until each analysis, since the last one that is made is not known before.
             keep: called after every part.
             processes: processes that share the flights and exchange their counts.
         """
@@ -104,6 +104,11 @@ class Campaign:
             fleet = Flights(cast("Network", policy), setup, device, listed=LISTED)
         while not self.over:
             stage = next(stage for stage in self.plan.looks if stage.flights > self.flights)
+            number = self.plan.looks.index(stage) + 1
+            ways = len(self.plan.looks)
+            name = "flights" if ways == 1 else f"flights, analysis {number} of at most {ways}"
+            progress = stages(name, stage.flights)
+            progress(self.flights)
             began = time.monotonic()
             with closing(_parts(fleet, self.flights, stage.flights, self.seed, processes)) as parts:
                 for part in parts:
