@@ -53,8 +53,8 @@ if TYPE_CHECKING:
 API = {
     "Agents and commands": (
         "train sweep tune load_agent Agent evaluate compare stress assure follow faults identify excite "
-        "init_spacecraft join_spacecraft join_at_contact part validate benchmark view report export optimal_trajectory "
-        "OptimalTrajectory certify state"
+        "init_spacecraft join_spacecraft join_at_contact part validate benchmark view report export "
+        "optimal_trajectory OptimalTrajectory certify state"
     ),
     "Spacecraft": (
         "Spacecraft Thruster OnOff Pulsed Throttle Wheel Propellant Slosh load_spacecraft spacecraft_names"

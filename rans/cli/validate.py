@@ -112,7 +112,7 @@ class Validate:
         if self.output is not None:
             ready_folder(self.output)
         rows, left = judged(*folders)
-        console.print(table(rows))
+        console.table(table(rows))
         for sentence in left:
             console.print(Text("not flown", "yellow"), sentence)
         agreed = sum(row.passed for row in rows)

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
-from rich.table import Table
-
-from rans.terminal import verdict
+from rans.table import Table
 from validation.judges import brick, contact, jeod, lvlh
 from validation.judges.judge import Row
 from validation.judges.logs import logged
@@ -37,17 +35,10 @@ def judged(folder: Path | None = None) -> tuple[list[Row], list[str]]:
 
 
 def table(rows: list[Row]) -> Table:
-    """Rows for the terminal."""
-    result = Table(title="Judged by others", title_justify="left")
-    for heading in ("case", "what", "largest difference", "bound", "the judge's own spread", ""):
-        result.add_column(heading)
-    for row in rows:
-        result.add_row(
-            row.case,
-            row.about,
-            row.differences(),
-            row.bounds(),
-            row.spread,
-            verdict(row.passed),
-        )
-    return result
+    """A row a case."""
+    columns = ("case", "what", "largest difference", "bound", "the judge's own spread", "")
+    cells = [
+        (row.case, row.about, row.differences(), row.bounds(), row.spread, bool(row.passed))
+        for row in rows
+    ]
+    return Table(columns, cells, "Judged by others")

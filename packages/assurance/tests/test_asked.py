@@ -11,6 +11,7 @@ from rans_assurance.assure.assurance import Assurance
 from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.pages.assure_page import assurance_page
+from rans_assurance.pages.report_sections import assurance_section, stress_section
 from rans_assurance.pages.stress_page import StressReport
 
 from rans.api.pages import flyers
@@ -18,7 +19,6 @@ from rans.evaluation.stress.effects import Level
 from rans.evaluation.stress.outcome import StressOutcome
 from rans.files import plain
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
-from rans.show.pages.report import assurance_section, stress_section
 from tests.support.evaluation_flights import two_episodes
 from tests.support.stress_runs import small
 
@@ -54,4 +54,4 @@ def test_a_stress_test_says_what_was_asked(tmp_path: Path) -> None:
     assert all(text in page.verdict for text in ("5 cm", "5 deg", "25 s", "position error 3"))
     assert "0.83 to 1.21" in str(page.sections[0].tables)
     content = json.loads(json.dumps(plain(report.to_json())))
-    assert "0.83 to 1.21" in str(stress_section(content).tables)
+    assert "0.83 to 1.21" in str(stress_section(tmp_path / "stress.json", content).tables)

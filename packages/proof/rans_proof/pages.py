@@ -13,8 +13,9 @@ from rans.table import Table
 from rans_proof.proved import FILE, proved
 
 
-def proof_section(run: Path, _: Mapping[str, Any]) -> Section:
+def proof_section(file: Path, _: Mapping[str, Any]) -> Section:
     """Section of the certificate of a trapping set: proved and checked on this computer, or only claimed."""
+    run = file.parent
     try:
         proof = proved(run)
     except ConfigError as error:  # the rest of the run is not the worse for it

@@ -86,6 +86,12 @@ class Section:
     """Charts whose marks say their values."""
     first: bool = False
     """Whether it belongs to the sheet that is printed, see `Page.sheet`."""
+    hero: str = ""
+    """Its result in one sentence, where it may stand above everything else."""
+    tiles: Sequence[Tile] = ()
+    """Numbers that stand below that sentence."""
+    sure: Tile | None = None
+    """How sure a result is: a tile of every first screen."""
 
 
 @dataclass(frozen=True)

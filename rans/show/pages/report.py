@@ -24,7 +24,6 @@ from rans.files import folders_with, inside, number, read_json, read_json_lines,
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
 from rans.show.figures.panels import STYLE, series_style
-from rans.show.pages.assure_counts import asked, counts, decision_sentence, is_over
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.screen import Screen
@@ -39,8 +38,8 @@ SECTIONS: Registry[Callable[[Path, Any], Section]] = Registry(
     built_in={},
     checked=lambda build: build,
 )
-"""Sections that installed packages add, by the name of the file in a run folder: functions of the folder and of the
-file's content."""
+"""Sections that installed packages add, by the name of a file in a run folder, or by a pattern of names: functions
+of the file and its content."""
 
 _ROW = 6
 """Tiles of a row on a wide screen."""
@@ -62,22 +61,21 @@ def report_from_run(run: Path) -> Page:
 
     A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
-    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
-    also of tasks and conditions, as ``assurance-lab.json``, ``sweep.json``, and the files of installed packages
-    (`SECTIONS`).
+    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``sweep.json``, and the files of installed
+    packages (`SECTIONS`).
     `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
     a picture does more than to draw.
     """
-    evaluations, assurances = (
-        sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
-        for name in ("evaluation", "assurance")
-    )
+    evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
+    added = {
+        file.name: partial(build, file)
+        for pattern, build in SECTIONS.items()
+        for file in sorted(run.glob(pattern), key=lambda file: file.stem)
+    }
     builders: dict[str, Callable[[Any], Section]] = {
         **{file.name: partial(_evaluation, file) for file in evaluations},
         "compare.json": comparison_section,
-        "stress.json": stress_section,
-        **{file.name: partial(assurance_section, file) for file in assurances},
-        **{name: partial(build, run) for name, build in SECTIONS.items()},
+        **added,
         "sweep.json": partial(_sweep, inside(run, "sweep.svg")),
         "metrics.jsonl": training_section,
         "validation.json": validation_section,
@@ -88,7 +86,7 @@ def report_from_run(run: Path) -> Page:
     if not sections:
         missing = f", there is no such folder{meant_file(run)}"
         if run.exists():
-            missing = folders_with(run, builders)
+            missing = folders_with(run, [*builders, *SECTIONS])
             if file := next(iter(sorted(run.glob("*.csv"))), None):
                 missing += (
                     f" (flights of a file are compared first: rans compare mission:dock-3d {file})"
@@ -104,21 +102,21 @@ def report_from_run(run: Path) -> Page:
         or {}
     )
     sections += filter(None, [_read(run / "config.json", _configuration)])
-    hero, tiles = _first_screen(run, evaluations, assurances, sections)
+    hero, tiles = _first_screen(run, evaluations, sections)
     sections[:0] = _pictured(run, evaluations)
     return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles, sheet=True)
 
 
 def _first_screen(
-    run: Path, evaluations: Sequence[Path], assurances: Sequence[Path], sections: Sequence[Section]
+    run: Path, evaluations: Sequence[Path], sections: Sequence[Section]
 ) -> tuple[str, list[Tile]]:
     """The result in a sentence, and tiles: how good, against what, how sure."""
     compared = _read(run / "compare.json", _compared)
     trained = _read(run / "metrics.jsonl", lambda rows: _trained(rows, run))
-    stressed = _read(run / "stress.json", _stressed)
     screen = None if compared is None else _read(run / "screen-compare.json", Screen.from_json)
     measured = [measurement for file in evaluations for measurement in _read(file, _measured) or ()]
-    sure = [tile for file in assurances for tile in _read(file, _failure_probability) or ()]
+    sure = [section.sure for section in sections if section.sure]
+    leading = next((section for section in sections if section.hero), None)
     tiles: list[Tile] = []
     if screen and screen.hero:
         hero = screen.hero
@@ -128,8 +126,9 @@ def _first_screen(
         hero = " ".join(filter(None, (hero, compared)))
     elif compared:
         hero = compared
-    elif stressed and not sure:
-        hero, tiles = stressed
+    elif leading and not sure:
+        hero = leading.hero
+        tiles += leading.tiles
     elif trained and not sure and [section.title for section in sections][:1] == ["Training"]:
         hero = trained
         tiles += [Tile(what, value) for what, value in sections[0].summary]
@@ -139,11 +138,11 @@ def _first_screen(
         sentence = next((f.text for s in sections for f in s.findings if f.passed is not False), "")
         failed = next((f.text for s in sections for f in s.findings if f.passed is False), "")
         hero = failed or sentence or f"{first.title}: {'; '.join(map(' '.join, first.summary))}."
-        # The bound of an assurance has a tile of its own.
+        # What says how sure it is has a tile of its own.
         tiles += [
             Tile(what, value)
             for what, value in first.summary
-            if not (sure and what.startswith("probability of failure"))
+            if first.sure is None or value != first.sure.value
         ]
     # What a decision still lacks has its command.
     missing = []
@@ -165,47 +164,6 @@ def _contestant(run: Path, evaluations: Sequence[Path]) -> str:
         return shlex.quote(str(run))
     result = _read(evaluations[0], lambda result: result.get("conditions", {}).get("contestant"))
     return shlex.quote(result if isinstance(result, str) else str(run))
-
-
-def _stressed(stress: Mapping[str, Any]) -> tuple[str, list[Tile]] | None:
-    """The result of a stress test in a sentence, and tiles, the worst first; None where nobody has flown."""
-    flown = stress.get("conditions", stress.get("worlds", {}))
-    shares = {
-        name: {who: result["held"] for who, result in row["contestants"].items()}
-        for name, row in flown.items()
-        if row["size"] is None
-    }
-    who = next((name for row in shares.values() for name in row), None)
-    ranked = sorted((row[who]["value"], name) for name, row in shares.items() if who in row)
-    if who is None or not ranked or stress["failures"]:
-        return None
-
-    def others(row: Mapping[str, Any], form: Callable[[Any], str]) -> str:
-        return ", ".join(f"{name} {form(x)}" for name, x in row.items() if name != who)
-
-    def share(solved: Mapping[str, float]) -> str:
-        return "{value:.1%}".format(**solved)
-
-    tiles = []
-    for _, name in ranked:
-        own = shares[name][who]
-        limits = "{low:.1%} to {high:.1%}".format(**own)
-        note = "\n".join(filter(None, (limits, others(shares[name], share))))
-        tiles.append(Tile(f"solved, {name}", share(own), note))
-    for name, effect in stress.get("effects", {}).items():
-
-        def size(value: float | None, unit: str = effect["unit"]) -> str:
-            return "not solved" if value is None else f"{value:g} {unit}".rstrip()
-
-        limits = effect["holds_to"]
-        if who in limits:
-            beside = others(limits, size)
-            tiles.append(Tile(f"{name}, 99 % solved up to", size(limits[who]), beside))
-    worst = ranked[0][1]
-    under = f"under {'the conditions' if len(ranked) == 1 else 'its worst conditions,'} {worst}"
-    beside = others(shares[worst], share)
-    hero = f"{who} solves {share(shares[worst][who])} of the episodes {under}"
-    return f"{hero}{f'; beside it {beside}' if beside else ''}.", tiles
 
 
 def _trained(rows: Sequence[Mapping[str, Any]], run: Path) -> str:
@@ -252,15 +210,6 @@ def _compared(comparison: Mapping[str, Any]) -> str:
     """The result of a comparison whose page is not beside it, in a sentence."""
     rows = [row for row in comparison["summary"] if row.get("kind") != "bound"]
     return "; ".join(f"{row['contestant']} {_outcome(row)}" for row in rows[:3]) + "." * bool(rows)
-
-
-def _failure_probability(result: Mapping[str, Any]) -> list[Tile]:
-    bound = result["bounds"]["any"]
-    sure = 100.0 * result["about"]["confidence"]
-    flights = (
-        f"{bound['failures']:,} of {bound['flights']:,} flights failed\n{sure:.6g} % confidence"
-    )
-    return [Tile("failure probability, at most", f"{bound['at most']:.3g}", flights)]
 
 
 def headline(measured: Metrics) -> tuple[str, list[Tile]]:
@@ -448,46 +397,6 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
         findings=findings,
         summary=summary,
         link="compare.html",
-    )
-
-
-def stress_section(stress: Mapping[str, Any]) -> Section:
-    """Shares solved under conditions without a size; stress.html has the rest."""
-    flown = stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
-    rows = [
-        (f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"]))
-        for name, row in flown.items()
-        if row["size"] is None
-        for who, result in row["contestants"].items()
-    ]
-    findings = [Finding(text, False) for text in stress["failures"]]
-    return Section(
-        "Stress",
-        f"{stress['title']}.",
-        [Table(("conditions", "solved"), rows), *asked(stress)],
-        findings=findings,
-        summary=rows,
-        link="stress.html",
-    )
-
-
-def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
-    """Section of an assurance's counts (`rans.show.pages.assure_counts`); the page beside its file has the rest."""
-    has_limit = result["about"]["below"] is not None
-    page = file.with_suffix(".html")
-    table = counts(result)
-    passed = result["decision"] == "below" if has_limit and is_over(result) else None
-    failed = "{failures:,} of {flights:,}".format(**result["bounds"]["any"])
-    return Section(
-        _title(file),
-        f"Flown by {result['command']}.",
-        [table, *asked(result)],
-        findings=[Finding(decision_sentence(result), passed)],
-        summary=[
-            ("flights that failed", failed),
-            (f"probability of failure, {table.columns[-1]}", table.rows[0][-1]),
-        ],
-        link=page.name if page.is_file() else "",
     )
 
 

@@ -23,7 +23,6 @@ from rans.show.pages.page import Finding, Page, Picture, Section, Tile
 from rans.show.pages.race import median_and_slowest
 from rans.show.pages.report import (
     SOLVED_SHARE,
-    assurance_section,
     comparison_section,
     evaluation_section,
     learning_charts,
@@ -32,6 +31,7 @@ from rans.show.pages.report import (
 )
 from rans.show.pages.screen import Screen
 from rans.table import Table
+from rans.terminal import rendered
 from tests.support.evaluation_flights import two_episodes
 from tests.support.training_rows import ROWS
 
@@ -44,15 +44,6 @@ CHECK = {
     "passed": True,
 }
 LATE = CHECK | {"name": "rollout", "value": 2e-3, "tolerance": 1e-9, "unit": "m", "passed": False}
-
-NEVER = {"failures": 0, "flights": 2000, "rate": 0.0, "at least": 0.0, "at most": 0.0023}
-SELDOM = {"failures": 17, "flights": 2000, "rate": 0.0085, "at least": 0.0044, "at most": 0.0146}
-ASSURANCE = {
-    "about": {"agent": "agent", "confidence": 0.99, "below": None, "looks": [[2000, 0.01, 0.01]]},
-    "decision": "open",
-    "command": "rans assure agent --conditions lab",
-    "bounds": {"any": SELDOM, "NOT_FINITE": NEVER, "LEFT": SELDOM},
-}
 
 
 class Read(HTMLParser):
@@ -105,18 +96,6 @@ def run(tmp_path: Path) -> Path:
                 }
             ],
         },
-        "stress.json": {
-            "title": "agent, 4 episodes",
-            "failures": [],
-            "conditions": {
-                "lab": {
-                    "size": None,
-                    "contestants": {"agent": {"held": {"value": 0.5, "low": 0.15, "high": 0.85}}},
-                },
-                "latency-0.1": {"size": 0.1, "contestants": {"agent": {"held": {}}}},
-            },
-        },
-        "assurance-lab.json": ASSURANCE,
     }
     for name, content in contents.items():
         (tmp_path / name).write_text(json.dumps(content))
@@ -129,8 +108,6 @@ def test_report_from_run_holds_everything(run: Path) -> None:
     headings = [
         "Evaluation",
         "Comparison",
-        "Stress",
-        "Assurance lab",
         "Training",
         "Validation",
         "Configuration",
@@ -144,14 +121,9 @@ def test_report_from_run_holds_everything(run: Path) -> None:
         "timing.control_period",
         "2.45 cm",
         "compare.html",
-        "stress.html",
-        "50.0% (15.0% to 85.0%)",
         "10,000",
         "5.0 s",
         "100.0%",
-        "at most (99 %)",
-        "left the tolerances in the last fifth",
-        "0.0146",
     ):
         assert text in " ".join(page.text)
     assert page.tags.count("img") == 2  # panels of the flight
@@ -173,10 +145,7 @@ def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
     html = report_from_run(run).html()
     page = Read(html)
     assert page.links
-    assert all(
-        link.startswith(("data:", "#")) or link in ("compare.html", "stress.html")
-        for link in page.links
-    )
+    assert all(link.startswith(("data:", "#")) or link in ("compare.html",) for link in page.links)
     assert not {"link", "iframe"} & set(page.tags)
     assert not re.search(r"<script[^>]+src|fetch\(|XMLHttpRequest", html)  # its own scripts alone
     assert "url(" not in html
@@ -241,24 +210,6 @@ def test_the_result_of_the_evaluation_is_above_everything(run: Path) -> None:
     )
 
 
-def test_the_first_screen_says_how_sure(run: Path) -> None:
-    """The bound of `ASSURANCE` is a tile; without one, a tile has the command."""
-
-    def of(label: str) -> list[tuple[str, str]]:
-        tiles = report_from_run(run).tiles
-        assert len(tiles) <= 6
-        return [(tile.value, tile.note) for tile in tiles if tile.label == label]
-
-    assert of("failure probability, at most") == [
-        ("0.0146", "17 of 2,000 flights failed\n99 % confidence")
-    ]
-    (run / "assurance-lab.json").unlink()
-    assert of("failure probability") == [("not yet", f"rans assure {run}")]
-    assert of("comparison") == []
-    (run / "compare.json").unlink()
-    assert of("comparison") == [("not yet", f"rans compare {run}")]
-
-
 def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text("{}")
     rows = [{"steps": 1000, "success": 0.5}, {"steps": 2000, "success": 0.75}]
@@ -268,35 +219,6 @@ def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
     assert [(tile.value, tile.note) for tile in page.tiles if tile.value == "not yet"] == [
         ("not yet", f"rans {command} {tmp_path}") for command in ("evaluate", "compare", "assure")
     ]
-
-
-def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) -> None:
-    def row(mine: float, other: float) -> dict[str, Any]:
-        held = {
-            name: {"held": {"value": x, "low": x - 0.1, "high": x + 0.1}}
-            for name, x in (("mine", mine), ("LQR", other))
-        }
-        return {"size": None, "contestants": held}
-
-    write_json(
-        tmp_path / "stress.json",
-        {
-            "title": "mine, LQR: 8 episodes",
-            "failures": [],
-            "conditions": {"perfect": row(0.9, 0.875), "lab": row(0.5, 0.75)},
-            "effects": {"latency": {"unit": "s", "holds_to": {"mine": 0.1, "LQR": None}}},
-        },
-    )
-    page = report_from_run(tmp_path)
-    for part in ("mine", "50.0%", "lab", "LQR 75.0%"):
-        assert part in page.hero
-    labels, values, notes = zip(*((x.label, x.value, x.note) for x in page.tiles), strict=True)
-    for label, name in zip(labels, ("lab", "perfect", "latency"), strict=True):
-        assert name in label
-    assert values == ("50.0%", "90.0%", "0.1 s")
-    for note, part in zip(notes, ("40.0% to 60.0%", "80.0% to 100.0%", ""), strict=True):
-        assert part in note
-        assert "LQR" in note
 
 
 def test_an_evaluation_of_an_agent_is_compared_by_its_name(run: Path) -> None:
@@ -369,8 +291,6 @@ def test_a_first_screen_of_a_stranger_loads_nothing(
         "metrics.jsonl",
         "evaluation.json",
         "compare.json",
-        "stress.json",
-        "assurance-lab.json",
     ],
 )
 def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
@@ -418,8 +338,6 @@ def test_a_damaged_file_is_named(run: Path) -> None:
         "validation.json",
         "evaluation.json",
         "compare.json",
-        "stress.json",
-        "assurance-lab.json",
     ],
 )
 @pytest.mark.parametrize(
@@ -437,7 +355,7 @@ def test_other_content_is_named(run: Path, name: str, content: str) -> None:
 
 def test_summary_tells_the_essence(run: Path) -> None:
     console = Console(width=120, file=io.StringIO())
-    console.print(report_from_run(run).summary())
+    console.print(rendered(report_from_run(run).summary()))
     text = console.file.getvalue()  # type: ignore[attr-defined]
     parts = [
         "Evaluation",
@@ -446,9 +364,6 @@ def test_summary_tells_the_essence(run: Path) -> None:
         "Comparison",
         "agent",
         "settles from 1 of 1 start, 6.50 s (median)",
-        "Assurance lab",
-        "17 of 2,000",
-        "0.0146",
         "Training",
         "10,000",
         "5.0 s",
@@ -528,42 +443,6 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
     assert [name for name, _ in section.summary] == ["agent", "least time"]
 
 
-def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None:
-    """It links the page that signs it, where that is beside it; one that was interrupted decides nothing."""
-    file = tmp_path / "assurance.json"
-    about = ASSURANCE["about"]
-    wanted = ASSURANCE | {"about": about | {"below": 0.02}, "decision": "below"}
-    section = assurance_section(file, wanted)
-    (tmp_path / "assurance.html").touch()
-    assert (section.title, section.link, assurance_section(file, wanted).link) == (
-        "Assurance",
-        "",
-        "assurance.html",
-    )
-    for decision, flights, passed, said in (
-        (
-            "below",
-            1000,
-            True,
-            "Shown: the probability of failure is below 0.02. 17 of 2,000 flights",
-        ),
-        ("above", 1000, False, "Refuted: the probability of failure is above 0.02. 17 of"),
-        (
-            "open",
-            2000,
-            False,
-            "Not decided: whether the probability of failure is below 0.02. 17 of",
-        ),
-        ("open", 4000, None, "Interrupted, to be gone on with by the same command. Not decided"),
-    ):
-        looks = {"looks": [[flights, 0.01, 0.01]]}
-        (told,) = assurance_section(
-            file, wanted | {"about": wanted["about"] | looks, "decision": decision}
-        ).findings
-        assert told.passed is passed
-        assert told.text.startswith(said)
-
-
 def test_a_failed_write_keeps_the_old_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -590,13 +469,6 @@ def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None
         ConfigError, match=r"the picture .*episode\.svg was not put into the report: it "
     ):
         report_from_run(run)
-
-
-def test_an_assurance_alone_says_its_bound_in_one_tile(tmp_path: Path) -> None:
-    (tmp_path / "assurance.json").write_text(json.dumps(ASSURANCE))
-    tiles = report_from_run(tmp_path).tiles
-    bound = f"{ASSURANCE['bounds']['any']['at most']:.3g}"
-    assert [tile.value for tile in tiles].count(bound) == 1
 
 
 def test_charts_of_a_training_have_percent_and_returns_over_steps() -> None:

@@ -167,8 +167,8 @@ class Assure:
 
 
 def _show(assurance: Assurance, file: Path) -> None:
-    from rans.show.pages.assure_counts import counts, decision_sentence
     from rans_assurance.assure.replay import has_drake
+    from rans_assurance.pages.assure_counts import counts, decision_sentence
     from rans_assurance.pages.assure_page import assurance_page, findings
 
     result = assurance.to_json()

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from rans.errors import is_installed
 from rans.flight import Flight
-from rans.show.pages.assure_counts import counts, decision_sentence
 from rans.show.pages.page import Finding, Page, Picture, Section, header
 from rans.table import Table
 from rans.tasks.quantities import QUANTITIES
@@ -14,6 +13,7 @@ from rans.verdict import Failure
 from rans_assurance.assure.assurance import Assurance
 from rans_assurance.assure.rare import GROUPS
 from rans_assurance.assure.replay import CANDIDATES, Judge, Replayed, has_drake
+from rans_assurance.pages.assure_counts import counts, decision_sentence
 
 _JUDGES: dict[Judge, str] = {"numpy": "NumPy", "drake": "Drake"}
 _TEXT = (

@@ -1,0 +1,168 @@
+"""Sections of stress tests and assurances in the report of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rans_assurance.pages.report_sections import assurance_section
+
+from rans.errors import ConfigError
+from rans.evaluation.measure.aggregate import measure
+from rans.files import write_json
+from rans.show.pages.report import report_from_run
+from tests.support.evaluation_flights import two_episodes
+
+NEVER = {"failures": 0, "flights": 2000, "rate": 0.0, "at least": 0.0, "at most": 0.0023}
+SELDOM = {"failures": 17, "flights": 2000, "rate": 0.0085, "at least": 0.0044, "at most": 0.0146}
+ASSURANCE = {
+    "about": {"agent": "agent", "confidence": 0.99, "below": None, "looks": [[2000, 0.01, 0.01]]},
+    "decision": "open",
+    "command": "rans assure agent --conditions lab",
+    "bounds": {"any": SELDOM, "NOT_FINITE": NEVER, "LEFT": SELDOM},
+}
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run folder with an evaluation, a comparison, a stress test and an assurance."""
+    contents: dict[str, Any] = {
+        "config.json": {"seed": 3},
+        "evaluation.json": {"agent": measure(two_episodes()).to_json()},
+        "compare.json": {
+            "title": "1 start",
+            "failures": [],
+            "summary": [{"contestant": "agent", "starts": 1, "flown": 1, "settled": 1}],
+        },
+        "stress.json": {
+            "title": "agent, 4 episodes",
+            "failures": [],
+            "conditions": {
+                "lab": {
+                    "size": None,
+                    "contestants": {"agent": {"held": {"value": 0.5, "low": 0.15, "high": 0.85}}},
+                },
+                "latency-0.1": {"size": 0.1, "contestants": {"agent": {"held": {}}}},
+            },
+        },
+        "assurance-lab.json": ASSURANCE,
+    }
+    for name, content in contents.items():
+        write_json(tmp_path / name, content)
+    return tmp_path
+
+
+def test_both_are_sections_of_the_report(run: Path) -> None:
+    page = report_from_run(run)
+    assert {"Stress", "Assurance lab"} <= {section.title for section in page.sections}
+    assert 'href="stress.html"' in page.html()
+    tables = str([section.tables for section in page.sections])
+    for text in (
+        "50.0% (15.0% to 85.0%)",
+        "at most (99 %)",
+        "left the tolerances in the last fifth",
+        "0.0146",
+    ):
+        assert text in tables
+    rows = [cells for cells in page.summary().rows if "17 of 2,000" in cells]
+    assert [cells[0] for cells in rows] == ["Assurance lab"]
+
+
+@pytest.mark.parametrize("name", ["stress.json", "assurance-lab.json"])
+@pytest.mark.parametrize("content", ["[3]", "3", '"text"', '{"rows": 3, "about": 3}'])
+def test_other_content_is_an_error_that_names_the_file(run: Path, name: str, content: str) -> None:
+    (run / name).write_text(content)
+    with pytest.raises(ConfigError, match=name):
+        report_from_run(run)
+
+
+def test_the_first_screen_says_how_sure(run: Path) -> None:
+    """The bound of `ASSURANCE` is a tile; without one, a tile has the command."""
+
+    def of(label: str) -> list[tuple[str, str]]:
+        tiles = report_from_run(run).tiles
+        assert len(tiles) <= 6
+        return [(tile.value, tile.note) for tile in tiles if tile.label == label]
+
+    assert of("failure probability, at most") == [
+        ("0.0146", "17 of 2,000 flights failed\n99 % confidence")
+    ]
+    (run / "assurance-lab.json").unlink()
+    assert of("failure probability") == [("not yet", f"rans assure {run}")]
+    assert of("comparison") == []
+    (run / "compare.json").unlink()
+    assert of("comparison") == [("not yet", f"rans compare {run}")]
+
+
+def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) -> None:
+    def row(mine: float, other: float) -> dict[str, Any]:
+        held = {
+            name: {"held": {"value": x, "low": x - 0.1, "high": x + 0.1}}
+            for name, x in (("mine", mine), ("LQR", other))
+        }
+        return {"size": None, "contestants": held}
+
+    write_json(
+        tmp_path / "stress.json",
+        {
+            "title": "mine, LQR: 8 episodes",
+            "failures": [],
+            "conditions": {"perfect": row(0.9, 0.875), "lab": row(0.5, 0.75)},
+            "effects": {"latency": {"unit": "s", "holds_to": {"mine": 0.1, "LQR": None}}},
+        },
+    )
+    page = report_from_run(tmp_path)
+    for part in ("mine", "50.0%", "lab", "LQR 75.0%"):
+        assert part in page.hero
+    labels, values, notes = zip(*((x.label, x.value, x.note) for x in page.tiles), strict=True)
+    for label, name in zip(labels, ("lab", "perfect", "latency"), strict=True):
+        assert name in label
+    assert values == ("50.0%", "90.0%", "0.1 s")
+    for note, part in zip(notes, ("40.0% to 60.0%", "80.0% to 100.0%", ""), strict=True):
+        assert part in note
+        assert "LQR" in note
+
+
+def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None:
+    """It links the page that signs it, where that is beside it; one that was interrupted decides nothing."""
+    file = tmp_path / "assurance.json"
+    about = ASSURANCE["about"]
+    wanted = ASSURANCE | {"about": about | {"below": 0.02}, "decision": "below"}
+    section = assurance_section(file, wanted)
+    (tmp_path / "assurance.html").touch()
+    assert (section.title, section.link, assurance_section(file, wanted).link) == (
+        "Assurance",
+        "",
+        "assurance.html",
+    )
+    for decision, flights, passed, said in (
+        (
+            "below",
+            1000,
+            True,
+            "Shown: the probability of failure is below 0.02. 17 of 2,000 flights",
+        ),
+        ("above", 1000, False, "Refuted: the probability of failure is above 0.02. 17 of"),
+        (
+            "open",
+            2000,
+            False,
+            "Not decided: whether the probability of failure is below 0.02. 17 of",
+        ),
+        ("open", 4000, None, "Interrupted, to be gone on with by the same command. Not decided"),
+    ):
+        looks = {"looks": [[flights, 0.01, 0.01]]}
+        (told,) = assurance_section(
+            file, wanted | {"about": wanted["about"] | looks, "decision": decision}
+        ).findings
+        assert told.passed is passed
+        assert told.text.startswith(said)
+
+
+def test_an_assurance_alone_says_its_bound_in_one_tile(tmp_path: Path) -> None:
+    (tmp_path / "assurance.json").write_text(json.dumps(ASSURANCE))
+    tiles = report_from_run(tmp_path).tiles
+    bound = f"{ASSURANCE['bounds']['any']['at most']:.3g}"
+    assert [tile.value for tile in tiles].count(bound) == 1
