@@ -33,6 +33,7 @@ WORDS = {
     r"swings? to and fro|to and fro": "sinusoidal, or alternating",
     r"kicks?": "impulse",
     r"in a blink": "the time in seconds",
+    r"at rest for good|first at rest|(?:holds?|held) (?:the|its|their) goals?": "solved, or settled",
     r"randomis\w+|normalis\w+|optimis\w+|minimis\w+|maximis\w+|synchronis\w+|visualis\w+": "American z",
 }
 """Words that are private, old or of another spelling, each with what to write instead."""
