@@ -39,11 +39,11 @@ from rans.model.timing import Timing
 from rans.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
 from rans.show.tables.listing import (
-    Listing,
     spacecraft_listing,
     task_listings,
     thruster_listing,
 )
+from rans.table import Table
 from rans.tasks import TASKS, gymnasium_ids, load_task
 from rans.tasks.derived import dimensions
 
@@ -216,10 +216,10 @@ def spacecraft_page() -> str:
 def _faults(craft: Spacecraft) -> Iterable[str]:
     """Which thrusters may fail while every force and torque stays possible, as `rans faults` prints it."""
     if len(craft.thrusters) > 1:
-        yield listing(Listing("Recoverable faults", FAULT_COLUMNS, rans.faults(craft).rows()))
+        yield listing(Table(FAULT_COLUMNS, rans.faults(craft).rows(), "Recoverable faults"))
 
 
-def _authority(craft: Spacecraft) -> Listing:
+def _authority(craft: Spacecraft) -> Table:
     """Largest force and torque each way; of shared thrust that of the best thruster alone."""
     planar = craft.dimension == 2
     names = (
@@ -235,7 +235,7 @@ def _authority(craft: Spacecraft) -> Listing:
         ahead = together(max(x, 0.0) for x in column)
         back = together(max(-x, 0.0) for x in column)
         rows.append((f"{name}, {unit}", f"{ahead:.4g}", f"{back:.4g}"))
-    return Listing("Authority", ("axis", "positive", "negative"), rows)
+    return Table(("axis", "positive", "negative"), rows, "Authority")
 
 
 def tasks_page() -> str:
@@ -458,7 +458,7 @@ def _plain(value: Any) -> str:
         return str(value)
 
 
-def listing(given: Listing) -> str:
+def listing(given: Table) -> str:
     """A listing as a heading, a table and a note."""
     note = f"\n{given.note}\n" if given.note else ""
     return f"**{given.title}**\n\n{table(given.columns, given.rows)}{note}"
