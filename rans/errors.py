@@ -374,10 +374,6 @@ class RansWarning(UserWarning):
     """Base class of the warnings of RANS, for ``warnings.filterwarnings("error", category=rans.RansWarning)``."""
 
 
-class RansDeprecationWarning(RansWarning, DeprecationWarning):
-    """An old name still works, and for how long; Python shows it where a script itself uses the name."""
-
-
 class NonFiniteState(RansError):
     """A state, reward or weight became NaN or infinite; the message names the file with its dump."""
 

@@ -37,7 +37,7 @@ LAYERS: list[set[str]] = [
         "rans.system",
         "rans.table",
     },
-    {"rans.files", "rans.renamed", "rans.backend"},
+    {"rans.files", "rans.backend"},
     {"rans.registry", "rans.structure", "rans.archives"},
     {"rans.abilities"},
     {"rans.executors"},

@@ -8,7 +8,6 @@ import warnings
 import pytest
 
 import rans
-from rans.errors import RansDeprecationWarning
 from tests.support.processes import ROOT
 from tests.support.sources import sources
 
@@ -24,7 +23,7 @@ def test_every_warning_has_a_class_of_rans() -> None:
                 continue
             count += 1
             category = ast.unparse(node.args[1]) if len(node.args) > 1 else ""
-            if category not in ("RansWarning", "RansDeprecationWarning"):
+            if category != "RansWarning":
                 others.append(f"{file.relative_to(ROOT)}:{node.lineno}: {category}")
     assert not others
     assert count > 20  # or the search itself is broken
@@ -38,7 +37,3 @@ def test_warnings_of_rans_can_be_made_errors_and_those_of_others_left() -> None:
         warnings.warn("of somebody else", UserWarning, stacklevel=1)
         with pytest.raises(rans.RansWarning, match="may violate"):
             rans.LQR(craft, rans.Avoid())
-
-
-def test_an_old_name_warns_as_python_shows_such() -> None:
-    assert issubclass(RansDeprecationWarning, DeprecationWarning)

@@ -32,7 +32,6 @@ from rans.errors import (
 from rans.executors import jobs_sent, run_on, without_executor
 from rans.files import first_line, has_written
 from rans.registry import trust_files
-from rans.renamed import DEPRECATED
 
 STARTED = time.monotonic()
 """Start of this process, s, from which commands report their wall time."""
@@ -60,8 +59,6 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warnings_once()
-            # Python hides deprecation from users of a program, but ours type the former names themselves
-            warnings.filterwarnings("always", f".* {DEPRECATED}", DeprecationWarning)
             code = _run(arguments)
             sys.stdout.flush()
             return code
@@ -216,7 +213,6 @@ def _parse(arguments: list[str]) -> Any:
         return replace(command, trust=True) if hasattr(command, "trust") else command
     from rans.cli.mistakes import COMMAND_NAMES, check_options
     from rans.cli.numbers import registry
-    from rans.cli.options import warn_of_former, with_numbers_named
 
     if arguments[0] == "help":
         arguments = [*arguments[1:], "--help"]
@@ -242,11 +238,6 @@ def _parse(arguments: list[str]) -> Any:
         raise SystemExit(0)
     if arguments[0] in commands:  # messages then name the help of this command
         check_options(arguments[0], commands[arguments[0]], arguments[1:])
-        warn_of_former(arguments[0], commands[arguments[0]], arguments[1:])
-        arguments = [
-            arguments[0],
-            *with_numbers_named(commands[arguments[0]], arguments[1:]),
-        ]
         parse = partial(
             tyro.cli,
             commands[arguments[0]],

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import NumberOf, Trust
+from rans.cli.options import Trust
 from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
@@ -89,17 +89,20 @@ class Compare:
     engine: Literal["fast", "drake"] = "fast"
     """Engine of the motion: the equations of RANS, or Drake as an independent reference."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
-    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
+    (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
+    reserve for the conditions' noise."""
     certified: int | None = None
     """Starts whose bounds are certified, if optimal joins; by default 1, with --full 4. Each takes half a minute of
     processor time in the plane, minutes in space with its package (docs/certificate.md), else hull and tube bounds.
     They are kept for the next run."""
     front: bool = False
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
-    front. A number after it, as in `--front 900`, is the processor time for the bounds, s; by default 300. They are
-    kept for the next run."""
+    front."""
+    front_seconds: float = 300.0
+    """With --front: processor time for the bounds, s. They are kept for the next run."""
     period: float | None = None
     """Control period, s, of controllers and of any-craft with a spacecraft; by default the first contestant's."""
     seed: int = EVALUATION_SEED
@@ -120,10 +123,6 @@ class Compare:
     and the certified gaps. The page always has all scores that were computed."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
-    """Least margin that the safety filter keeps."""
-    budget: Annotated[float, NumberOf("--front")] = 300.0
-    """Seconds of processor time for bounds of the front."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -185,7 +184,7 @@ class Compare:
                     _say_so_far(comparison, bars, rest)
                     comparison.fly({}, rest, self._certified, cache, stage, returns=self.full)
                 if self.front:
-                    comparison.trace(between, self.budget, cache, stage)
+                    comparison.trace(between, self.front_seconds, cache, stage)
             except KeyboardInterrupt:
                 bars.console.print(
                     "Interrupted: what there is is written, the page last. Ctrl-C again leaves the page out.",
@@ -214,7 +213,7 @@ class Compare:
         """Print commands that a user may want to run next, with the options of this one."""
         run = self.contestants[0]
         controllers = self._controllers(task)
-        slack = [] if self.guard_slack is None else [f"{self.guard_slack:g}"]
+        slack = [] if self.guard_slack is None else ["--guard-slack", f"{self.guard_slack:g}"]
         guard = ["--guard", *slack] if self.guard else []
         same = [*guard, *as_options(self.start, self.goal, self.zones)]
         same += self._changed("conditions", "seed", "engine")
@@ -225,7 +224,7 @@ class Compare:
         # Only a comparison has opponents, certified bounds and a front.
         again = self._changed("episodes", "certified", "period", "output")
         again += [] if self.beside is None else ["--with", *self.beside]
-        again += ["--front", f"{self.budget:g}"] if self.front else []
+        again += ["--front", "--front-seconds", f"{self.front_seconds:g}"] if self.front else []
         full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
         Terminal().suggest(*([] if self.full else [full]), view, stress)
 
@@ -284,8 +283,10 @@ class Compare:
             CONTROLLERS[typed(name)]  # reject a wrong name before the flights
         if self._certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
-        if not self.budget >= 0:
-            raise ConfigError(f"--front takes processor time >= 0 s, got {self.budget}.")
+        if not self.front_seconds >= 0:
+            raise ConfigError(f"--front-seconds must be >= 0, got {self.front_seconds}.")
+        if not self.front and self.front_seconds != Compare.front_seconds:
+            raise ConfigError("--front-seconds needs --front.")
         check_count("--episodes", self._episodes)
 
 

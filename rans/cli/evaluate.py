@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.cli.options import NumberOf, Trust
+from rans.cli.options import Trust
 from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
 from rans.errors import is_installed
 from rans.files import (
@@ -104,9 +104,11 @@ class Evaluate:
     """Also write all states and commands into episodes.npz; for a mission on an orbit also the first 16 flights as
     CCSDS messages into a folder ccsds: OEM of craft and target, AEM of the craft (docs/missions/ccsds.md)."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
-    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
+    (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
+    reserve for the conditions' noise."""
     guard_coasts: bool = False
     """With --guard: also replace commands after which the coast of the next orbit would enter the zone around the
     target if all thrusters shut (docs/missions/passive_safety.md)."""
@@ -114,8 +116,6 @@ class Evaluate:
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
-    """Least margin that the safety filter keeps."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -177,7 +177,7 @@ class Evaluate:
         more = [] if self.full else ["--full"]
         same = ["--guard"] if self.guard else []
         if self.guard_slack is not None:
-            same += [f"{self.guard_slack:g}"]
+            same += ["--guard-slack", f"{self.guard_slack:g}"]
         if self.conditions is not None:
             same += ["--conditions", self.conditions]
         same += as_options(self.start, self.goal, self.zones)

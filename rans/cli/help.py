@@ -129,7 +129,7 @@ def explained(
     Args:
         commands: classes of commands, whose annotations change.
         joined: whether short commands in backticks have "~" for spaces, which `with_help` undoes.
-        arguments: what is parsed. Former options among them are known, all others are hidden.
+        arguments: what is parsed. Options of every command among them are known, and otherwise hidden.
     """
     before = {described: described.__annotations__ for described in commands}
     options = {word.partition("=")[0].replace("_", "-") for word in arguments}
@@ -143,7 +143,7 @@ def explained(
 
 
 def _explain(described: type, joined: bool, options: Collection[str]) -> None:
-    """Give the fields of a command texts for tyro, and hide former options but these."""
+    """Give the fields of a command texts for tyro, and hide options of every command but these."""
     from typing_extensions import Doc
     from tyro.conf import Suppress
 

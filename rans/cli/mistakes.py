@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from tyro.conf import Positional
 
-from rans.cli.options import former, number_of, option_name
+from rans.cli.options import option_name
 from rans.errors import ConfigError, brief, meant
 from rans.files import read_text
 from rans.structure import LARGEST_TOML, read_toml
@@ -108,9 +108,7 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
         command: its class.
         words: that follow the name of the command.
     """
-    hints = get_type_hints(command, include_extras=True)
-    typed = [field for field, hint in hints.items() if not number_of(hint)]
-    flags = dict(_flags(command, typed))
+    flags = dict(_flags(command))
     _check_words(name, command, words)
     if name in _TAKE_A_TASK and words:
         _check_is_task(name, words[0])
@@ -127,8 +125,7 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
             )
         if not flag.startswith("--") or flag in flags or flag.startswith("--tyro-"):
             continue
-        offered = dict(_flags(command, [f for f in typed if former(hints[f]) is None]))
-        hint = _hint(name, flag.removeprefix("--"), value, offered)
+        hint = _hint(name, flag.removeprefix("--"), value, flags)
         raise ConfigError(
             f"`rans {name}` has no option {brief(word.partition('=')[0])[1:-1]}{hint}; "
             f"`rans {name} --help` prints all."
@@ -156,6 +153,12 @@ def _check_words(name: str, command: type, words: Sequence[str]) -> None:
             raise ConfigError(
                 f"{flag} takes no value: write {flag} for yes, and leave it out for no."
             )
+        number = next(iter(words[k + 1 : k + 2]), "")
+        if word in switches and re.fullmatch(r"[\d.]+(e-?\d+)?", number):
+            options = (option_name(f, hint) for f, hint in hints.items())
+            own = [one for one in options if one.startswith(f"{word}-") and one not in switches]
+            write = f": write {word} {own[0]} {number}" if own else ""
+            raise ConfigError(f"{word} takes no number, got {number}{write}.")
         following = words[k + 2] if is_complete and word == "--set" and k + 2 < len(words) else ""
         if following and not following.startswith("-") and "=" not in following:
             raise ConfigError(
@@ -268,15 +271,8 @@ def _is_positional(hint: Any) -> bool:
     return get_origin(hint) is Annotated and Positional in get_args(hint)
 
 
-def _flags(
-    command: type, among: Sequence[str] | None = None
-) -> Iterable[tuple[str, tuple[str, ...]]]:
-    """Options of a command in all their spellings, with their values if these are words of a list.
-
-    Args:
-        command: its class.
-        among: names of fields; None: all.
-    """
+def _flags(command: type) -> Iterable[tuple[str, tuple[str, ...]]]:
+    """Options of a command in all their spellings, with their values if these are words of a list."""
     yield "--help", ()
     hints = get_type_hints(command, include_extras=True)
     for field in fields(command):  # pyright: ignore[reportArgumentType]
@@ -287,7 +283,7 @@ def _flags(
         parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
         words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
         choices = tuple(map(str, words))
-        if Positional in annotations or (among is not None and field.name not in among):
+        if Positional in annotations:
             continue
         names = [name for metadata in annotations if (name := getattr(metadata, "name", None))]
         others = [

@@ -14,7 +14,6 @@ import tyro
 from rans.api.names import load_spacecraft
 from rans.cli import check_count
 from rans.cli.numbers import named_numbers
-from rans.cli.options import NumberOf
 from rans.cli.states import OwnState, read_zones, written_endpoints
 from rans.errors import ConfigError, require
 from rans.files import distinct, ready_folder, write_json, write_text
@@ -95,13 +94,12 @@ class Optimal:
     m."""
     certify: bool = False
     """Also compute what no controller can beat: certified for on/off thrusters where that is possible, else for
-    thrusters of any kind and wheels. Craft without optimal trajectories, as with wheels, have bounds only. A number
-    after it, as in `--certify 60`, is the work for each question, by what a core at 3 GHz does in a second, so that
-    every machine answers the same; less than the 20 by default gives wider gaps."""
+    thrusters of any kind and wheels. Craft without optimal trajectories, as with wheels, have bounds only."""
+    certify_seconds: float = 20.0
+    """With --certify: work for each question, by what a core at 3 GHz does in a second, so that every machine
+    answers the same; less gives wider gaps."""
     output: Path | None = None
     """Folder to write into; by default runs/optimal-TASK-SPACECRAFT-OBJECTIVE."""
-    certify_seconds: Annotated[float, NumberOf("--certify")] = 20.0
-    """Work for each question of the certificate."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -230,7 +228,7 @@ class Optimal:
     def _check(self) -> None:
         check_count("--episodes", self.episodes)
         if not self.certify_seconds > 0:
-            raise ConfigError(f"--certify takes work > 0, got {self.certify_seconds:g}.")
+            raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 

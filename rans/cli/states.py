@@ -8,14 +8,12 @@ degrees or with a unit, as in "3 1 40deg" or "3 1 0.7rad". Velocities may follow
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from tyro.conf import arg
 
-from rans.errors import ConfigError, RansDeprecationWarning, brief
-from rans.renamed import DEPRECATED
+from rans.errors import ConfigError, brief
 
 if TYPE_CHECKING:
     from rans.scenario import Endpoints
@@ -144,13 +142,6 @@ def written_endpoints(
 def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:
     """Values of a state by key, as `rans.optimal.trajectory.endpoints` has them, or the name of a file."""
     if len(words) == 1 and words[0].endswith(".toml"):
-        return list(words)
-    if any(word.startswith(("p.", "heading=", "q.")) for word in words):
-        warnings.warn(
-            f"a pose by keys, such as p.x=3, {DEPRECATED}: write {option} X Y HEADING, such as 3 1 40deg.",
-            RansDeprecationWarning,
-            stacklevel=2,
-        )
         return list(words)
     state = read_state(words, dimension, option)
     values = dict(state.velocities)

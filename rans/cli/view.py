@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import NumberOf, Trust
+from rans.cli.options import Trust
 from rans.cli.states import OwnState, OwnZones, written_endpoints
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
@@ -64,9 +64,11 @@ class View:
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: RANS's own equations (fast), or Drake."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
-    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
+    (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
+    reserve for the conditions' noise."""
     save: Path | None = None
     """Write the flights to a file, and return: .html is a page that replays them offline and without RANS, .mp4 or
     .gif a film of all side by side, .png or .jpg one picture of ten instants of the first. With --play it is a page
@@ -76,8 +78,6 @@ class View:
     delay and noise, switch to the next contestant, pause, step, go back."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
-    """Least margin that the safety filter keeps."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

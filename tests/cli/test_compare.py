@@ -164,7 +164,12 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             ["go-to-pose-2d-trade-off#"],
             "go-to-pose-2d-trade-off has a trade-off: fix it, as in go-to-pose-2d-trade-off#0.5",
         ),
-        (["lqr:go-to-pose-2d", "--front", "nan"], "--front takes processor time >= 0 s, got nan"),
+        (
+            ["lqr:go-to-pose-2d", "--front", "--front-seconds", "nan"],
+            "--front-seconds must be >= 0, got nan",
+        ),
+        (["lqr:go-to-pose-2d", "--front-seconds", "9"], "--front-seconds needs --front"),
+        (["avoid-2d", "--guard-slack", "0.1"], "fly behind one, by --guard"),
     ],
 )
 def test_mistakes_end_in_a_sentence(

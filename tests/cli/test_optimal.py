@@ -129,7 +129,11 @@ def test_certify_bounds_craft_with_wheels_without_a_trajectory(
         (("multi-task",), "judged on each of its tasks"),
         (("go-to-pose", "--episodes", "0"), "--episodes must be >= 1 and < 2^31, got 0"),
         (("go-to-pose", "--horizon", "-3"), "horizon must be a finite number > 0 s, got -3"),
-        (("go-to-pose", "--certify", "nan"), "--certify takes work > 0, got nan"),
+        (
+            ("go-to-pose", "--certify", "--certify-seconds", "nan"),
+            "--certify-seconds must be > 0, got nan",
+        ),
+        (("go-to-pose", "--certify-seconds", "9"), "--certify-seconds needs --certify"),
         (("go-to-pose", "--horizon", "0"), "horizon must be a finite number > 0 s, got 0"),
         (
             ("go-to-pose", "--objective", "reward", "--certify"),
@@ -203,7 +207,7 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
         lambda *given, **_: asked.append(given) or (),
     )
     monkeypatch.setattr("rans.optimal.trajectory.transcription.usual_guesses", lambda *_: 2)
-    options = ["--episodes=1", "--horizon=8", "--certify", "3.5"]
+    options = ["--episodes=1", "--horizon=8", "--certify", "--certify-seconds", "3.5"]
     assert run("go-to-position", *options, "--output", str(tmp_path)) == 0
     written = json.loads((tmp_path / "optimal.json").read_text())
     assert (written["starts"][0]["attempts"], written["seed"]) == (2, 2023)

@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 
 from rans.cli import _parse, main
-from rans.cli.compare import Compare
-from rans.cli.options import with_numbers_named
 from tests.support.installed import needs_command
 
 
@@ -28,25 +26,24 @@ def test_an_option_twice_is_told(
     )
 
 
-def test_a_number_may_follow_the_guard_and_a_run_too() -> None:
-    assert with_numbers_named(Compare, ["--guard", "0.01", "--seed", "3"]) == [
-        "--guard",
-        "--guard-slack=0.01",
-        "--seed",
-        "3",
-    ]
-    assert with_numbers_named(Compare, ["--guard", "runs/first"]) == ["--guard", "runs/first"]
-
-
-@pytest.mark.parametrize("command", ["compare", "evaluate", "fly", "view"])
-def test_every_guard_takes_a_number(command: str) -> None:
+@pytest.mark.parametrize("command", ["compare", "evaluate", "fly", "stress", "view"])
+def test_a_switch_has_one_meaning_and_its_number_an_option_beside_it(command: str) -> None:
     needs_command(command)
-    assert _parse([command, "avoid-2d", "--guard", "0.2"]).guard_slack == 0.2
+    parsed = _parse([command, "avoid-2d", "--guard", "--guard-slack", "0.2"])
+    assert (parsed.guard, parsed.guard_slack) == (True, 0.2)
+    assert _parse([command, "avoid-2d", "--guard"]).guard_slack is None
 
 
-def test_a_number_has_no_option_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
-    """It goes with the option before it, and is read nowhere else."""
-    command = _parse(["compare", "go-to-pose-2d", "--guard", "0.2"])
-    assert (command.guard, command.guard_slack) == (True, 0.2)
-    assert main(["compare", "go-to-pose-2d", "--guard", "--guard-slack", "0.2"]) == 2
-    assert "has no option --guard-slack" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("line", "option"),
+    [
+        ("compare avoid-2d --guard 0.2", "--guard-slack 0.2"),
+        ("compare go-to-pose-2d --front 9", "--front-seconds 9"),
+        ("optimal go-to-pose --certify 60", "--certify-seconds 60"),
+    ],
+)
+def test_a_number_after_a_switch_leads_to_its_option(
+    line: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.split()) == 2
+    assert f"takes no number, got {option.split()[1]}: write" in capsys.readouterr().err

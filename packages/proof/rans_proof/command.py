@@ -7,7 +7,7 @@ import math
 import shlex
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +15,6 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from rans.cli.numbers import named_numbers
-from rans.cli.options import Former
 from rans.errors import ConfigError, is_installed, require
 from rans.files import read_bytes
 from rans.terminal import Terminal, progress
@@ -29,6 +28,8 @@ _CHUNK = 4
 """Cells that a process checks between two reports, some seconds."""
 _SAMPLE = 16
 """Cells of an agent's certificate that are checked at once when it is proved, in about a second."""
+_CELLS = 4
+"""Cells along each state to begin with, for up to four states, 256 cells; with more states it is 1."""
 _SMALLEST = 1.0 / 512
 """Part of the range of a start, below which a network's cells are not split with --resolution 1."""
 
@@ -70,20 +71,6 @@ class Prove:
     """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
     check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
     """Certificate to check; nothing is proved then."""
-    onnx: Annotated[Path | None, Former("name the file without it")] = None
-    """Network that takes the state and gives the commands."""
-    smallest: Annotated[
-        float | None, Former("write --resolution N, which splits down to 1/(512 N)")
-    ] = None
-    """Part of the range of a start, below which cells are not split."""
-    cells: Annotated[int, Former("leave it out: cells are split where that is necessary")] = 4
-    """Number of cells along each state to begin with, for up to four states; with more states it is 1."""
-    workers: Annotated[int | None, Former("limit the processors, as `taskset -c 0` does")] = None
-    """Processes of --check; by default one per processor."""
-    device: Annotated[
-        str, Former("leave it out for a GPU; an empty CUDA_VISIBLE_DEVICES hides every GPU")
-    ] = "auto"
-    """auto (a GPU if there is one), cpu or cuda."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -91,19 +78,18 @@ class Prove:
 
     def run(self) -> int:
         """Prove or check, and print the result."""
-        if self.onnx is None and self.agent is not None and self.agent.endswith(".onnx"):
-            return replace(self, agent=None, onnx=Path(self.agent)).run()
         if not 1 <= self.resolution <= 8:
             raise ConfigError(f"--resolution must be from 1 to 8, got {self.resolution}.")
-        if (self.agent is None) == (self.onnx is None):
+        if self.agent is None:
             raise ConfigError("name an agent, or the file of a network that ends in .onnx.")
-        if self.agent is not None and self.check is not None:
-            return self._check_trap(self.agent, self.check)
-        if self.agent is not None:
-            return self._trap(self.agent)
+        if not self.agent.endswith(".onnx"):
+            return (
+                self._check_trap(self.agent, self.check) if self.check else self._trap(self.agent)
+            )
         if self.problem is None and self.check is None:
             raise ConfigError("name a --problem to prove, or a certificate to --check.")
-        return self._check(self.check) if self.check is not None else self._prove()
+        network = Path(self.agent)
+        return self._check(self.check, network) if self.check is not None else self._prove(network)
 
     def _trap(self, agent: str) -> int:
         """Prove a trapping set."""
@@ -226,7 +212,7 @@ class Prove:
             _record(table, "checked")
         return code
 
-    def _prove(self) -> int:
+    def _prove(self, network: Path) -> int:
         """Prove a property of a network with the plant of a problem's file."""
         from rans.fast.device import torch_device
         from rans_proof.certificate import write_certificate
@@ -235,17 +221,10 @@ class Prove:
         from rans_proof.prove import prove
 
         assert self.problem is not None
-        assert self.onnx is not None
-        smallest = _SMALLEST / self.resolution if self.smallest is None else self.smallest
-        if not (1 <= self.cells <= 1000 and 0.0 < smallest <= 1.0):
-            raise ConfigError(
-                "--cells must be from 1 to 1000 and --smallest above 0 and at most 1, got "
-                f"{self.cells} and {smallest:g}."
-            )
         # Prove: cells are split until each holds or a flight breaks the property.
         problem = read_problem(self.problem)
-        content = read_bytes(self.onnx, LARGEST)
-        layers = network_of(content, self.onnx, problem.input_range())
+        content = read_bytes(network, LARGEST)
+        layers = network_of(content, network, problem.input_range())
         output = self.output or self.problem.with_suffix(".certificate.json")
         begun = time.monotonic()
         terminal = Terminal()
@@ -254,16 +233,16 @@ class Prove:
             proof = prove(
                 problem,
                 layers,
-                torch_device(self.device),
-                smallest,
-                [self.cells if problem.states <= 4 else 1] * problem.states,
+                torch_device("auto"),
+                _SMALLEST / self.resolution,
+                [_CELLS if problem.states <= 4 else 1] * problem.states,
                 lambda done, left: bars.update(task, completed=done, total=done + left),
             )
         seconds = time.monotonic() - begun
         # False with the flight, open, or proved with the cells.
         if proof.counterexample is not None:
             output = self.output or self.problem.with_suffix(".flight.json")
-            return _refuted(proof, content, self.onnx, output, seconds)
+            return _refuted(proof, content, network, output, seconds)
         if not proof.is_whole:
             terminal.say(
                 f"Open: {100 * proof.volume:.2f} % of the starts' volume is proved, and {len(proof.open_low):,} "
@@ -277,10 +256,10 @@ class Prove:
             f"{len(proof.low):,} cells, least margin {proof.margins.min():.3g}, {seconds:.1f} s. The certificate "
             f"is {output} (SHA-256 {digest[:16]})."
         )
-        terminal.suggest(shlex.join(["rans", "prove", str(self.onnx), "--check", str(output)]))
+        terminal.suggest(shlex.join(["rans", "prove", str(network), "--check", str(output)]))
         return 0
 
-    def _check(self, certificate: Path) -> int:
+    def _check(self, certificate: Path, network: Path) -> int:
         """Check the certificate of a network."""
         require("onnx")
         require("flint")
@@ -290,8 +269,7 @@ class Prove:
         from rans_proof.network import LARGEST as LARGEST_NETWORK
         from rans_proof.problem import read_problem
 
-        assert self.onnx is not None
-        contents = read_bytes(certificate, LARGEST), read_bytes(self.onnx, LARGEST_NETWORK)
+        contents = read_bytes(certificate, LARGEST), read_bytes(network, LARGEST_NETWORK)
         differing = ""
         try:
             claim = claim_of(contents[0])
@@ -314,7 +292,7 @@ class Prove:
                 return 1
             Terminal().say(
                 f"Accepted: the flight breaks the property by {-margin:.3g}, in ball arithmetic.\n\nRefuted of "
-                f"{self.onnx} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
+                f"{network} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
                 f"{statement(claim.problem)}\nflight from: {claim.flight[0]}"
             )
             return 0
@@ -325,7 +303,7 @@ class Prove:
             [(*contents, list(chunk)) for chunk in chunks],
             count,
             _CHUNK,
-            f"\nProved of {self.onnx} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
+            f"\nProved of {network} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
             + statement(claim.problem),
         )
 
@@ -344,7 +322,7 @@ class Prove:
         least = math.inf
         with progress() as bars:
             task = bars.add_task("checking", total=count)
-            answers = Workers(nothing, (), self.workers, "checked a certificate")
+            answers = Workers(nothing, (), None, "checked a certificate")
             for _, (margin, refusal) in answers.finished(judge, jobs):
                 if refusal:
                     Terminal().say(f"Refused: {refusal}")

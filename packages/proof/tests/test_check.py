@@ -94,7 +94,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     network = written(damping(4, (2, 3), 3), folder / "net.onnx")
     (folder / "docking.toml").write_text(DOCKING)
     arguments = ["prove", str(network), "--problem", str(folder / "docking.toml")]
-    assert main([*arguments, "--cells", "2"]) == 0
+    assert main(arguments) == 0
     return network, folder / "docking.certificate.json"
 
 
@@ -113,7 +113,7 @@ def test_the_checker_agrees(
     found = verdict(file.read_bytes(), network.read_bytes())
     # Both bound the same flights; polygons of 64 and of 48 sides differ by 0.1 % of a speed of 0.4 m/s.
     assert found == pytest.approx(min(table["margins"]), abs=1e-3)
-    assert main(["prove", str(network), "--check", str(file), "--workers", "1"]) == 0
+    assert main(["prove", str(network), "--check", str(file)]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("Accepted: ")
     # What is proved, from the certificate: start, time and limit.
@@ -150,7 +150,7 @@ def test_a_certificate_of_another_problem_is_refused(
     assert old in DOCKING
     problem.write_text(DOCKING.replace(old, new))
     arguments = ["prove", str(network), "--check", str(file), "--problem", str(problem)]
-    assert main([*arguments, "--workers", "1"]) == bool(name)
+    assert main(arguments) == bool(name)
     if name:
         printed = capsys.readouterr().out
         assert printed.startswith("Refused: ")
@@ -164,7 +164,7 @@ def test_the_command_judges_a_certificate_without_cells(
     network, file = certificate
     table = {**json.loads(file.read_bytes()), "cells": []}
     (tmp_path / "empty.json").write_text(json.dumps(table))
-    check = ["--check", str(tmp_path / "empty.json"), "--workers", "1"]
+    check = ["--check", str(tmp_path / "empty.json")]
     assert main(["prove", str(network), *check]) == 1
     assert capsys.readouterr().out.startswith("Refused: ")
 

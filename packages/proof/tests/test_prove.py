@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from rans_proof.command import Prove
 from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, read_network
 from rans_proof.problem import SpeedLimit, Within, problem_of, read_problem
@@ -233,8 +231,3 @@ def test_flights_of_the_docking_agent_keep_the_limit() -> None:
 def test_a_network_of_another_size_is_refused(sizes: tuple[int, int]) -> None:
     with pytest.raises(ConfigError, match="4 states and 2 commands"):
         prove(problem_of(DOCKING), layers(sizes, 0))
-
-
-def test_cells_without_a_size_are_refused() -> None:
-    with pytest.raises(ConfigError, match="--smallest above 0 and at most 1, got 4 and 0"):
-        Prove(problem=Path("pose.toml"), onnx=Path("pose.onnx"), smallest=0.0).run()

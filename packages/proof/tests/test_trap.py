@@ -417,7 +417,7 @@ def test_the_command_checks_an_agents_certificate(
     pytest.importorskip("flint")
     folder = written(files, tmp_path / "agent")
     file = tmp_path / "trap.json"
-    check = ["--check", str(file), "--workers", "1"]
+    check = ["--check", str(file)]
     assert main(["prove", "pretrained:track-velocity-2d", *check]) == 1
     assert "another agent" in capsys.readouterr().out
     assert recorded(read_certificate(file.read_bytes(), file)) == ""

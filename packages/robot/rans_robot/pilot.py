@@ -141,8 +141,8 @@ class Plan:
         for what, several in numbers.items():
             if not all(map(is_finite, several)):
                 raise ConfigError(f"the numbers of a {what} must be finite, got {several}.")
-        positive("--lost-after", self.lost_after)
-        positive("--wait", self.wait)
+        positive("lost_after", self.lost_after)
+        positive("wait", self.wait)
 
 
 class Decision(NamedTuple):

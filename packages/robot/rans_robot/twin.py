@@ -71,7 +71,7 @@ class TwinPlan:
         positive("--period", self.control_period)
         positive("--rate", self.rate)
         positive("--seconds", self.seconds)
-        whole("--episode", self.episode, least=0)
+        whole("episode", self.episode, least=0)
         seed_words(self.seed)
         if not all(map(is_finite, self.start)):
             raise ConfigError(f"the numbers of a start must be finite, got {self.start}.")

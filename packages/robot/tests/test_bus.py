@@ -25,16 +25,16 @@ def test_the_bus_is_that_of_the_robots_environment(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("rans_robot.bus.open_bus", lambda *given: opened.append(given))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     monkeypatch.setenv("ROS_DISTRO", "humble")
-    opened_bus("zenoh:listen/tcp/0.0.0.0:7447", None, "", None)
-    opened_bus("dds", 3, "", None)
-    assert opened == [("zenoh", 7, "listen/tcp/0.0.0.0:7447", "humble"), ("dds", 3, "", "humble")]
+    opened_bus("zenoh:listen/tcp/0.0.0.0:7447")
+    opened_bus("dds")
+    assert opened == [("zenoh", 7, "listen/tcp/0.0.0.0:7447", "humble"), ("dds", 7, "", "humble")]
     monkeypatch.setenv("ROS_DISTRO", "noetic")
-    opened_bus("udp", None, "", None)  # no distribution matters here
+    opened_bus("udp")  # no distribution matters here
     with pytest.raises(ConfigError, match="ROS_DISTRO must be one of humble"):
-        opened_bus("zenoh", None, "", None)
+        opened_bus("zenoh")
     monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
     with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be a whole number, got 'seven'"):
-        opened_bus("dds", None, "", None)
+        opened_bus("dds")
 
 
 def _buses(name: str) -> tuple[Any, Any]:

@@ -288,8 +288,8 @@ def test_zones_that_are_missing(changes: dict[str, Any], sentence: str, avoider:
         ({"goal": (math.nan, 0.0, 0.0)}, "numbers of a goal must be finite"),
         ({"goal_velocity": (0.0, math.inf, 0.0)}, "goal's velocity must be finite"),
         ({"zones": (1.0, math.nan, 1.0)}, "numbers of a zone must be finite"),
-        ({"lost_after": math.nan}, "--lost-after must be a finite number above 0, got nan"),
-        ({"wait": 0.0}, "--wait must be a finite number above 0, got 0.0"),
+        ({"lost_after": math.nan}, "lost_after must be a finite number above 0, got nan"),
+        ({"wait": 0.0}, "wait must be a finite number above 0, got 0.0"),
     ],
 )
 def test_a_plan_of_wild_numbers_is_refused(
@@ -306,7 +306,8 @@ def test_a_plan_of_wild_numbers_is_refused(
         ({"goal": ("1", "2deg", "3")}, "'2deg' is an angle where a length must be"),
         ({"bus": "udp:7"}, "--bus takes dds, zenoh, udp or zenoh:LOCATOR"),
         ({"seconds": math.nan}, "--seconds must be a finite number above 0"),
-        ({"trade_off": 0.3}, "no trade-off input"),
+        ({"agent": "pretrained:go-to-pose-2d#0.3"}, "no trade-off input"),
+        ({"agent": "pretrained:go-to-pose-2d#dock"}, "no multi-task agent: leave #dock out"),
         ({"guard": True}, "has none"),
     ],
 )
@@ -314,8 +315,9 @@ def test_nothing_is_written_for_a_flight_that_cannot_begin(
     options: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:
     output = tmp_path / "flight"
+    command = Fly(**{"agent": "pretrained:go-to-pose-2d", "bus": "udp", "output": output} | options)
     with pytest.raises(ConfigError, match=sentence):
-        Fly("pretrained:go-to-pose-2d", **{"bus": "udp", "output": output} | options).run()
+        command.run()
     assert not output.exists()
 
 
@@ -447,11 +449,11 @@ def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
     assert count == len(list(bag_entries(bag)))
 
 
-def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
+def start(command: list[str], folder: Path, domain: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "rans", *command],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ROS_DOMAIN_ID": domain},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -475,10 +477,16 @@ def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_pa
     commands: list[bool] = []
     monitor.subscribe(VALVES_TOPIC, FLOATS, lambda x: valves.append(any(unpack(FLOATS, x).data)))
     monitor.subscribe("commands", FLOATS, lambda x: commands.append(any(unpack(FLOATS, x).data)))
-    shared = ["--bus", "udp", "--domain", domain]
-    twin = start(["twin", PLATFORM, *shared, "--start", "4", "0", "0", "--rate", "25"], tmp_path)
+    twin = start(
+        ["twin", PLATFORM, "--bus", "udp", "--start", "4", "0", "0", "--rate", "25"],
+        tmp_path,
+        domain,
+    )
+    until(
+        lambda: bool(valves)
+    )  # the node waits for the robot 10 s, and modules load longer at times
     node = start(
-        ["fly", str(agent), "--trust", *shared, "--output", "flight", "--wait", "60"], tmp_path
+        ["fly", str(agent), "--trust", "--bus", "udp", "--output", "flight"], tmp_path, domain
     )
     try:
         until(lambda: any(commands[-5:]) and any(valves[-5:]))
@@ -501,8 +509,8 @@ def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_pa
 
 
 def test_a_command_to_which_no_robot_answers_fails(agent: Path, tmp_path: Path) -> None:
-    command = ["fly", str(agent), "--trust", "--bus", "udp", "--domain", "43", "--seconds", "0.5"]
-    node = start([*command, "--output", "flight"], tmp_path)
+    command = ["fly", str(agent), "--trust", "--bus", "udp", "--seconds", "0.5"]
+    node = start([*command, "--output", "flight"], tmp_path, "43")
     text, _ = node.communicate(timeout=60)
     assert node.returncode == 1
     assert "no state came on pose and twist over udp" in " ".join(text.split())

@@ -265,7 +265,8 @@ class Comparison(NotebookRepr):
         self.failures += front.impossible()
         if not front.starts() and seconds > 0.0:
             self.notes.append(
-                f"No start has all bounds of the front after {seconds:g} s: give it more, as in --front 900."
+                f"No start has all bounds of the front after {seconds:g} s: give it more, as in "
+                "--front-seconds 900."
             )
 
 

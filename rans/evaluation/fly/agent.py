@@ -113,7 +113,7 @@ class LoadedRun(NamedTuple):
             raise ConfigError("--guard-coasts is for the coasts of a safety filter: add --guard.")
         if slack is not None:
             raise ConfigError(
-                "guard_slack is the least margin of a safety filter: fly behind one, by guard=True."
+                "guard_slack is the least margin of a safety filter: fly behind one, by --guard or guard=True."
             )
         return self
 

@@ -480,36 +480,8 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
             'a training must name its task: task = "go-to-pose" in a recipe, "task": "go-to-pose" in a '
             "config.json."
         )
-    table = _of_now(table)
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
     timing = table.get("timing", {})
     if isinstance(timing, dict):  # missing values are those of the task
         timing = dataclasses.asdict(settings.timing) | timing
     return structure(table | {"settings": settings, "timing": timing}, TrainConfig, "config")
-
-
-_LEARNERS_BEFORE = ("gradient", "imitation")
-"""Algorithms whose settings were tables of their names in the version before."""
-
-
-def _of_now(table: dict[str, Any]) -> dict[str, Any]:
-    """Table without what only the version before had.
-
-    Settings of an algorithm were in a table of its name and are its ``learner``; those of algorithms that the
-    training does not use are left out. Episodes could begin where flights had failed.
-
-    Raises:
-        ConfigError: they did.
-    """
-    before = (*_LEARNERS_BEFORE, "failures")
-    result = {key: value for key, value in table.items() if key not in before}
-    algorithm = table.get("algorithm")
-    if algorithm in _LEARNERS_BEFORE and algorithm in table and "learner" not in table:
-        result["learner"] = table[algorithm]
-    failures = table.get("failures")
-    if isinstance(failures, dict) and failures.get("share"):
-        raise ConfigError(
-            f"failures.share is no longer a setting, got {brief(failures['share'])}: episodes begin at the "
-            "task's starts. Leave failures out."
-        )
-    return result

@@ -257,7 +257,7 @@ def test_a_front_between_flights_and_proofs(
     told.trace({}, seconds=1e-9)
     assert (
         told.notes[-1]
-        == "No start has all bounds of the front after 1e-09 s: give it more, as in --front 900."
+        == "No start has all bounds of the front after 1e-09 s: give it more, as in --front-seconds 900."
     )
     # None were asked for.
     asked = replace(comparison, failures=[], notes=[])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from rans.cli import check_count
-from rans.cli.options import NumberOf, Trust
+from rans.cli.options import Trust
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.registry import are_files_trusted
@@ -58,15 +58,15 @@ class Stress:
     """Number of flights at each magnitude and in each set of conditions; an eighth of it for slow controllers such
     as mpc."""
     guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint. A number after it,
-    as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002, and a reserve for the conditions' noise (docs/missions/guard.md)."""
+    """Fly behind a safety filter, which replaces commands that would violate a constraint
+    (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
+    reserve for the conditions' noise."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
-    """Least margin that the safety filter keeps."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-import warnings
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
@@ -13,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args
 
 from tyro.conf import Positional, arg
 
-from rans.cli.options import Former, NumberOf, Trust
+from rans.cli.options import Trust
 from rans.cli.states import POSE, read_state, read_zones
-from rans.errors import ConfigError, RansDeprecationWarning, brief, positive
-from rans.renamed import DEPRECATED
+from rans.errors import ConfigError, brief, positive
 
 if TYPE_CHECKING:
     from rans_robot.bus import Bus
@@ -58,36 +56,16 @@ class Fly:
     """Fixed keep-out zones for agents that avoid some: centre and radius of each, such as 1.5,0.2,0.4, in space
     x,y,z,r, in m; a radius includes that of the spacecraft."""
     guard: bool = False
-    """Apply the safety filter, which replaces commands that would lead to a violated constraint. A number after
-    it, as in `--guard 0.01`, is the least margin that it keeps, in the unit of each constraint (m or m/s); by
-    default 0.002 (docs/missions/guard.md)."""
+    """Apply the safety filter, which replaces commands that would lead to a violated constraint
+    (docs/missions/guard.md)."""
+    guard_slack: float | None = None
+    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002."""
     seconds: float | None = None
     """Length of the flight, s; by default until Ctrl-C."""
     output: Path | None = None
     """New folder for the bag and the exported agent; by default runs/flights/AGENT-TIME."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
-    guard_slack: Annotated[float | None, NumberOf("--guard")] = None
-    """Least margin that the safety filter keeps."""
-    goal_velocity: Annotated[
-        tuple[float, ...], Former("write v.x=, v.y=, w= after the pose of --goal")
-    ] = ()
-    """Velocity (m/s), then angular velocity (rad/s), of the goal."""
-    trade_off: Annotated[float | None, Former("write AGENT#NUMBER")] = None
-    """Trade-off input of agents that have one."""
-    domain: Annotated[int | None, Former("set ROS_DOMAIN_ID")] = None
-    """ROS 2 domain."""
-    address: Annotated[str, Former("write --bus zenoh:LOCATOR")] = ""
-    """Zenoh locator."""
-    ros: Annotated[Ros | None, Former("set ROS_DISTRO")] = None
-    """ROS 2 distribution that the other end runs."""
-    wait: Annotated[float, Former("start the robot first: a flight waits for it 10 s")] = 10.0
-    """Seconds to wait for the first state."""
-    lost_after: Annotated[
-        float | None,
-        Former("leave it out: a flight ends after 1 s, or two periods, without a state"),
-    ] = None
-    """Seconds without a state after which the flight ends. None: 1, or two control periods if these are longer."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -162,17 +140,13 @@ class Fly:
             raise ConfigError(
                 f"{self.agent} is a multi-task agent: pick one, as in {self.agent}#go-to-pose."
             )
+        # A number after "#" is a trade-off, which the plan refuses for agents without one.
+        try:
+            trade_off = None if not part or part == task["name"] else float(part)
+        except ValueError:
+            raise ConfigError(f"{self.agent} is no multi-task agent: leave #{part} out.") from None
         # The flight.
         goal = read_state(self.goal, craft.dimension, "--goal")
-        zones = self.zones
-        if zones and not any("," in word for word in zones):
-            warnings.warn(
-                f"zones without commas {DEPRECATED}: write --zones X,Y,R ...",
-                RansDeprecationWarning,
-                stacklevel=1,
-            )
-            size = craft.dimension + 1
-            zones = tuple(",".join(zones[k : k + size]) for k in range(0, len(zones), size))
         names = ("v.x", "v.y", "w") if craft.dimension == 2 else _SPATIAL
         velocity = tuple(goal.velocities.get(name, 0.0) for name in names)
         plan = Plan(
@@ -180,20 +154,17 @@ class Fly:
             task=task,
             robot=self.robot,
             goal=goal.pose,
-            goal_velocity=velocity if goal.velocities else self.goal_velocity,
-            zones=tuple(chain(*read_zones(zones, craft.dimension, "--zones"))),
+            goal_velocity=velocity if goal.velocities else (),
+            zones=tuple(chain(*read_zones(self.zones, craft.dimension, "--zones"))),
             guard=self.guard,
             guard_slack=self.guard_slack,
-            trade_off=float(part)
-            if part and self.trade_off is None and "trade_off" in task["settings"]
-            else self.trade_off,
-            lost_after=max(1.0, 2.0 * period) if self.lost_after is None else self.lost_after,
-            wait=self.wait,
+            trade_off=trade_off,
+            lost_after=max(1.0, 2.0 * period),
         )
         if run is not None or is_foreign:
             # Nothing is written for a flight that cannot begin.
             check_plan(plan, craft, planned_task(plan), period)
-            bus = opened_bus(self.bus, self.domain, self.address, self.ros)
+            bus = opened_bus(self.bus)
             bus.close()
             say(f"Writing the agent of this flight into {folder}.")
             with doing("flying it for the range of its observations"):
@@ -203,9 +174,9 @@ class Fly:
                     export_for_flight(run.path, folder)
         # From here on a signal ends the flight with shut valves.
         stop = stop_on_signals()
-        bus = opened_bus(self.bus, self.domain, self.address, self.ros)
+        bus = opened_bus(self.bus)
         try:
-            link = f"{self.bus} (ROS_DOMAIN_ID {ros_domain(self.domain)})"
+            link = f"{self.bus} (ROS_DOMAIN_ID {ros_domain()})"
             say(f"Flying {name} over {link}; Ctrl-C shuts the valves and ends the flight.")
             bag = output / "flight.mcap"
             report = fly_over(bus, plan, bag, self.seconds, say, stop.is_set, link)
@@ -220,14 +191,11 @@ class Fly:
         return 1 if report.fault else 0
 
 
-def opened_bus(text: str, domain: int | None, address: str, ros: Ros | None) -> Bus:
+def opened_bus(text: str) -> Bus:
     """A bus by the text of --bus, in the domain and for the distribution that ROS's environment names.
 
     Args:
         text: "dds", "zenoh", "udp", or "zenoh:LOCATOR".
-        domain: domain; None: that of ROS_DOMAIN_ID, or 0.
-        address: locator if the text has none.
-        ros: distribution; None: that of ROS_DISTRO, or jazzy.
 
     Raises:
         ConfigError: there is no such bus, or the environment has a wrong value.
@@ -239,25 +207,21 @@ def opened_bus(text: str, domain: int | None, address: str, ros: Ros | None) -> 
         raise ConfigError(
             f"--bus takes dds, zenoh, udp or zenoh:LOCATOR, such as zenoh:tcp/192.168.0.2:7447, got {brief(text)}."
         )
-    name = ros or os.environ.get("ROS_DISTRO") or "jazzy"
+    name = os.environ.get("ROS_DISTRO") or "jazzy"
     if kind == "zenoh" and name not in get_args(Ros):
         raise ConfigError(
             f"ROS_DISTRO must be one of {', '.join(get_args(Ros))} for zenoh, got {brief(name)}."
         )
     distribution = name if name in get_args(Ros) else "jazzy"  # which only zenoh reads
-    return open_bus(
-        cast("BusName", kind), ros_domain(domain), locator or address, cast("Ros", distribution)
-    )
+    return open_bus(cast("BusName", kind), ros_domain(), locator, cast("Ros", distribution))
 
 
-def ros_domain(domain: int | None) -> int:
-    """The domain, and without one that of ROS's environment, or 0.
+def ros_domain() -> int:
+    """The domain of ROS's environment, or 0.
 
     Raises:
         ConfigError: ROS_DOMAIN_ID is no whole number.
     """
-    if domain is not None:
-        return domain
     number = os.environ.get("ROS_DOMAIN_ID") or "0"
     if not number.isdecimal():
         raise ConfigError(f"ROS_DOMAIN_ID must be a whole number, got {brief(number)}.")

@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 
 import tyro
 
-from rans.cli.options import Former
 from rans.errors import ConfigError
 from rans.terminal import Terminal, doing
 
@@ -42,12 +41,6 @@ class Identify:
     """Kind of robot whose topics a bag has; by default the bag says it."""
     namespace: str = ""
     """Name before the topics of the robot in a bag, such as robot1 for /robot1/pose."""
-    box: Annotated[float | None, Former("write --excite CRAFT,box=SIDE")] = None
-    """Side of the box in which these commands keep the spacecraft, m."""
-    window: Annotated[
-        float | None, Former("leave it out, or call rans.identify(..., window=...) in Python")
-    ] = None
-    """Length of the windows over which the log is predicted, s."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -67,7 +60,7 @@ class Identify:
         console = Terminal()
         # Identify; a result that explains nothing is shown, and not written.
         with doing("identifying: the flights are predicted for every candidate"):
-            result = identify(self.logs, self.spacecraft, self.robot, self.window, self.namespace)
+            result = identify(self.logs, self.spacecraft, self.robot, namespace=self.namespace)
 
         def cells(digits: int) -> list[tuple[str, ...]]:
             return [
@@ -117,7 +110,7 @@ class Identify:
         craft, comma, text = self.excite.rpartition(",box=")
         craft, side = (craft, text) if comma else (self.excite, "3")
         try:
-            box = float(side) if self.box is None else self.box
+            box = float(side)
         except ValueError:
             raise ConfigError(f"--excite CRAFT,box=SIDE takes a side in m, got {side!r}.") from None
         folder = excite(craft, self.output or Path("excitation"), box)

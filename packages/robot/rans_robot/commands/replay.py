@@ -9,8 +9,6 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from rans.cli.options import Former
-
 
 @dataclass(frozen=True)
 class Replay:
@@ -27,8 +25,6 @@ class Replay:
     """MCAP file that `rans fly` wrote."""
     folder: Annotated[Path | None, Positional, arg(metavar="[AGENT]")] = None
     """Folder of the exported agent; by default the one that flew."""
-    agent: Annotated[Path | None, Former("name the folder after the bag")] = None
-    """Folder of the exported agent."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -39,7 +35,7 @@ class Replay:
         from rans.terminal import Terminal
         from rans_robot.node import replay_bag
 
-        result = replay_bag(self.bag, self.agent or self.folder)
+        result = replay_bag(self.bag, self.folder)
         Terminal().say(f"{result.equal} of {result.decisions} commands come out the same.")
         if result.first_difference is not None:
             Terminal().say(f"The first that does not is command {result.first_difference}.")

@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from rans.cli.options import Former
 from rans.cli.states import POSE, read_state
 from rans.errors import ConfigError
-from rans_robot.commands.fly import Robot, Ros, opened_bus, ros_domain
+from rans_robot.commands.fly import Robot, opened_bus, ros_domain
 
 Engine = Literal["fast", "drake"]
 
@@ -48,18 +47,8 @@ class Twin:
     are in degrees, or with a unit, such as 0.7rad. By default that of the seed."""
     seed: int = 0
     """Random seed of the start and the conditions."""
-    seconds: Annotated[
-        float, Former("end it by Ctrl-C, or write `timeout SECONDS rans twin ...`")
-    ] = 600.0
+    seconds: float = 600.0
     """Length of the simulation, s."""
-    episode: Annotated[int, Former("write another --seed")] = 0
-    """Number of the episode whose start and conditions are used."""
-    domain: Annotated[int | None, Former("set ROS_DOMAIN_ID")] = None
-    """ROS 2 domain."""
-    address: Annotated[str, Former("write --bus zenoh:LOCATOR")] = ""
-    """Zenoh locator."""
-    ros: Annotated[Ros | None, Former("set ROS_DISTRO")] = None
-    """ROS 2 distribution that the other end runs."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -93,15 +82,14 @@ class Twin:
             rate=self.rate,
             start=start.pose,
             seed=self.seed,
-            episode=self.episode,
             seconds=self.seconds,
         )
         # Simulate until the time is up or a signal comes; the bus is closed in any event.
         stop = stop_on_signals()
-        bus = opened_bus(self.bus, self.domain, self.address, self.ros)
+        bus = opened_bus(self.bus)
         try:
             say(
-                f"{craft.name} is on {self.bus} (ROS_DOMAIN_ID {ros_domain(self.domain)}), at {self.rate:g} "
+                f"{craft.name} is on {self.bus} (ROS_DOMAIN_ID {ros_domain()}), at {self.rate:g} "
                 "states a second."
             )
             motion = run_twin(bus, plan, say, stop.is_set)
