@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 import tyro
+from rans_missions.guard.ahead import Ahead
+from rans_missions.guard.expected import Expected
 
 from campaigns.command import ended
 from campaigns.guard import MISSIONS, begun, noise_and_delay, setup_of
@@ -25,8 +27,6 @@ from rans.episode import Setup, World, step
 from rans.errors import one_of
 from rans.fast.stepping.step import Backend
 from rans.files import number, read_json, write_json
-from rans.guard.ahead import Ahead
-from rans.guard.expected import Expected
 from rans.model.fields import map_leaves, where
 from rans.processes import Workers
 from rans.randomization.conditions import (

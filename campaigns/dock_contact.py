@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from rans_missions.tasks import DockPort
 
 from campaigns.command import ended
 from campaigns.contact import CaptureSystem, Docking, fly_to_contact
@@ -24,7 +25,6 @@ from rans.files import environment, read_json, write_json
 from rans.model.fields import map_leaves
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.tasks import DockPort
 from rans.terminal import Terminal
 
 _AGENTS = ("dock-port-2d", "dock-port-2d-atmos", "dock-port-3d")

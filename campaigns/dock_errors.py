@@ -14,6 +14,7 @@ import numpy as np
 import tyro
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock
 
 from campaigns.command import ended
 from campaigns.markdown import Table
@@ -30,7 +31,6 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.tasks import Dock
 from rans.terminal import Terminal
 
 _DEADLINES = (1000.0,)

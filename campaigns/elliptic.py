@@ -17,6 +17,7 @@ import numpy as np
 import tyro
 from rans_missions.bounds.transfers import optimum, transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock, TargetOrbit
 
 from campaigns.command import ended
 from campaigns.markdown import Table
@@ -29,7 +30,6 @@ from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.tasks import Dock, TargetOrbit
 from rans.terminal import Terminal
 from validation.two_body import TwoBodyMover, relative_motion
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tyro
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Hold
 
 from campaigns.command import ended
 from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
@@ -41,7 +42,7 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.scenario import EVALUATION_SEED, Scenario, draws, scenarios
-from rans.tasks import TASKS, Hold
+from rans.tasks import TASKS
 from rans.terminal import Terminal
 
 _FILE = "error-sources.json"

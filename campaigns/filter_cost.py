@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.guard import safety_filter
+from rans_missions.guard.ahead import Ahead
 
 from campaigns.command import ended
 from campaigns.guard import MISSIONS, SEED, adversary, setup_of
 from rans.episode import Setup, World
 from rans.errors import one_of
-from rans.guard import safety_filter
-from rans.guard.ahead import Ahead
 from rans.model.fields import map_leaves
 from rans.scenario import scenario
 from rans.terminal import Terminal

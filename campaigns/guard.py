@@ -5,7 +5,7 @@ control periods with another command than the wanted one, what was won or reache
 per second. Policies are the mission's shipped agent or guidance, random commands, an adversary that opens
 every thruster that pushes up the steepest way out of the constraints, and agents of run folders, such as those
 that `campaigns.ram` trains to enter the zones. Starts from which the filter does not
-hold are counted apart (`rans.guard`).
+hold are counted apart (`rans_missions.guard`).
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 import tyro
+from rans_missions.guard import safety_filter
+from rans_missions.guard.manoeuvres import slope_of_least
 
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Setup, World, step
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.make_controller import controller
 from rans.fast.stepping.step import Backend
-from rans.guard import safety_filter
-from rans.guard.manoeuvres import slope_of_least
 from rans.model.dynamics import thrust
 from rans.model.fields import Field, map_leaves, where
 from rans.model.random import Draws, seed_words

@@ -17,6 +17,8 @@ import tyro
 from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.control.visiting import Visiting
 from rans_missions.convex.inspection import inspection_bound
+from rans_missions.guard import safety_filter
+from rans_missions.tasks.inspect import Inspect
 
 from campaigns import standings
 from campaigns.command import ended
@@ -26,10 +28,8 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses
 from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
-from rans.guard import safety_filter
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
-from rans.tasks.inspect import Inspect
 from rans.terminal import Terminal
 
 _WITHIN = (12_240.0, 7_200.0, 5_400.0, 4_200.0, 3_600.0)

@@ -23,6 +23,9 @@ from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.convex.landing import Descent, Lander, best_landing
+from rans_missions.tasks import Avoid, DockPort
+from rans_missions.tasks.land import Land
+from rans_missions.tasks.orbital import OrbitalMission
 
 from campaigns import standings
 from campaigns.command import ended
@@ -44,9 +47,7 @@ from rans.optimal.control.lqr import LQR
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
-from rans.tasks import TASKS, Avoid, DockPort, Task
-from rans.tasks.land import Land
-from rans.tasks.orbital import OrbitalMission
+from rans.tasks import TASKS, Task
 from rans.terminal import Terminal
 
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]

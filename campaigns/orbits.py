@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.tasks import Dock
+from rans_missions.tasks.hold import Hold
+from rans_missions.tasks.inspect import Inspect
+from rans_missions.tasks.rendezvous import Rendezvous
 
 from campaigns.command import ended
 from rans.model.drift import EARTH, EARTH_RADIUS, PerturbedOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.tasks import Dock
-from rans.tasks.hold import Hold
-from rans.tasks.inspect import Inspect
-from rans.tasks.rendezvous import Rendezvous
 from rans.terminal import Terminal
 from validation.two_body import Perturbations, density, perturbed_motion, relative_motion
 

@@ -17,12 +17,12 @@ from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.control.passive_entry import PassiveEntry
+from rans_missions.passive_flights import passive_safety
 
 from campaigns import standings
 from campaigns.command import ended
 from campaigns.markdown import Table
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
-from rans.evaluation.measure.passive import passive_safety
 from rans.evaluation.measure.statistics import figure
 from rans.files import environment, number, read_json, write_json
 from rans.flight import Controller, fly

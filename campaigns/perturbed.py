@@ -17,6 +17,8 @@ import numpy as np
 import tyro
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import TargetOrbit
+from rans_missions.tasks.hold import Hold
 
 from campaigns.command import ended
 from campaigns.markdown import Table
@@ -28,8 +30,6 @@ from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.tasks import TargetOrbit
-from rans.tasks.hold import Hold
 from rans.terminal import Terminal
 from validation.two_body import Perturbations, TwoBodyMover, perturbed_motion
 

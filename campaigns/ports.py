@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from rans_missions.convex import waypoints
+from rans_missions.tasks import DockPort
 
 from campaigns.command import ended
 from campaigns.front import Front
@@ -19,7 +20,6 @@ from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario
-from rans.tasks import DockPort
 
 _SPANS = 20
 """Number of spans of an episode in which a craft may enter the cone of a port, or dock."""

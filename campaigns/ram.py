@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rans_missions.tasks.avoid import Avoid
+
 from rans.model.dynamics import State
 from rans.model.fields import Field, where
-from rans.tasks.avoid import Avoid
 from rans.tasks.rewards import Transition, nearness
 
 

@@ -3,8 +3,8 @@
 The spacecraft flies straight at the middle of a keep-out zone of the mission avoid, at several distances from its
 surface and speeds relative to it, with any attitude and a spin of up to 0.5 rad/s. States within another zone are
 left out. A state is *safe* if one of the filter's manoeuvres keeps every constraint from it
-(`rans.guard.FlownBackup.safe`). With ``--docs docs`` the command writes docs/validation/safe-set.json and its table
-in docs/missions/guard.md.
+(`rans_missions.guard.FlownBackup.safe`). With ``--docs docs`` the command writes docs/validation/safe-set.json and
+its table in docs/missions/guard.md.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.guard import safety_filter
+from rans_missions.tasks import Avoid
 
 from campaigns.command import ended
 from campaigns.markdown import Table
 from rans.episode import Setup, World
 from rans.files import environment, read_json, write_json
-from rans.guard import safety_filter
 from rans.model.fields import map_leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import Avoid, Task
+from rans.tasks import Task
 from rans.terminal import Terminal
 
 _CRAFT = {"plane": "floating-platform", "space": "free-flyer"}

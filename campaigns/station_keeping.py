@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import tyro
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Hold, TargetOrbit
 
 from campaigns.command import ended
 from campaigns.error_sources import SIZES, sources
@@ -17,7 +18,6 @@ from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.tasks import Hold, TargetOrbit
 from rans.terminal import Terminal
 
 _DAY = 86_400.0

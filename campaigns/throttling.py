@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 from rans_missions.convex.landing import Descent, Lander, best_landing, thrust_offset
+from rans_missions.tasks.land import Land
 
 from campaigns.command import ended
 from campaigns.markdown import Table
@@ -24,7 +25,6 @@ from rans.files import environment, number, read_json, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, each, scenarios
-from rans.tasks.land import Land
 from rans.terminal import Terminal
 
 _ENGINES: dict[str, tuple[int, ...]] = {"all": (), "without the first": (0,)}

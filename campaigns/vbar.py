@@ -29,6 +29,9 @@ import numpy as np
 import tyro
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.navigation_filter import NavigationFilter
+from rans_missions.tasks.dock import Dock
+from rans_missions.tasks.hold import Hold
+from rans_missions.tasks.orbital import OrbitalMission
 from scipy.linalg import solve_discrete_are
 
 from campaigns.markdown import Table
@@ -38,9 +41,6 @@ from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import Workers
-from rans.tasks.dock import Dock
-from rans.tasks.hold import Hold
-from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Shape, SpeedLimit
 
 NAV1 = (1.0, 1e-3)

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rans_missions.convex import waypoints
+from rans_missions.tasks import Avoid
 
 from campaigns.command import ended
 from campaigns.front import Front
@@ -27,7 +28,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate import hull
 from rans.scenario import Scenario
-from rans.tasks import Avoid
 from rans.verdict import last_fifth
 
 _CAP = 1.0

@@ -14,6 +14,7 @@ from rans.cli.commands import COMMANDS
 from rans.deploy.export import EXPORTERS
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.foreign import IMPORTERS
+from rans.tasks import TASKS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(file.parent for file in (ROOT / "packages").glob("*/pyproject.toml"))
@@ -61,6 +62,7 @@ def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Pa
         "rans.controllers": CONTROLLERS,
         "rans.exporters": EXPORTERS,
         "rans.importers": IMPORTERS,
+        "rans.tasks": TASKS,
     }
     for group, registry in registries.items():
         for name in points.get(group, {}):

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rans_missions.tasks import Dock
 from scipy import stats
 
 import rans
@@ -21,7 +22,7 @@ from rans.model.fields import leaves
 from rans.model.random import Random, hash4, seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Endpoints, scenario, scenarios
-from rans.tasks import Dock, GoToPose
+from rans.tasks import GoToPose
 
 FALSE_ALARM = 1e-4
 """Chance that a fair generator fails one statistical test."""

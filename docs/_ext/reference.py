@@ -105,7 +105,7 @@ def pages() -> dict[str, str]:
         "controllers.md": controllers_page(),
         "api.md": api_page(),
     }
-    for name in TASKS.built_in:
+    for name in filter(TASKS.comes_with_rans, TASKS):
         made[f"tasks/{name}.md"] = task_page(name)
     for title, names in API.items():
         made[f"api/{slug(title)}.rst"] = api_group_page(title, names.split())
@@ -241,7 +241,7 @@ def _authority(craft: Spacecraft) -> Table:
 def tasks_page() -> str:
     """All tasks, and a page each."""
     rows = []
-    for name in TASKS.built_in:
+    for name in filter(TASKS.comes_with_rans, TASKS):
         ids = gymnasium_ids(name)
         possible = TASKS[name].dimensions
         rows.append(
@@ -253,7 +253,13 @@ def tasks_page() -> str:
         )
     body = table(("task", "purpose", "Gymnasium"), rows)
     toc = "\n".join(
-        ["```{toctree}", ":hidden:", "", *(f"tasks/{n}" for n in TASKS.built_in), "```"]
+        [
+            "```{toctree}",
+            ":hidden:",
+            "",
+            *(f"tasks/{n}" for n in filter(TASKS.comes_with_rans, TASKS)),
+            "```",
+        ]
     )
     return (
         "# Tasks\n\nRewards, ends, settings and observations of every task, as `rans list TASK` prints "

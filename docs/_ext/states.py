@@ -189,7 +189,7 @@ def _kind(hint: Any) -> str:
 
 def _note_rows() -> Iterable[tuple[str, str]]:
     """A row for every task whose goals have notes; equal notes that follow each other are named once."""
-    for name in TASKS.built_in:
+    for name in filter(TASKS.comes_with_rans, TASKS):
         notes = load_task(name).goal_notes
         parts = []
         first = 0

@@ -118,11 +118,11 @@ def evaluate(
         conditions: domain randomization, disturbances, faults and sensors: a name, a TOML file or a
             `Conditions`; None: those of the training.
         protocol: "own", "paper" or "original", see `rans.evaluation.fly.protocols.under_protocol`.
-        guard: whether to fly behind the safety filter for its spacecraft and task (`rans.guard.safety_filter`).
+        guard: whether to fly behind the safety filter for its spacecraft and task (`rans.safety_filters`).
         guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and a reserve for
             the conditions' noise.
         guard_coasts: whether the filter also keeps coasts of the next orbit out of the zone around the target
-            (`rans.guard.SafeCoasts`).
+            (docs/missions/passive_safety.md).
         start: start of all episodes, as `rans.state` makes it; None: sampled. Without conditions one episode
             flies from it, because all would be the same.
         goal: goal of all episodes, as `rans.state` makes it; None: sampled.

@@ -26,7 +26,6 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
 from rans.flight import Controller
-from rans.guard import safety_filter
 from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.rotation import exponential
@@ -34,6 +33,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions, largest
+from rans.safety_filters import safety_filter
 from rans.scenario import draws, sampled_scenarios, scenario
 from rans.tasks import Task
 from rans.tasks.base import observation

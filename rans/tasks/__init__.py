@@ -12,40 +12,24 @@ from typing import TYPE_CHECKING, Any
 from rans.registry import Registry
 
 if TYPE_CHECKING:
-    from rans.tasks.avoid import Avoid
     from rans.tasks.base import SingleTask, Task, observation
     from rans.tasks.derived import observation_columns, observation_width
-    from rans.tasks.dock import Dock
-    from rans.tasks.dock_port import DockPort
     from rans.tasks.go_to_attitude import GoToAttitude
     from rans.tasks.go_to_pose import GoToPose
     from rans.tasks.go_to_pose_priced import GoToPosePriced
     from rans.tasks.go_to_position import GoToPosition
-    from rans.tasks.hold import Hold
-    from rans.tasks.inspect import Inspect
-    from rans.tasks.land import Land
     from rans.tasks.multi_task import MultiTask
     from rans.tasks.names import load_task, registered_name
-    from rans.tasks.orbital import TargetOrbit
-    from rans.tasks.rendezvous import Rendezvous
     from rans.tasks.rewards import RestReward, Transition
     from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 _LAZY = {
-    "Avoid": "rans.tasks.avoid",
-    "DockPort": "rans.tasks.dock_port",
-    "Dock": "rans.tasks.dock",
     "GoToAttitude": "rans.tasks.go_to_attitude",
     "GoToPose": "rans.tasks.go_to_pose",
     "GoToPosePriced": "rans.tasks.go_to_pose_priced",
     "GoToPosition": "rans.tasks.go_to_position",
-    "Land": "rans.tasks.land",
-    "Hold": "rans.tasks.hold",
-    "Inspect": "rans.tasks.inspect",
     "MultiTask": "rans.tasks.multi_task",
-    "Rendezvous": "rans.tasks.rendezvous",
     "RestReward": "rans.tasks.rewards",
-    "TargetOrbit": "rans.tasks.orbital",
     "SingleTask": "rans.tasks.base",
     "Task": "rans.tasks.base",
     "TrackTwist": "rans.tasks.tracking",
@@ -72,15 +56,11 @@ TASKS: Registry[type[Any]] = Registry(
         "track-velocity-heading": "rans.tasks.tracking:TrackVelocityHeading",
         "multi-task": "rans.tasks.multi_task:MultiTask",
         "go-to-pose-priced": "rans.tasks.go_to_pose_priced:GoToPosePriced",
-        "avoid": "rans.tasks.avoid:Avoid",
-        "dock-port": "rans.tasks.dock_port:DockPort",
-        "dock": "rans.tasks.dock:Dock",
-        "hold": "rans.tasks.hold:Hold",
-        "rendezvous": "rans.tasks.rendezvous:Rendezvous",
-        "land": "rans.tasks.land:Land",
-        "inspect": "rans.tasks.inspect:Inspect",
     },
     "rans.tasks.kind:checked",
+    extra_of=dict.fromkeys(
+        ("avoid", "dock", "dock-port", "hold", "inspect", "land", "rendezvous"), "missions"
+    ),
 )
 """Class of every task by its name on the command line."""
 
@@ -111,20 +91,12 @@ def __getattr__(name: str) -> Any:
 
 __all__ = [
     "TASKS",
-    "Avoid",
-    "DockPort",
-    "Dock",
     "GoToAttitude",
     "GoToPose",
     "GoToPosePriced",
     "GoToPosition",
-    "Land",
-    "Hold",
-    "Inspect",
     "MultiTask",
-    "Rendezvous",
     "RestReward",
-    "TargetOrbit",
     "SingleTask",
     "Task",
     "TrackTwist",

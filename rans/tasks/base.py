@@ -7,14 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
-from typing import ClassVar, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from rans.display import Settings
 from rans.errors import ConfigError
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vector, where
-from rans.model.passive_safety import CoastZone
 from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.observation_terms import (
@@ -30,6 +29,10 @@ from rans.tasks.observation_terms import (
 from rans.tasks.rewards import Prices, Transition, is_used
 from rans.tasks.settings import check_settings
 from rans.tasks.shapes import Shape
+
+if TYPE_CHECKING:
+    from rans.model.spacecraft import Spacecraft
+    from rans.tasks.afterwards import Afterwards
 
 _AXES_IN_SPACE = "a_x", "a_y", "a_z", "turn_x", "turn_y", "turn_z"
 _DATA_COLUMNS = {2: 4, 3: 9}
@@ -138,9 +141,8 @@ class Task(Settings, ABC):
         """What each of the ``notes`` of a goal is, with its unit; by default a goal has none."""
         return ()
 
-    @property
-    def coast_zone(self) -> CoastZone | None:
-        """Zone around W's origin that craft keep out of when all thrusters shut; None: there is none."""
+    def afterwards(self, craft: Spacecraft, timing: Timing) -> Afterwards | None:
+        """What controllers without training do once the mission is over; None: what they did before."""
         return None
 
     def done(self, state: State, goal: State) -> Field | None:
@@ -161,14 +163,9 @@ class Task(Settings, ABC):
     """Dimensions in which the task can be flown."""
     spacecraft: ClassVar[str | None] = None
     """Name of the default spacecraft of the task; None: the default one of the dimension."""
-    optimal_problem: ClassVar[Literal["trajectory", "rendezvous", "landing", "inspection"]] = (
-        "trajectory"
-    )
-    """Problem that ``rans optimal`` solves. "trajectory": the best trajectory, by nonlinear programming.
-    "rendezvous": the least impulse to a position near an orbiting target, for tasks derived from
-    `rans.tasks.orbital.OrbitalMission`. "landing": the least propellant of a landing, for tasks derived from
-    `rans.tasks.land.Land`. These two are convex programs. "inspection": none, but comparisons have a lower bound of
-    the impulse of an `rans.tasks.inspect.Inspect`."""
+    optimal_problem: ClassVar[str] = "trajectory"
+    """Problem whose optimum ``rans optimal`` and comparisons know. "trajectory": the best trajectory, by nonlinear
+    programming. Others are solved by packages (`rans.evaluation.problems.PROBLEMS`)."""
 
     @property
     def draws_trade_off(self) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from rans_missions.convex import waypoints
+from rans_missions.tasks import Avoid
 from scipy.optimize import minimize
 
 import rans
@@ -17,7 +18,6 @@ from rans.model.fields import Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
-from rans.tasks import Avoid
 from rans.tasks.shapes import Ball
 
 CRAFT = {2: load_spacecraft("floating-platform"), 3: load_spacecraft("free-flyer")}

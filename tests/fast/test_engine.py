@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_missions.tasks.inspect import Inspect
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
@@ -19,7 +20,6 @@ from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose, observation
 from rans.tasks.derived import check_dimension
-from rans.tasks.inspect import Inspect
 from tests.support.engines import (
     FLYER,
     NEAR,

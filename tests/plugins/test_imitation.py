@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_missions.tasks import Dock
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -17,7 +18,6 @@ from rans.fast.learn.config import ExplorationSettings, MemorySettings, TrainCon
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import Dock
 from tests.support import plugins
 from tests.support.training import CONFIG, TINY, after, ignore, resumed, tiny_trainer
 

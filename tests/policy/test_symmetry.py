@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_missions.tasks import Avoid, DockPort
 from scipy.spatial.transform import Rotation
 from stable_baselines3 import PPO
 from torch import Tensor
@@ -17,7 +18,7 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.policy.symmetry import Symmetries, symmetries
-from rans.tasks import TASKS, Avoid, DockPort, MultiTask, observation
+from rans.tasks import TASKS, MultiTask, observation
 from rans.tasks.shapes import Ball
 from tests.support.crafts import nasty_planar, nasty_spatial, random_states
 from tests.support.engines import FLYER, PLATFORM, both_crafts

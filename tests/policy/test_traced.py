@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_missions.tasks import Dock
 
 from rans.deploy.export import Form, write_agent
 from rans.effectors.commands import per_velocity
@@ -25,7 +26,6 @@ from rans.policy.network import Network
 from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
-from rans.tasks import Dock
 from tests.support import plugins
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup

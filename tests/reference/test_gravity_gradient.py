@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.tasks import Dock, TargetOrbit
 
 import rans.model.dynamics
 from rans.effectors import motion
@@ -20,7 +21,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.parameters import StepInputs
 from rans.reference.flight import DrakeMover
-from rans.tasks import Dock, GoToAttitude, TargetOrbit
+from rans.tasks import GoToAttitude
 
 FAST = 0.05
 """Mean motion, rad/s: an orbit of 126 s, in which gravity turns a craft in a minute."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from rans_missions.convex.rendezvous import Meeting
+from rans_missions.tasks import Dock
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, each, scenarios
-from rans.tasks import Dock
 
 DEPUTY = load_spacecraft("afrl-deputy")
 N = 0.001027

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock
 from scipy.integrate import solve_ivp
 
 from rans.errors import ConfigError
@@ -18,7 +19,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.scenario import draws, scenarios
-from rans.tasks import Dock
 from validation.two_body import (
     J2,
     Perturbations,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rans_assurance.stress.run as run
 from rans_assurance.stress.run import prepared
+from rans_missions.tasks import Dock
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of
@@ -19,7 +20,6 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.stress.outcome import StressOutcome
 from rans.randomization.conditions_file import load_conditions
-from rans.tasks import Dock
 from tests.support.stress_runs import FIRST, small
 
 

@@ -1,1 +1,1 @@
-"""Missions near targets and moons: guidance, convex programs, bounds, CCSDS messages."""
+"""Missions near targets and moons: tasks, guidance, passive safety, safety filter, bounds, CCSDS messages."""

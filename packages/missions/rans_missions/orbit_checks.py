@@ -16,9 +16,10 @@ from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, EllipticOrbit
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
-from rans.tasks import TASKS, Dock, TargetOrbit
-from rans.tasks.orbital import OrbitalMission
+from rans.tasks import TASKS
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock, TargetOrbit
+from rans_missions.tasks.orbital import OrbitalMission
 from validation.study.checks import Check
 from validation.study.study import Scope
 from validation.two_body import TwoBodyMover

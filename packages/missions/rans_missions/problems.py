@@ -12,10 +12,11 @@ from rans.files import distinct, ready_folder, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
 from rans.scenario import EVALUATION_SEED
-from rans.tasks import Land, Task
-from rans.tasks.orbital import OrbitalMission
+from rans.tasks import Task
 from rans.terminal import Terminal, progress, stages
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
+from rans_missions.tasks import Land
+from rans_missions.tasks.orbital import OrbitalMission
 
 if TYPE_CHECKING:
     from rans.cli.optimal import Optimal

@@ -25,11 +25,11 @@ from rans.evaluation.fly.exported import code_of, failing_as_config_error, read_
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain, read_text, write_json, write_text
-from rans.guard import safety_filter
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
+from rans.safety_filters import safety_filter
 from rans.scenario import scenario
 from rans.structure import LARGEST_TOML
 from rans.tasks.base import Task, observation
@@ -122,7 +122,7 @@ class Plan:
     """Keep-out zones that stand still, for tasks that observe some: x, y (in space also z) and radius of each, m.
     A radius includes the spacecraft's own."""
     guard: bool = False
-    """Whether the safety filter for the spacecraft and the task (`rans.guard.safety_filter`) stands between the
+    """Whether the safety filter for the spacecraft and the task (`rans.safety_filters`) stands between the
     agent and the valves."""
     guard_slack: float | None = None
     """Slack of that filter, in the unit of each constraint, m or m/s; None: its own."""

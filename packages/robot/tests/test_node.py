@@ -20,6 +20,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
+from rans_missions.tasks import Avoid
 from rans_robot.bag import bag_entries
 from rans_robot.bus import Receive, UDPBus, open_bus
 from rans_robot.commands.fly import Fly
@@ -41,7 +42,7 @@ from rans_robot.twin import VALVES_TOPIC, Craft, TwinPlan, run_twin
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
-from rans.tasks import Avoid, GoToPose
+from rans.tasks import GoToPose
 from tests.support.robots import AWAY
 
 PLATFORM = "floating-platform"

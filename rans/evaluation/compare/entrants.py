@@ -96,7 +96,7 @@ def contest_of(
     """Contest in the setup of its first contestant.
 
     Conditions replace those of the setup. With ``guard`` all contestants fly
-    with the safety filter for spacecraft and task, and its slack (`rans.guard.safety_filter`). For the control
+    with the safety filter for spacecraft and task, and its slack (`rans.safety_filters`). For the control
     period, s, see `rans.evaluation.fly.contestants.contestant`.
 
     Raises:

@@ -15,12 +15,12 @@ from rans.errors import ConfigError
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.flight import Controller, informed
-from rans.guard import safety_filter
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.randomization.plausible import warn_of_implausible
+from rans.safety_filters import safety_filter
 from rans.tasks import Task
 from rans.tasks.derived import layout
 from rans.tasks.feasible import warn_of_unobserved_layouts
@@ -101,7 +101,7 @@ class LoadedRun(NamedTuple):
     def guarded(
         self, guard: bool = True, slack: float | None = None, safe_coasts: bool = False
     ) -> LoadedRun:
-        """The run with the safety filter for its setup (`rans.guard.safety_filter`), if ``guard``.
+        """The run with the safety filter for its setup (`rans.safety_filters.safety_filter`), if ``guard``.
 
         Raises:
             ConfigError: the task has no constraints, no filter knows the craft, or there is a slack, or coasts are

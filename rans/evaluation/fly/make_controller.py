@@ -14,8 +14,8 @@ from rans.evaluation.fly.tuned import arguments, tuned
 from rans.evaluation.fly.user_policy import answered
 from rans.files import first_line
 from rans.flight import Controller, informed
-from rans.guard import safety_filter
 from rans.model.spacecraft import Spacecraft
+from rans.safety_filters import safety_filter
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans import verdict
-from rans.evaluation.measure.passive import passive_safety
 from rans.flight import Flight
 from rans.model.dynamics import thrust
-from rans.model.passive_safety import CoastZone
+from rans.registry import Registry
 from rans.tasks import Task
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
 from rans.tasks.quantities import QUANTITIES, Quantity
@@ -44,11 +43,25 @@ class Sample(NamedTuple):
     values: np.ndarray
     """(N,), one per episode; booleans if the metric is the share of episodes of which it is true."""
     centre: Callable[..., Any] = np.mean
+    compared: bool = False
+    """Whether comparisons of missions have it too: the percentage of episodes of which it is true."""
 
     @property
     def numbers(self) -> np.ndarray:
         """(N,) values in the metric's unit."""
         return 100.0 * self.values if self.values.dtype == bool else self.values
+
+
+FURTHER: Registry[Callable[[Flight], Iterator[Sample]]] = Registry(
+    kind="group of metrics", group="rans.metrics", built_in={}, checked=lambda of: of
+)
+"""Metrics that installed packages add: functions of a flight, which yield none of a flight that has none."""
+
+
+def further_samples(flight: Flight) -> Iterator[Sample]:
+    """Metrics of installed packages."""
+    for name in FURTHER:
+        yield from FURTHER[name](flight)
 
 
 def samples(flight: Flight) -> Iterator[Sample]:
@@ -59,8 +72,7 @@ def samples(flight: Flight) -> Iterator[Sample]:
     yield from _solved_to(flight)
     for quantity, error in flight.errors().items():
         yield from _accuracy(flight, quantity, error)
-    if flight.task.coast_zone is not None:
-        yield from _passive_safety(flight, flight.task.coast_zone)
+    yield from further_samples(flight)
     yield from _motion(flight)
     yield from _effort(flight)
     if type(flight.task).done is not Task.done:
@@ -268,18 +280,6 @@ def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
     hit = np.logical_or.accumulate(error < threshold)
     lost = hit & (error >= _STAY * threshold)
     return np.logical_and(hit[-1], ~lost.any(axis=0))
-
-
-def _passive_safety(flight: Flight, zone: CoastZone) -> Iterator[Sample]:
-    safety = passive_safety(flight)
-    until = f" before {zone.approach:g} m" if zone.approach else ""
-    group = "passive safety"
-    coasts = f"flights from which, thrusters shut{until}, an orbit's coast enters {zone.radius:g} m"
-    yield Sample(group, "unsafe coasts", coasts, "%", safety.unsafe)
-    starts = "starts from which a coast without any thrust enters it"
-    yield Sample(group, "unsafe starts", starts, "%", safety.unsafe_start)
-    least = "least distance of all coasts of all flights from the target, certified"
-    yield Sample(group, "coast distance", least, "m", safety.distance, np.min)
 
 
 def _motion(flight: Flight) -> Iterator[Sample]:

@@ -16,7 +16,6 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.regulator import Deadband, ModelBased
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import ThrusterPatterns, check_thrusters_alone
@@ -80,7 +79,7 @@ class MPPI(ModelBased):
     costs its thrust, and the mean over its time of the least time that is left by the
     `Curve` of `Switching`: what is left at its end alone could be had by waiting first. Negative margins of the
     task's constraints cost more than any way round; they are seen no farther ahead than a plan is long. In missions
-    on an orbit it stays at the goal from the arrival on (`rans.optimal.control.afterwards`).
+    on an orbit it stays at the goal from the arrival on (`rans.tasks.afterwards`).
 
     Raises:
         ConfigError: the craft has effectors besides thrusters, or see `Switching`.
@@ -115,7 +114,7 @@ class MPPI(ModelBased):
         self._patterns = ThrusterPatterns(craft)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._parts = _PARTS if craft.actuators.is_continuous else _PARTS[:1]
-        self._afterwards = Afterwards.of(craft, self._task, self._timing)
+        self._afterwards = self._task.afterwards(craft, self._timing)
         self.reset(0)
 
     def reset(self, count: int) -> None:

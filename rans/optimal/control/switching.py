@@ -15,7 +15,6 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.dead_thrusters import expecting_dead
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import (
@@ -94,7 +93,7 @@ class Switching(ModelBased):
     they can (`rans.optimal.trajectory.wheel_torques`), also within the dead band.
 
     Throttled and pulsed thrusters give the part of a pulse after which it is nearest. In a mission on an orbit it
-    stays at the goal from the arrival on (`rans.optimal.control.afterwards`).
+    stays at the goal from the arrival on (`rans.tasks.afterwards`).
 
     What a pulse leads to is computed with the task's drift and from where the goal will be. Thereafter the
     drift counts only as thrust that is not there for braking, so it must be weaker than the thrusters.
@@ -147,7 +146,7 @@ class Switching(ModelBased):
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self._last = np.zeros((0, len(wrenches)), bool)
         self._parts = _PARTS if craft.actuators.is_continuous else _PARTS[:1]
-        self._afterwards = Afterwards.of(craft, self._task, self._timing)
+        self._afterwards = self._task.afterwards(craft, self._timing)
 
     def _check_drift(self) -> None:
         """Refuse a drift that the thrusters cannot hold the craft against where its goal is."""

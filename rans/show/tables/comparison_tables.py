@@ -15,7 +15,7 @@ from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
-from rans.evaluation.measure.passive import passive_safety
+from rans.evaluation.measure.metrics import further_samples
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
@@ -82,8 +82,9 @@ def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds |
     result = {"mission won, %": share(entry.won).scaled(100.0)}
     if entry.flight.margins:
         result["limit broken, %"] = share(entry.flight.violated()).scaled(100.0)
-    if entry.flight.task.coast_zone is not None:
-        result["unsafe coasts, %"] = share(passive_safety(entry.flight).unsafe).scaled(100.0)
+    for sample in further_samples(entry.flight):
+        if sample.compared:
+            result[f"{sample.name}, {sample.unit}"] = share(sample.values).scaled(100.0)
     result["time of success, s"] = bootstrap.median(entry.success)
     spent = entry.thrust[entry.won]
     result["impulse of successes, N s"] = _mean(spent)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.tasks import Avoid, DockPort
 
 from rans.episode import Setup
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.tasks import Avoid, DockPort
 
 
 @dataclass

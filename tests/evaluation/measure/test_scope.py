@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import pytest
+from rans_missions.tasks import Dock
 
 import rans
 from rans.display import meanings
@@ -22,7 +23,7 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.scenario import scenarios
-from rans.tasks import Dock, GoToPose
+from rans.tasks import GoToPose
 
 NUMBERS = set(
     """

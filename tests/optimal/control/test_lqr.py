@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.tasks import Dock, Hold
 
 from rans.evaluation.measure.metrics import final_errors, impulses, settling_times, solved
 from rans.flight import fly
@@ -22,7 +23,7 @@ from rans.optimal.control.mpc import MPC
 from rans.optimal.control.regulator import Deadband, Weights, distance_scale
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import TASKS, Dock, GoToPose, Hold, TrackTwist
+from rans.tasks import TASKS, GoToPose, TrackTwist
 from tests.support.crafts import nasty_spatial
 from tests.support.settling import NAMES, SLOWEST
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.tasks import Avoid, Dock, DockPort, Hold
+from rans_missions.tasks.orbital import TargetOrbit
 
 from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
@@ -13,8 +15,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
 from rans.show.figures.flight_paths import paths_figure
-from rans.tasks import Avoid, Dock, DockPort, GoToPose, Hold, Task
-from rans.tasks.orbital import TargetOrbit
+from rans.tasks import GoToPose, Task
 
 
 def flown(craft_name: str, task: Task, steps: int = 5, count: int = 4) -> Flight:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import torch
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock, TargetOrbit
 
 import rans
 from rans.api.pages import flyers
@@ -40,7 +41,6 @@ from rans.randomization.layouts import authority_margin, sample_layout
 from rans.scenario import scenarios
 from rans.show.pages.playground import Playground, _Traced, playground
 from rans.show.scene.interactive import InteractiveFlight, interactive_world
-from rans.tasks import Dock, TargetOrbit
 from tests.support.browser import opened, served
 
 NODE = shutil.which("node")

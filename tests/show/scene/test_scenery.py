@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.tasks import Avoid, DockPort
 
 from rans.drawing import Scene, outlines
 from rans.flight import fly
@@ -18,7 +19,6 @@ from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.show.figures.figures import episode_figure
 from rans.show.scene.scene import SceneMotion, at_instant, scenery_parts, scenery_pose
-from rans.tasks import Avoid, DockPort
 from rans.tasks.shapes import Ball, Cone, GlideSlope, SpeedLimit
 
 PLATFORM = load_spacecraft("floating-platform")

@@ -7,11 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+import rans_missions.tasks.land
+from rans_missions.tasks import Avoid, Inspect, Land
 
-import rans.tasks.land
 from rans.model.fields import Vec3
 from rans.scenario import draws
-from rans.tasks import TASKS, Avoid, Inspect, Land
+from rans.tasks import TASKS
 from rans.tasks.shapes import GlideSlope
 from validation.study.missions import MISSIONS, mission_checks
 
@@ -76,5 +77,5 @@ def test_what_is_planted_is_named(
 
 
 def test_a_glide_slope_from_above_the_site_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rans.tasks.land, "GlideSlope", _above)
+    monkeypatch.setattr(rans_missions.tasks.land, "GlideSlope", _above)
     assert wrong() == {"tasks: margins of land"}

@@ -21,8 +21,8 @@ from rans.progress import Progress, unseen
 from rans.randomization.parameters import StepInputs
 from rans.scenario import Scenario, each
 from rans.table import Table
-from rans.tasks.land import Land
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
+from rans_missions.tasks.land import Land
 
 REPLAY_BOUND = 0.1
 """Largest distance between the planned and the flown end, m, a tenth of the task's tolerance: between two knots the

@@ -14,12 +14,11 @@ from rans.evaluation.measure.metrics import impulses
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.lqr import LQR
 from rans.progress import Progress
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, each, scenarios
-from rans.tasks.orbital import OrbitalMission
+from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
@@ -32,6 +31,7 @@ from rans_missions.convex.rendezvous import (
     rendezvous,
     within_limits,
 )
+from rans_missions.tasks.orbital import OrbitalMission
 
 _RESERVE = 0.01
 """Share of the position tolerance that an arrival leaves after which the craft stays: it may pass along it."""

@@ -13,14 +13,21 @@ import numpy as np
 
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Vec2, Vec3, map_leaves
-from rans.model.passive_safety import PRECISION, Pieces, carried, joined, keep_away, single_coasts
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, bounds, largest
 from rans.tasks.base import Task
-from rans.tasks.inspect import Inspect
 from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
+from rans_missions.passive_safety import (
+    PRECISION,
+    Pieces,
+    carried,
+    joined,
+    keep_away,
+    single_coasts,
+)
+from rans_missions.tasks.inspect import Inspect
 
 _WAITS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """Times until the first burn, as shares of an orbit."""
@@ -105,7 +112,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
 
     Args:
         craft: by name, TOML file or as such.
-        task: an `rans.tasks.inspect.Inspect`, or its name.
+        task: an `rans_missions.tasks.inspect.Inspect`, or its name.
         timing: control period, and length of the episode; None: the task's.
         safe_coasts: whether plans are passively safe: if all thrusters shut at any instant, also in the midst of a
             burn, the coast of the next orbit does not enter the keep-out ball. Where no plan is, one more burn at

@@ -12,10 +12,9 @@ from rans.errors import SolverFailed
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.afterwards import Afterwards
 from rans.tasks.base import Task
-from rans.tasks.orbital import OrbitalMission, last_check
 from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
+from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.planning import PlanningGuidance
 from rans_missions.convex.impulses import Impulses
 from rans_missions.convex.rendezvous import (
@@ -27,6 +26,7 @@ from rans_missions.convex.rendezvous import (
     trajectory,
     within_limits,
 )
+from rans_missions.tasks.orbital import OrbitalMission, last_check
 
 _OFF = 0.1
 """Share of the tolerances by which a plan's arrival may be missed before it is made anew."""
@@ -58,7 +58,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     tolerances, the program of `rans_missions.convex.rendezvous` is solved from the state as it is. Between, the
     planned commands are given, so that a perfect world needs one program an episode: 0.05 to 2 s of a core.
     Where no transfer is found, the craft coasts. After the arrival it stays at the goal, and after a deadline that
-    was missed it plans again (`rans.optimal.control.afterwards`).
+    was missed it plans again (`rans_missions.control.afterwards`).
 
     Args:
         craft: by name, TOML file or as such; one whose thrusters do not turn it.

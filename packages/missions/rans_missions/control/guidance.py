@@ -14,7 +14,6 @@ from rans.errors import ConfigError, checked, is_finite
 from rans.model.fields import Heading, Quat, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
 from rans.optimal.trajectory.allocation import Allocation, inertia, rounding
@@ -49,7 +48,7 @@ class VelocityToGain(ModelBased):
     an arrival is never sooner than the burns last.
 
     In a mission on an orbit it stays at the goal after a deadline, and from the arrival on where it does not stop
-    there (`rans.optimal.control.afterwards`).
+    there (`rans_missions.control.afterwards`).
 
     The attitude, where the task asks for one, is turned as by the `LQR`. Thrusters that are throttled or
     pulsed give shares of their thrust; on/off thrusters open where half or more is wanted.
@@ -62,7 +61,7 @@ class VelocityToGain(ModelBased):
             (`rans.tasks.base.Task.arrival`), or 0.4 of the episode.
         stop: whether to arrive at the goal's velocity; without, there is no second burn. None: unless the
             task is a mission that is over once it is won (`rans.tasks.base.Task.done`) and asks for no braking
-            (`rans.tasks.orbital.OrbitalMission.brakes`).
+            (`rans_missions.tasks.orbital.OrbitalMission.brakes`).
         deadband: when to leave all thrusters shut.
 
     Raises:
@@ -108,7 +107,7 @@ class VelocityToGain(ModelBased):
         integrated = np.zeros(craft.degrees_of_freedom, bool)
         integrated[craft.dimension :] = self._rotation.price[0] > 0
         self._rounding = rounding(craft, period, integrated)
-        self._afterwards = Afterwards.of(craft, self._task, self._timing)
+        self._afterwards = self._task.afterwards(craft, self._timing)
         self._motions: dict[int, LinearMotion] = {}
         self._flown = 0
 

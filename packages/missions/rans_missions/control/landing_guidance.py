@@ -17,7 +17,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
-from rans.tasks.land import Land
 from rans_missions.control.planning import PlanningGuidance
 from rans_missions.convex.landing import (
     Descent,
@@ -37,6 +36,7 @@ from rans_missions.convex.steered_landing import (
     tilt_of,
     tilt_rate,
 )
+from rans_missions.tasks.land import Land
 
 _STATES = 11
 """Number of states of a plan without roll."""
@@ -81,7 +81,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
     Args:
         craft: by name, TOML file or as such; engines that push along z of B together, and reaction wheels that turn
             it about every axis.
-        task: an `rans.tasks.land.Land`, or its name.
+        task: an `rans_missions.tasks.land.Land`, or its name.
         timing: control period, and length of the episode.
         reserve: share of the largest thrust that plans leave, so that errors can be corrected.
         dead: numbers of engines that it knows to be dead from the start, in the craft's order from 0.

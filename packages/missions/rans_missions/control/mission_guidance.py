@@ -17,13 +17,13 @@ from rans.errors import ConfigError
 from rans.model.fields import Field, Heading, Quat, floor, map_leaves, within
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.afterwards import Afterwards
 from rans.optimal.control.regulator import ModelBased
 from rans.randomization.conditions import Conditions, bounds, largest
 from rans.scenario import scenario
 from rans.tasks.base import Task
-from rans.tasks.orbital import OrbitalMission
+from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.navigation_filter import NavigationFilter
+from rans_missions.tasks.orbital import OrbitalMission
 
 _DOUBT = 2.0
 """Standard deviations of a correction below which it is not given: it would mostly correct errors of navigation."""
@@ -49,12 +49,12 @@ class MissionGuidance(ModelBased):
     >>> rans.MissionGuidance("afrl-deputy", "dock")
     <mission: Dock for afrl-deputy>
 
-    The recommendation (`rans.tasks.orbital.OrbitalMission.recommended`) keeps below speed limits, goes around
-    keep-out balls, stays inside the cone of rendezvous, and makes burns later where that is cheaper. Agents with
-    the head "guided" observe it, and begin their training as this controller.
+    The recommendation (`rans_missions.tasks.orbital.OrbitalMission.recommended`) keeps below speed limits, goes
+    around keep-out balls, stays inside the cone of rendezvous, and makes burns later where that is cheaper. Agents
+    with the head "guided" observe it, and begin their training as this controller.
 
     After the arrival it stays at the goal, and after a deadline that was missed it plans again
-    (`rans.optimal.control.afterwards`): in a simulator that does not end it flies on for ever.
+    (`rans_missions.control.afterwards`): in a simulator that does not end it flies on for ever.
 
     With known errors it estimates position, velocity and a constant force by a Kalman filter, gives no correction
     below two standard deviations, expects the mean command delay, and stays farther below speed limits. A mission

@@ -10,18 +10,18 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rans.model.passive_safety import (
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.tasks.base import Task
+from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
+from rans_missions.passive_safety import (
     Pieces,
     carried,
     joined,
     keep_away,
     single_coasts,
 )
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.tasks.base import Task
-from rans.tasks.hold import Hold
-from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
+from rans_missions.tasks.hold import Hold
 
 _LEGS = ((1, 24), (2, 6000), (3, 8000))
 """Numbers of coasts of plans, and how many of these are drawn first: one has only its time to choose."""
@@ -87,7 +87,7 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
 
     A plan has one to four coasts and a burn before and after each. Plans are drawn at random, with the same random
     numbers for every start, and again where none of them is safe. In the order of their prices all their coasts
-    are computed (`rans.model.passive_safety`): those of the plan, and those after any part of a burn, first of
+    are computed (`rans_missions.passive_safety`): those of the plan, and those after any part of a burn, first of
     impulses and then of burns as they are flown. The cheapest plan whose coasts keep out of the ball is flown;
     without one, that whose coasts keep the largest distance. Burns of several control periods are centred on their
     instants and keep their direction. At the hold point the craft stays on a closed ellipse, which drifts nowhere.

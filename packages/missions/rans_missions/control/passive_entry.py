@@ -13,28 +13,29 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.guidance.arrival import whole_periods
 from rans.model.drift import steady
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
-from rans.model.passive_safety import (
-    CoastZone,
-    Pieces,
-    carried,
-    joined,
-    keep_away,
-    pushed,
-    single_coasts,
-)
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
 from rans.tasks.base import Task
-from rans.tasks.orbital import OrbitalMission, last_check
 from rans.tasks.shapes import Cone
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.velocity_guidance import PassivelySafeGuidance
 from rans_missions.convex.passive_transfer import passive_transfer
 from rans_missions.convex.rendezvous import Meeting, least_margin
+from rans_missions.guidance.arrival import whole_periods
+from rans_missions.passive_safety import (
+    CoastZone,
+    Pieces,
+    carried,
+    coast_zone,
+    joined,
+    keep_away,
+    pushed,
+    single_coasts,
+)
+from rans_missions.tasks.orbital import OrbitalMission, last_check
 
 _TRIES = ((0, 4000, 0.75), (0, 16_000, 0.92), (1, 32_000, 0.92))
 """Seeds and numbers of plans that are drawn for a start, and the largest part of the time to its deadline that the
@@ -107,11 +108,11 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     >>> rans.PassiveEntry("afrl-deputy", "dock")
     <passive-entry: Dock for afrl-deputy>
 
-    The first coast ends a little within the distance of the approach (`rans.tasks.base.Task.coast_zone`), at a
-    point from where it would pass beside the zone. There `rans.MissionGuidance` takes over, and flies to the
+    The first coast ends a little within the distance of the approach (`rans_missions.passive_safety.coast_zone`),
+    at a point from where it would pass beside the zone. There `rans.MissionGuidance` takes over, and flies to the
     target. Plans, that is points and times, are drawn at random, with the same random numbers for every start. In
-    the order of their prices their coasts are computed (`rans.model.passive_safety`), first of impulses and then of
-    burns as they are flown. The cheapest plan whose coasts keep out of the zone is flown. Without one, the first
+    the order of their prices their coasts are computed (`rans_missions.passive_safety`), first of impulses and then
+    of burns as they are flown. The cheapest plan whose coasts keep out of the zone is flown. Without one, the first
     coast may turn on the way by one more burn. The whole flight is predicted. Of a mission with a cone the cheapest
     of these plans is flown that stays inside the cone. Of other missions a start without a plan that is safe, keeps
     the limits and arrives in time has a thrust for every period from cone programs
@@ -143,7 +144,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         )
         self._guidance = MissionGuidance(self.craft, self.task, timing)
         steady(self.task.drift, "passive entry computes coasts")
-        zone = self.task.coast_zone
+        zone = coast_zone(self.task)
         if zone is None or zone.approach <= zone.radius or self.craft.dimension != 3:
             raise ConfigError(
                 f"passive entry flies missions in space with an approach to a target, such as dock, and "

@@ -12,20 +12,21 @@ import numpy as np
 
 from rans.model.drift import velocity_to_reach
 from rans.model.fields import Quat, Vec3, leaves, map_leaves
-from rans.model.passive_safety import (
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.arguments import craft_and_task
+from rans.optimal.trajectory.allocation import rounding
+from rans.tasks.base import Task
+from rans_missions.passive_safety import (
+    coast_zone,
     joined,
     least_distances,
     pieces_of_periods,
     pushed,
     single_coasts,
 )
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.arguments import craft_and_task
-from rans.optimal.trajectory.allocation import rounding
-from rans.tasks.base import Task
-from rans.tasks.inspect import Inspect
-from rans.tasks.orbital import OrbitalMission
+from rans_missions.tasks.inspect import Inspect
+from rans_missions.tasks.orbital import OrbitalMission
 
 _PREDICTED = 8
 """Number of plans of each batch, safe if burns were impulses, whose flight is predicted."""
@@ -132,13 +133,13 @@ class PassivelySafeGuidance(VelocityGuidance[Mission]):
     """Base of guidance whose coasts of an orbit keep out of a zone around the target, whenever the thrusters shut.
 
     Plans have prices. In the order of these their coasts are computed, first of impulses and then of burns as they
-    are flown (`rans.model.passive_safety`).
+    are flown (`rans_missions.passive_safety`).
     """
 
     @property
     def _radius(self) -> float:
         """Radius of the zone, m."""
-        zone = self.task.coast_zone
+        zone = coast_zone(self.task)
         assert zone is not None
         return zone.radius
 

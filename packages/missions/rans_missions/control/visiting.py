@@ -13,11 +13,11 @@ from rans.model.drift import velocity_to_reach
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.afterwards import Afterwards
 from rans.tasks.base import Task
-from rans.tasks.hold import Hold
-from rans.tasks.inspect import Inspect
+from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.velocity_guidance import VelocityGuidance
+from rans_missions.tasks.hold import Hold
+from rans_missions.tasks.inspect import Inspect
 
 _LEAST = 1e-3
 """Length of a sum of directions, over the number of points, below which it has no direction."""
@@ -37,11 +37,11 @@ class Visiting(VelocityGuidance[Inspect]):
     approached round the target, by at most ``turn`` at a time. In every control period the velocity to gain is
     that with which the craft coasts to the view in the time that the arc takes at ``speed``; it is burnt where
     it exceeds ``least``, and the craft coasts otherwise. Once enough has been seen, it goes to a point behind the
-    target on its orbit, at ``distance``, and stays there (`rans.tasks.hold.Hold`).
+    target on its orbit, at ``distance``, and stays there (`rans_missions.tasks.hold.Hold`).
 
     Args:
         craft: by name, TOML file or as such.
-        task: an `rans.tasks.inspect.Inspect`, or its name.
+        task: an `rans_missions.tasks.inspect.Inspect`, or its name.
         timing: control period, and length of the episode; None: the task's.
         distance: of views from the target's centre, m.
         speed: along the arc, m/s.

@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from rans.errors import SolverFailed
-from rans.tasks.orbital import last_check
 from rans_missions.convex.rendezvous import Meeting, instant_bounds, staying_prices
+from rans_missions.tasks.orbital import last_check
 
 _SPACING = 30.0
 """Time between two checks of the stay at which a program keeps the tolerances, s: at hold's speed tolerance a craft

@@ -12,7 +12,7 @@ from rans.model.dynamics import SpatialState
 from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks.inspect import Inspect
+from rans_missions.tasks.inspect import Inspect
 
 _ROUNDING = 1e-9
 """Rounding of a share of points against its tolerance."""

@@ -35,8 +35,8 @@ from scipy import sparse
 from rans.errors import ConfigError, SolverFailed
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
-from rans.tasks.land import Land
 from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.tasks.land import Land
 
 _LENGTH = 1000.0
 """m."""

@@ -15,9 +15,9 @@ import numpy as np
 from scipy import sparse
 
 from rans.model.drift import ClohessyWiltshire
-from rans.model.passive_safety import CoastZone, transition
 from rans_missions.convex.cone_program import ConeProgram
 from rans_missions.convex.rendezvous import Meeting, cone_rows
+from rans_missions.passive_safety import CoastZone, transition
 
 _ROUNDS = 12
 """Largest number of programs."""

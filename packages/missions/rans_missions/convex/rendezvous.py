@@ -27,9 +27,9 @@ from rans.model.dynamics import RULES
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.tasks.orbital import OrbitalMission, last_check
 from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
 from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.tasks.orbital import OrbitalMission, last_check
 
 _ROUNDS = 12
 """Of the convex-concave procedure at most."""

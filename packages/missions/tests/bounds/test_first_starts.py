@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock, Inspect
 
 from rans.evaluation.compare import run
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
@@ -22,7 +23,7 @@ from rans.show.figures.mission_figures import (
     spent_over_time,
 )
 from rans.show.tables.comparison_tables import differences, outcome, scoreboard
-from rans.tasks import Dock, GoToPose, Inspect
+from rans.tasks import GoToPose
 from tests.support.comparisons import points
 
 CRAFT = load_spacecraft("afrl-deputy")

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.convex.landing import Descent, Lander, landing
+from rans_missions.tasks.land import Land
 
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
@@ -22,7 +23,6 @@ from rans.show.figures.landing_figures import descent, propellant_beside_bounds,
 from rans.show.figures.mission_figures import margins_over_time, spent_over_time
 from rans.show.pages.comparison_page import page
 from rans.tasks import GoToPose
-from rans.tasks.land import Land
 
 CRAFT = load_spacecraft("mars-lander-steered")
 TASK = Land()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rans_missions.bounds.transfers import judged_transfers
+from rans_missions.tasks import Hold
 
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import Hold
 
 CHASER = load_spacecraft("vbar-chaser")
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.convex.inspection import inspection_bound
+from rans_missions.tasks import Inspect
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
@@ -20,7 +21,6 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.scenario import scenarios
-from rans.tasks import Inspect
 from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")

@@ -10,12 +10,12 @@ import pytest
 from rans_missions.bounds.transfers import row_of, transfer_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.guidance import VelocityToGain
+from rans_missions.tasks import Dock, TargetOrbit
 
 from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import Dock, TargetOrbit
 
 DEPUTY = load_spacecraft("afrl-deputy")
 CHASER = load_spacecraft("arpod-chaser")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.convex.landing import Descent, Lander, best_landing
+from rans_missions.tasks.land import Land
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
@@ -20,7 +21,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks.land import Land
 
 LANDER = load_spacecraft("mars-lander-steered")
 TASK = Land()

@@ -12,6 +12,8 @@ import torch
 from rans_missions.bounds.transfers import Row, row_of
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock, Hold, Rendezvous
+from rans_missions.tasks.orbital import OrbitalMission
 
 import rans
 from rans.effectors.commands import per_velocity
@@ -33,10 +35,8 @@ from rans.randomization.conditions import (
 )
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.tasks import Dock, Hold, Rendezvous
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
-from rans.tasks.orbital import OrbitalMission
 from rans.tasks.shapes import Ball
 
 DEPUTY = load_spacecraft("afrl-deputy")

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.control.passive_approach import PassiveApproach
+from rans_missions.tasks import Hold
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
-from rans.tasks import Hold
 from tests.support.clohessy_wiltshire import transition
 
 TASK = Hold()

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.control.passive_entry import PassiveEntry, _Plan
+from rans_missions.tasks import Dock
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
-from rans.tasks import Dock
 from tests.support.clohessy_wiltshire import transition
 
 TASK = Dock()

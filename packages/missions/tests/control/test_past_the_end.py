@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.control.landing_guidance import LandingGuidance
+from rans_missions.tasks import Dock, Hold, Inspect, Land, Rendezvous
+from rans_missions.tasks.orbital import OrbitalMission
 
 from rans.episode import Setup
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -19,8 +21,6 @@ from rans.flight import Controller
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, scenarios
-from rans.tasks import Dock, Hold, Inspect, Land, Rendezvous
-from rans.tasks.orbital import OrbitalMission
 from tests.support.past_the_end import flown_on
 
 REVERSALS = 3.0

@@ -12,12 +12,12 @@ from rans_missions.control.velocity_guidance import (
     VelocityGuidance,
     closed_ellipse,
 )
+from rans_missions.tasks import Hold
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
-from rans.tasks import Hold
 from tests.support.clohessy_wiltshire import transition
 
 TASK = Hold()

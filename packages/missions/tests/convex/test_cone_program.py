@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from rans_missions.convex.cone_program import ConeProgram
 from rans_missions.convex.landing import Descent, Lander, landing
 from rans_missions.convex.rendezvous import least_impulse
+from rans_missions.tasks.land import Land
 from scipy import sparse
 
 from rans.errors import SolverFailed
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks.land import Land
 from tests.support.rendezvous import meeting_of
 
 

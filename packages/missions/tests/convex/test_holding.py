@@ -8,6 +8,7 @@ from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.convex.holding import least_to_hold, staying_proof
 from rans_missions.convex.rendezvous import Meeting, rendezvous
+from rans_missions.tasks import Hold
 
 from rans.evaluation.measure.metrics import impulses, solved
 from rans.flight import fly
@@ -15,7 +16,6 @@ from rans.model.drift import FreeFlight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.tasks import Hold
 
 LINE = Meeting(
     drift=FreeFlight(),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.convex.inspection import inspection_bound
+from rans_missions.tasks import Inspect
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
@@ -15,7 +16,6 @@ from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import Inspect
 
 DEPUTY = load_spacecraft("afrl-deputy")
 MASS = 12.0

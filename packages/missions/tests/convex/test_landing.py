@@ -21,12 +21,12 @@ from rans_missions.convex.landing import (
     largest_turning,
     thrusts,
 )
+from rans_missions.tasks.land import Land
 
 from rans.errors import ConfigError
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, scenarios
-from rans.tasks.land import Land
 
 CRAFT = load_spacecraft("mars-lander-steered")
 LANDER = Lander.of(CRAFT)

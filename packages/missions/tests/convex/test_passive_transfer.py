@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from rans_missions.convex.passive_transfer import passive_transfer
 from rans_missions.convex.rendezvous import Meeting, least_impulse
+from rans_missions.tasks import Dock
 
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import Dock
 from tests.support.clohessy_wiltshire import transition
 
 TASK = Dock()

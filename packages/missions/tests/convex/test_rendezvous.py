@@ -21,6 +21,8 @@ from rans_missions.convex.rendezvous import (
     rendezvous,
     trajectory,
 )
+from rans_missions.tasks import Dock, Hold, Rendezvous, TargetOrbit
+from rans_missions.tasks.orbital import last_check
 
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
@@ -28,8 +30,6 @@ from rans.model.fields import leaves
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import each, scenarios
-from rans.tasks import Dock, Hold, Rendezvous, TargetOrbit
-from rans.tasks.orbital import last_check
 from tests.support.rendezvous import DEPUTY, meeting_of, program
 
 

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.improve import search
+from rans_missions.tasks import Dock
 
 from rans.effectors.commands import per_velocity
 from rans.episode import Setup
@@ -22,7 +23,6 @@ from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import Dock
 
 CRAFT = load_spacecraft("afrl-deputy")
 TASK = Dock(deadline=(600.0, 600.0)).for_evaluation()

@@ -1,0 +1,278 @@
+"""Safety filter of on/off and pulsed thrusters: a command passes if a backup manoeuvre is safe after it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from rans.episode import Command, World
+from rans.model.fields import Field, where
+from rans_missions.guard.ahead import Ahead
+from rans_missions.guard.coasting import Coasting, periods_of
+from rans_missions.guard.manoeuvres import Manoeuvre, Thrusters, manoeuvres
+from rans_missions.guard.replacing import Predicting
+from rans_missions.guard.rows import (
+    copied,
+    count,
+    lesser,
+    like,
+    repeated,
+    row_indices,
+    stacked,
+    taken,
+    truths,
+    where_true,
+)
+from rans_missions.guard.straight_line import few
+
+_FEW = 2
+"""Number of manoeuvres that are tried after commands near the desired one."""
+_BLENDS = (0.25, 0.5, 0.75)
+"""Shares of a manoeuvre in commands of pulsed valves near the desired one."""
+
+
+@dataclass(frozen=True)
+class FlownBackup(Predicting):
+    """Safety filter by simulated backup manoeuvres, a `rans.episode.Guard`.
+
+    A state is safe if the craft may coast from it (`rans_missions.guard.coasting.Coasting`), or if one of
+    `rans_missions.guard.manoeuvres.manoeuvres` brings it to such a state within ``periods`` control periods, with
+    every margin kept at every check. A command passes if it keeps every margin at every check of its control period
+    and leads to a safe state. From a safe start there is always a command that passes: coasting, or the next
+    command of the manoeuvre by which the last command passed. This is a simplex filter with an implicit safe set
+    (K. Hobbs et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control Systems, 2023). All predictions
+    use the engine's equations of motion without linearisation.
+
+    A command that does not pass is replaced by the first of these that does: commands that differ from it in one
+    thruster (for pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and the first
+    command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is flown whose
+    least margin is largest.
+    """
+
+    horizon: float | None = None
+    """Time for which coasting is checked if it cannot be checked for all times, s; None: the length of an
+    episode."""
+    name: str = "flown backup"
+
+    def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
+        """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""
+        search = _Search.of(self, world)
+        return search.passes(state, goal, command, search.ways)
+
+    def safe(self, world: World, state: Any, goal: Any) -> Field:
+        """Whether states (N,) of arrays or tensors are safe: the filter can keep all margins from there, (N,)."""
+        search = _Search.of(self, world)
+        return search.safe(state, goal, search.ways)
+
+    def _instead(self, world: World, state: Any, goal: Any, command: Command) -> Command:
+        return _Search.of(self, world).instead(state, goal, command)
+
+
+class _Arrival(NamedTuple):
+    """Predicted result of a control period."""
+
+    state: Any
+    goal: Any
+    kept: Field
+    """Whether every margin is kept at every check."""
+    free: Field
+    """Whether every margin is kept and the craft may coast from there."""
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Predictions of a filter in one world."""
+
+    world: World
+    ahead: Ahead
+    coasting: Coasting
+    thrusters: Thrusters
+    ways: tuple[Manoeuvre, ...]
+    periods: int
+    slack: float
+
+    @classmethod
+    def of(cls, guard: FlownBackup, world: World) -> _Search:
+        timing = world.timing
+        seconds = guard.horizon or timing.control_period * timing.episode_steps
+        horizon = periods_of(seconds, timing.control_period)
+        ahead = Ahead.of(world, guard.reserve)
+        coasting = Coasting(ahead, guard.slack, horizon)
+        library = manoeuvres(world)
+        return cls(
+            world,
+            ahead,
+            coasting,
+            Thrusters.of(world),
+            library,
+            guard.periods,
+            guard.slack,
+        )
+
+    def safe(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
+        """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
+        safe = self.coasting.safe(state, goal)
+        left = where_true(~safe)
+        if len(left):
+            safe[left] = self._escapes(taken(state, left), taken(goal, left), library)
+        return safe
+
+    def _escapes(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
+        """Whether one of these manoeuvres leads to a state from which the craft may coast."""
+        size = count(state)
+        escaped = truths(state, size)
+        left = row_indices(state, size)
+        # The first manoeuvre succeeds from most states; for the rest all others are predicted at once.
+        for some in (library[:1], library[1:]):
+            if some and len(left):
+                free = self.leaves_by(some, taken(state, left), taken(goal, left)).any(0)
+                escaped[left[free]] = True
+                left = left[~free]
+        return escaped
+
+    def leaves_by(self, library: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
+        """Whether each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N)."""
+        size = count(state)
+        manoeuvre = repeated(state, library, size)
+        again = stacked([row_indices(state, size)] * len(library))
+        state = taken(state, again)
+        goal = taken(goal, again)
+        escaped = truths(state, len(again))
+        rows = row_indices(state, len(again))
+        for _ in range(self.periods):
+            arrival = self._manoeuvred(manoeuvre, state, goal)
+            escaped[rows[arrival.free]] = True
+            going = where_true(arrival.kept & ~arrival.free)
+            if not len(going):
+                break
+            rows = rows[going]
+            manoeuvre, state, goal = taken((manoeuvre, arrival.state, arrival.goal), going)
+        return escaped.reshape(len(library), size)
+
+    def command(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
+        """Command of a manoeuvre in these states."""
+        arguments = manoeuvre, state, goal
+        if few(state) and (program := self.ahead.traced("push", self._pushing, *arguments)):
+            result = program.of_rows(*arguments)
+            if result is not None:
+                return result
+        return self._pushing(*arguments)
+
+    def _pushing(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
+        return self.thrusters.pushing(state, manoeuvre.push(self.world, state, goal))
+
+    def _manoeuvred(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> _Arrival:
+        """Predicted result of a control period of a manoeuvre."""
+        return self.held(state, goal, self.command(manoeuvre, state, goal))
+
+    def held(self, state: Any, goal: Any, command: Command) -> _Arrival:
+        """Predicted result of holding a command for a control period."""
+        arrival = self.ahead.fly(state, goal, command)
+        holds = arrival.least >= self.slack
+        free = holds & self.coasting.safe(arrival.state, arrival.goal)
+        return _Arrival(arrival.state, arrival.goal, holds, free)
+
+    def passes(
+        self, state: Any, goal: Any, command: Command, library: tuple[Manoeuvre, ...]
+    ) -> Field:
+        """Whether commands keep every margin for a period and lead to safe states."""
+        arrival = self.held(state, goal, command)
+        passed = arrival.free
+        left = where_true(arrival.kept & ~arrival.free)
+        if len(left):
+            passed[left] = self._escapes(
+                taken(arrival.state, left), taken(arrival.goal, left), library
+            )
+        return passed
+
+    def instead(self, state: Any, goal: Any, command: Command) -> Command:
+        """Replacements of commands that do not pass."""
+        size = count(state)
+        first = self.command(self.ways[0], state, goal)
+        admitted = [copied(x) for x in first]
+        open_ = row_indices(state, size)
+
+        # Commands near the desired one, all at once; the first that passes.
+        near = self._near(command, first)
+        if near:
+            again = stacked([open_] * len(near))
+            tried = tuple(stacked(list(column)) for column in zip(*near, strict=True))
+            good = self.passes(taken(state, again), taken(goal, again), tried, self.ways[:_FEW])
+            good = good.reshape(len(near), size)
+            replaced = truths(state, size)
+            for neighbour, passed in zip(near, good, strict=True):
+                new = where_true(passed & ~replaced)
+                for x, y in zip(admitted, neighbour, strict=True):
+                    x[new] = y[new]
+                replaced = replaced | passed
+            open_ = open_[~replaced]
+
+        # All shut, then manoeuvres.
+        if len(open_):
+            open_ = self.backups(admitted, state, goal, open_)
+        if len(open_):
+            best = self.best(taken(state, open_), taken(goal, open_))
+            for x, y in zip(admitted, best, strict=True):
+                x[open_] = y
+        return tuple(admitted)
+
+    def backups(self, admitted: list[Any], state: Any, goal: Any, open_: Any) -> Any:
+        """Set commands of rows ``open_`` to those of backups that work; the rows without any."""
+        states, goals = taken(state, open_), taken(goal, open_)
+        coasts = self.coasting.safe(states, goals)
+        for x in admitted:
+            x[open_[coasts]] = 0.0
+        open_ = open_[~coasts]
+        if not len(open_):
+            return open_
+        states, goals = taken(state, open_), taken(goal, open_)
+        works = self.leaves_by(self.ways, states, goals)
+        done = truths(states, len(open_))
+        for manoeuvre, work in zip(self.ways, works, strict=True):
+            rows = where_true(work & ~done)
+            done = done | work
+            if len(rows):
+                tried = self.command(manoeuvre, taken(states, rows), taken(goals, rows))
+                for x, y in zip(admitted, tried, strict=True):
+                    x[open_[rows]] = y
+        return open_[~done]
+
+    def best(self, state: Any, goal: Any) -> Command:
+        """Commands of the backups whose least margin is largest: coasting, or a manoeuvre and then coasting."""
+        size = count(state)
+        kept = self.coasting.least(state, goal)
+        result = tuple(like(state, size) for _ in self.world.craft.commands)
+        again = stacked([row_indices(state, size)] * len(self.ways))
+        manoeuvre = repeated(state, self.ways, size)
+        state, goal = taken((state, goal), again)
+        first = self.command(manoeuvre, state, goal)
+        command = first
+        least = like(state, len(again), math.inf)
+        most = -least
+        for _ in range(self.periods):
+            arrival = self.ahead.fly(state, goal, command)
+            state, goal = arrival.state, arrival.goal
+            least = lesser(least, arrival.least)
+            then = lesser(least, self.coasting.least(state, goal))
+            most = where(then > most, then, most)
+            command = self.command(manoeuvre, state, goal)
+        rows = most.reshape(len(self.ways), size)
+        commands = [x.reshape(len(self.ways), size) for x in first]
+        for k in range(len(self.ways)):
+            better = rows[k] > kept
+            kept = where(better, rows[k], kept)
+            result = tuple(where(better, x[k], y) for x, y in zip(commands, result, strict=True))
+        return result
+
+    def _near(self, command: Command, first: Command) -> list[Command]:
+        """Commands near the desired ones."""
+        if self.world.craft.actuators.is_continuous:
+            return [
+                tuple(x + (y - x) * blend for x, y in zip(command, first, strict=True))
+                for blend in _BLENDS
+            ]
+        return [
+            tuple(1.0 - x if i == k else x for i, x in enumerate(command))
+            for k in range(self.world.craft.thruster_count)
+        ]

@@ -1,0 +1,388 @@
+"""Guidance to a position near a circular orbit by a planned arrival: by single impulses, or by few burns.
+
+The equations of motion are linear (`rans.model.drift.ClohessyWiltshire`), thrusters are along the axes of W, the
+Hill frame of the target, and a burn is an impulse at the start of a control period.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cache, partial
+from itertools import combinations
+from typing import Any
+
+from rans.model.drift import velocity_to_reach
+from rans.model.fields import Field, Vec3, absolute, at_least, map_leaves, sin, where
+from rans_missions.guidance.arrival import PLANS, TIME_ROUNDING, best_arrival, whole_periods
+from rans_missions.guidance.coasts import COAST_POINTS, Coasts
+from rans_missions.guidance.few_burns import ArrivalTolerance, Coast, KeepOut
+from rans_missions.guidance.impulses import LEAST_SAVING, Pair, axis_price, two_impulses
+from rans_missions.guidance.limits import KeepOutBall, Limits
+
+LATER_BURNS = tuple(200.0 * k for k in range(8, 0, -1))
+"""Times before the planned arrival to which a part of a single impulse may be postponed, s: evenly over the quarter
+of a low orbit in which that can be cheaper."""
+_SLOW_ARRIVAL = 0.9
+"""Part of the velocity tolerance below which the arrival must be for burns to be postponed, which makes it
+faster."""
+_LIMIT_PRICE = 10.0
+"""Price of a plan that violates a limit, m/s per unit of its margin: more than any transfer costs at a margin of
+1."""
+_LEAST_ALLOWED_SPEED = 1e-3
+"""Lower bound of allowed speeds in divisions, m/s."""
+_LATE_PRICE = 0.05
+"""Price of a plan whose braking ends after the deadline, m/s per second: a control period late costs more than any
+earlier arrival."""
+_AIM_IN_PLANE = 0.65
+"""Part of the position tolerance at which transfers of few burns aim in the orbital plane; with the part across it
+is 0.79 of the tolerance, and the rest is for errors."""
+_AIM_ACROSS = 0.45
+"""Part of the position tolerance at which transfers of few burns aim across the orbital plane."""
+_SPEED_LEFT = 0.95 / math.sqrt(3.0)
+"""Part of the velocity tolerance that braking leaves along each axis: all three axes together have 0.95 of it."""
+_SMALL_CORRECTION = 0.015
+"""Part of the price of the rest of a transfer below which a burn waits: it would correct rounding."""
+_CORRECTION_PERIODS = 6.0
+"""Control periods before the arrival up to which small corrections wait."""
+_PASSING_RESERVES = 4.0
+"""Reserves of a keep-out ball within which a coast passes beside it; a burn then could push it inside."""
+_PASSING_TIME = 0.4
+"""Part of the time to the arrival within which the craft will have passed the ball, and it is worth waiting."""
+_RESCUE_PERIODS = 4.0
+"""Control periods in which a craft goes to the goal that has missed its arrival."""
+_FLOWN_BRAKE = 0.55
+"""Part of the braking that is after the arrival: half, and a tenth of it because flown brakes are larger than those
+of impulses."""
+_BRAKE_ROUNDING = 0.95
+"""Control periods added before the end of a brake is rounded down to whole ones: it is rounded up but for a rest of
+a twentieth, which the last period brakes too."""
+
+
+@dataclass(frozen=True)
+class OrbitalGuidance(ABC):
+    """Base class of guidance to a position near a circular orbit.
+
+    States and goals have a position `p` and a velocity `v` in W; times are in seconds.
+
+    Args:
+        coasts: coasts in the drift of the orbit, with the reserves of limits.
+        mean_motion: mean motion n of the orbit, rad/s.
+        period: control period, s.
+        position_tolerance: distance from the goal that counts as reached, m.
+        velocity_tolerance: speed that counts as reached, m/s.
+        brakes: whether the craft brakes at the arrival.
+        braking: acceleration along each axis with which it brakes, m/s^2.
+        braking_time: time between the latest planned arrival and the deadline of a craft that brakes, s.
+    """
+
+    coasts: Coasts
+    mean_motion: float
+    period: float
+    position_tolerance: float
+    velocity_tolerance: float
+    brakes: bool
+    braking: float
+    braking_time: float
+
+    def arrival(self, start: Any, goal: Any, deadline: Field, limits: Limits) -> Field:
+        """The time of arrival with the least price among whole control periods up to the deadline, s."""
+        latest = whole_periods(
+            deadline - self.braking_time if self.brakes else deadline, self.period
+        )
+        return best_arrival(
+            lambda time: self._planned_price(start, goal, time, latest, deadline, limits),
+            latest,
+            self.period,
+            self._plans,
+        )
+
+    @abstractmethod
+    def velocity(
+        self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
+    ) -> Any:
+        """Velocity in W, m/s, with which to go to the goal within the limits.
+
+        Args:
+            state: state.
+            goal: goal.
+            time_left: time until the planned arrival, s.
+            deadline: time until the deadline, s.
+            limits: limits of the mission.
+        """
+
+    @abstractmethod
+    def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
+        """Velocity change of going to the goal with a burn now, m/s, and of braking if the craft brakes."""
+
+    @abstractmethod
+    def _planned_price(
+        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
+    ) -> Field:
+        """Velocity change for an arrival after a time, m/s, and a penalty if limits delay it beyond the latest."""
+
+    @property
+    def _plans(self) -> int:
+        """Number of arrival times that are compared."""
+        return PLANS
+
+    def _coasting_velocity(self, p: Any, goal: Any, time: Field) -> Any:
+        """Velocity, m/s, with which a craft coasts from a position to the goal in a time, s."""
+        return velocity_to_reach(self.coasts.drift, p, goal.p, time)
+
+    def _bounded(self, time: Field) -> Field:
+        """A time, s, and the least time of a coast if it is less."""
+        return at_least(time, self.coasts.shortest)
+
+
+@dataclass(frozen=True)
+class SingleImpulse(OrbitalGuidance):
+    """Guidance by the velocity to gain: one impulse now, or parts of it later where that is cheaper.
+
+    The velocity to gain is the velocity change now with which the craft coasts to the goal by the planned arrival
+    (R. H. Battin, "An Introduction to the Mathematics and Methods of Astrodynamics", 1999, chapter 11). Beside
+    keep-out balls the point of the coast that is nearest to a ball's centre is moved out of it.
+    """
+
+    def velocity(
+        self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
+    ) -> Any:
+        """See `OrbitalGuidance.velocity`."""
+        time = self._bounded(time_left)
+        velocity = self._coasting_velocity(state.p, goal, time)
+        # Later burns are compared by closed forms of a circular orbit.
+        if not self.brakes and isinstance(velocity, Vec3) and self.coasts.drift.steady:
+            velocity = self._now_or_later(state, goal, velocity - state.v, time) + state.v
+        return self.coasts.within(limits, state, velocity, time)
+
+    def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
+        """See `OrbitalGuidance.price`."""
+        time = self._bounded(time_left)
+        velocity = self._coasting_velocity(state.p, goal, time)
+        gain = self.coasts.within(limits, state, velocity, time) - state.v
+        return self._gain_price(state, goal, time_left, gain)
+
+    def _gain_price(self, state: Any, goal: Any, time_left: Field, gain: Any) -> Field:
+        """Velocity change of a gain now, m/s, and of braking at the arrival if the craft brakes."""
+        price = axis_price(gain)
+        if not self.brakes:
+            return price
+        time = self._bounded(time_left)
+        _, at_goal = self.coasts.drift.carry(state.p, state.v + gain, time)
+        return price + axis_price(at_goal - goal.v)
+
+    def _planned_price(
+        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
+    ) -> Field:
+        gain = self._coasting_velocity(start.p, goal, self._bounded(time)) - start.v
+        velocity = start.v + gain
+        price = self._gain_price(start, goal, time, gain)
+        delay = time * 0.0
+        braked = time * 0.0
+        # In the middle of equal parts of the coast.
+        for k in range(COAST_POINTS + 1):
+            fraction = (k + 0.5) / (COAST_POINTS + 1)
+            p, v = self.coasts.drift.carry(start.p, velocity, self._bounded(time) * fraction)
+            for limit in limits.speeds:
+                # This part of the way takes longer, and the excess speed is braked.
+                speed = v.norm()
+                allowed = self.coasts.allowed_speed(limit, p, v)
+                excess = at_least(speed - allowed, 0.0)
+                braked = where(excess > braked, excess, braked)
+                slowest = at_least(allowed, _LEAST_ALLOWED_SPEED)
+                delay = delay + time * (excess / (slowest * (COAST_POINTS + 1)))
+            for limit in (*limits.balls, *limits.others):
+                price = price + at_least(0.0 - limit.gap(p, v), 0.0) * _LIMIT_PRICE
+        late = at_least(time + delay - latest, 0.0)
+        return price + braked + late * (_LIMIT_PRICE / self._bounded(latest))
+
+    def _now_or_later(self, state: Any, goal: Any, gain: Vec3, time: Field) -> Vec3:
+        """The part of the velocity to gain that is worth burning now, m/s.
+
+        Thrusters along the axes pay for the sum of the components. Across the orbital plane a burn does most a
+        quarter of an orbit before the arrival. In the plane, burns along one axis now and along one later, or
+        along both later, are compared with all of it now; later ones are at `LATER_BURNS` before the arrival.
+        Only burns are compared that no two others replace for less, so the cheapest of all is among them.
+        """
+        n = self.mean_motion
+        drift = self.coasts.drift
+        miss = goal.p - drift.carry(state.p, state.v, time)[0]
+        missed = (miss.x, miss.y)
+        x, y = gain.x, gain.y
+        least = (absolute(x) + absolute(y)) * (1.0 - LEAST_SAVING)
+        zero = gain.x * 0.0
+        possible = time > LATER_BURNS[-1] + TIME_ROUNDING
+        later = _later_displacements(n, time)
+        # A burn along one axis now, and one later.
+        for axis, first in enumerate(_displacements(n, time)):
+            for second in later:
+                u, w = two_impulses(first, second, missed)
+                price = absolute(u) + absolute(w)
+                better = possible & (price < least)
+                least = where(better, price, least)
+                x = where(better, u if axis == 0 else zero, x)
+                y = where(better, u if axis == 1 else zero, y)
+        # Both burns later.
+        for first, second in combinations(later, 2):
+            u, w = two_impulses(first, second, missed)
+            price = absolute(u) + absolute(w)
+            better = possible & (price < least)
+            least = where(better, price, least)
+            x = where(better, zero, x)
+            y = where(better, zero, y)
+        z = where(time > 0.5 * math.pi / n, zero, gain.z)
+        # A postponed burn makes the arrival faster, so it is allowed only while the arrival is slow enough.
+        _, at_goal = drift.carry(state.p, state.v + gain, time)
+        slow = at_goal.norm() < self.velocity_tolerance * _SLOW_ARRIVAL
+        return map_leaves(partial(where, slow), Vec3(x, y, z), gain)
+
+
+@dataclass(frozen=True)
+class FewBurns(OrbitalGuidance):
+    """Guidance by transfers of few burns (`rans_missions.guidance.few_burns`), with a brake around the arrival.
+
+    A coast goes around the first keep-out ball of a mission by a transfer that is cheapest beside it, and is moved
+    out of all balls as by `SingleImpulse`, repeatedly. Small corrections wait until near the arrival.
+    """
+
+    def velocity(
+        self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
+    ) -> Any:
+        """See `OrbitalGuidance.velocity`."""
+        period = self.period
+        time = self._bounded(time_left)
+        transfer = self._coast(state, goal, time).cheapest(self._keep_out(limits))
+        transfer_velocity = state.v + transfer.burn
+        velocity = self.coasts.within(limits, state, transfer_velocity, time)
+        # Small corrections wait, as do those on the way past a ball. After the arrival there are none.
+        small = axis_price(velocity - state.v) < transfer.price * _SMALL_CORRECTION
+        waits = (small & (time_left > _CORRECTION_PERIODS * period)) | (time_left < 0.5 * period)
+        for ball in limits.balls:
+            waits = waits | self._passes(ball, state, transfer_velocity, time)
+        velocity = map_leaves(partial(where, waits), state.v, velocity)
+        velocity = self._braked(state, goal, velocity, time_left, deadline)
+        # Too late for the plan: go to the goal within a few periods.
+        away = (goal.p - state.p).norm() > self.position_tolerance
+        late = (time_left < -period) & away
+        rescue = self._coasting_velocity(state.p, goal, _RESCUE_PERIODS * period + time * 0.0)
+        return map_leaves(partial(where, late), rescue, velocity)
+
+    def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
+        """See `OrbitalGuidance.price`; limits are ignored."""
+        return self._coast(state, goal, self._bounded(time_left)).burning_now().price
+
+    def _planned_price(
+        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
+    ) -> Field:
+        transfer = self._coast(start, goal, time).burning_now()
+        late = at_least(time + self._braking_after(transfer.brake) - deadline, 0.0)
+        return transfer.price + late * _LATE_PRICE
+
+    @property
+    def _plans(self) -> int:
+        """Half of those of single impulses, as each transfer takes many times the arithmetic."""
+        return PLANS // 2
+
+    def _braked(
+        self, state: Any, goal: Any, velocity: Any, time_left: Field, deadline: Field
+    ) -> Any:
+        """A velocity in W, m/s, of which the components are braked whose time has come.
+
+        Half of the braking is done before the arrival, as late as possible, and half of it after.
+        """
+        period = self.period
+        speed_left = self.velocity_tolerance * _SPEED_LEFT
+        components = []
+        for now, coasting, target in zip(
+            state.v.columns(), velocity.columns(), goal.v.columns(), strict=True
+        ):
+            excess = at_least(absolute(now - target) - speed_left, 0.0)
+            half = at_least(excess - 2.0 * self.braking * (time_left - period), 0.0) * 0.5
+            brake = where(time_left < 0.5 * period, excess, half)
+            # The part that the periods after this one cannot brake before the deadline.
+            pressing = at_least(excess - self.braking * (deadline - period), 0.0)
+            brake = where(pressing > brake, pressing, brake)
+            braked = where(now > target, now - brake, now + brake)
+            components.append(where(brake > 0.0, braked, coasting))
+        return type(velocity)(*components)
+
+    def _passes(self, ball: KeepOutBall, state: Any, velocity: Any, time: Field) -> Field:
+        """Whether a coast soon passes a ball at a small distance, while the ball blocks the way of a velocity."""
+        coast, when = self.coasts.nearest(ball, state, state.v, time)
+        blocked, _ = self.coasts.nearest(ball, state, velocity, time)
+        reserve = self.coasts.keep_out_reserve
+        beyond = coast.norm() - ball.radius
+        clear = (beyond > 0.5 * reserve) & (beyond < _PASSING_RESERVES * reserve)
+        soon = when < time * _PASSING_TIME
+        return clear & soon & (blocked.norm() < ball.radius + 0.5 * reserve)
+
+    def _braking_after(self, brake: Field) -> Field:
+        """Time after the arrival at which a brake (m/s) ends of which half is before it, s."""
+        duration = brake * (_FLOWN_BRAKE / self.braking) + _BRAKE_ROUNDING * self.period
+        return whole_periods(duration, self.period)
+
+    def _coast(self, state: Any, goal: Any, time: Field) -> Coast:
+        """The coast from a state for a time, s, from which transfers are computed."""
+        tolerance = ArrivalTolerance(
+            self.position_tolerance * _AIM_IN_PLANE,
+            self.position_tolerance * _AIM_ACROSS,
+            self.velocity_tolerance * _SPEED_LEFT,
+        )
+        return Coast(self.mean_motion, state.p, state.v, goal.p, time, tolerance, self.braking)
+
+    def _keep_out(self, limits: Limits) -> KeepOut | None:
+        """The first keep-out ball, with its reserve."""
+        for ball in limits.balls:
+            if isinstance(ball.centre, Vec3):
+                return KeepOut(ball.centre, ball.radius + self.coasts.keep_out_reserve)
+        return None
+
+
+def _displacements(n: float, time: Field) -> tuple[Pair, Pair]:
+    """Change of position in the orbital plane after a time, m, by 1 m/s along x and by 1 m/s along y."""
+    s = sin(n * time)
+    half = sin(0.5 * n * time)
+    across = 4.0 * half * half / n
+    return (s / n, 0.0 - across), (across, 4.0 * s / n - 3.0 * time)
+
+
+def _later_displacements(n: float, time: Field) -> tuple[Pair, ...]:
+    """Displacements, m, by 1 m/s of the later burns that are worth comparing in a time before the arrival, s.
+
+    If fewer are worth it than at another time, some are there twice.
+    """
+    soonest, *sooner = _useful_burns(n)
+    displacements = []
+    for k, (x, y) in enumerate(soonest):
+        at_x: Field = x
+        at_y: Field = y
+        for before, useful in zip(LATER_BURNS[-2::-1], sooner, strict=True):
+            possible = time > before + TIME_ROUNDING
+            at_x = where(possible, useful[k][0], at_x)
+            at_y = where(possible, useful[k][1], at_y)
+        displacements.append((at_x, at_y))
+    return tuple(displacements)
+
+
+@cache
+def _useful_burns(n: float) -> tuple[tuple[Pair, ...], ...]:
+    """Displacements, m, by 1 m/s of the later burns that no two others replace for less, by how many remain.
+
+    Such burns and their negatives are the corners of the convex hull of all displacements. The first entry is of
+    the last of `LATER_BURNS` alone, the next of the last two. Every entry has the same length: the last
+    displacement is repeated.
+    """
+    burns: list[Pair] = []
+    useful = []
+    for before in reversed(LATER_BURNS):
+        burns.extend((float(x), float(y)) for x, y in _displacements(n, before))
+        corners = []
+        for burn in burns:
+            others = [other for other in burns if other is not burn]
+            prices = (sum(map(abs, two_impulses(*pair, burn))) for pair in combinations(others, 2))
+            if min(prices, default=math.inf) > 1.0:
+                corners.append(burn)
+        useful.append(corners)
+    longest = max(map(len, useful))
+    return tuple((*corners, *corners[-1:] * (longest - len(corners))) for corners in useful)

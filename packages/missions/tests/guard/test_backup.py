@@ -1,0 +1,288 @@
+"""Safety filter by flown backups: it never lets a zone be entered, whoever commands, in every engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from rans_missions.guard import FlownBackup, safety_filter
+from rans_missions.guard.ahead import Ahead
+from rans_missions.tasks import Avoid, DockPort
+
+import rans
+from rans.api.pages import flyers
+from rans.episode import Setup, World
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import run_of
+from rans.fast.engine import Engine
+from rans.flight import Flight, fly
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2, map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.reference.flight import fly_in_drake
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+from rans.tasks.shapes import Ball
+
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
+
+
+@dataclass
+class Ramming:
+    """Thrusts towards the nearest zone: opens every thruster that pushes there."""
+
+    craft: Any
+    task: Any
+    name: str = "ramming"
+
+    def reset(self, count: int) -> None:
+        """Nothing to forget."""
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        balls = self.task.scenery(goal)
+        ways = np.array([(ball.centre - state.p).columns() for ball in balls])
+        gaps = np.array([ball.gap(state.p) for ball in balls])
+        nearest = np.take_along_axis(ways, gaps.argmin(axis=0)[None, None], axis=0)[0]
+        forces = np.array(self.craft.wrench_map)[:, : self.craft.dimension]
+        opened = []
+        for force in forces:
+            zero = np.zeros(len(observation))
+            pushed = state.attitude.rotate(type(state.p)(*(zero + x for x in force)))
+            opened.append(np.sum(np.array(pushed.columns()) * nearest, axis=0) > 0.0)
+        return np.array(opened, dtype=float).T
+
+
+def rammed(craft: Any, task: Any, count: int, guard: Any, flying: Any = fly) -> Flight:
+    starts = scenarios(task, craft, seed=3, count=count)
+    return flying(
+        craft, task, Ramming(craft, task), starts, Timing(0.2, None, 60, checks=4), guard=guard
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+def test_nobody_can_be_made_to_enter_a_zone(craft: Any) -> None:
+    task = Avoid().for_evaluation()
+    free = rammed(craft, task, 8, None)
+    assert free.violated().mean() >= 0.5
+    assert free.guarded is None
+    kept = rammed(craft, task, 8, safety_filter(Setup(craft, task)))
+    assert not kept.violated().any()
+    assert kept.guarded is not None
+    assert kept.guarded.any()
+    assert np.isin(kept.commands, (0.0, 1.0)).all()
+
+
+@pytest.mark.slow
+def test_drake_confirms_it() -> None:
+    task = Avoid().for_evaluation()
+    flight = rammed(PLATFORM, task, 3, FlownBackup(), fly_in_drake)
+    assert not flight.violated().any()
+    assert flight.guarded is not None
+    assert flight.guarded.any()
+
+
+def test_a_command_far_from_danger_is_given_as_it_is() -> None:
+    task = Avoid()
+    world = World(Setup(PLATFORM, task, task.timing))
+    starts = scenarios(task, PLATFORM, seed=1, count=40)
+    rng = np.random.default_rng(0)
+    command = tuple(1.0 * (rng.random((8, 40)) < 0.5))
+    given, changed = FlownBackup().admitted(world, starts.start, starts.goal, command)
+    assert not changed.any()
+    assert all((x == y).all() for x, y in zip(command, given, strict=True))
+
+
+def heading_for(distance: float, speed: float) -> tuple[Any, Any, Any]:
+    """A task, a state that flies along x with this distance to the rim of a ball ahead, and a goal."""
+    task = Avoid(zones=1)
+    here = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(speed, 0.0), 0.0)
+    ball = Ball(Vec2(distance + 0.4, 0.0), Vec2(0.0, 0.0), 0.4)
+    goal = PlanarState(Vec2(9.0, 9.0), Heading(0.0), Vec2(0.0, 0.0), 0.0, notes=(ball,))
+    return task, here, goal
+
+
+def test_thrust_towards_a_zone_is_cut_where_braking_would_be_too_late() -> None:
+    """Four nozzles of 0.707 N each in x give 0.532 m/s^2.
+
+    From 0.316 m/s the platform stops within 0.094 m, so it may coast 0.22 m away. After a period of thrust
+    forwards it has 0.146 m left and needs 0.167 m, and to swerve takes as long as to brake.
+    """
+    ahead = tuple(float(force[0] > 0.5) for force in np.array(PLATFORM.wrench_map))
+    for distance, passes in ((5.0, True), (0.22, False)):
+        task, here, goal = heading_for(distance, 0.316)
+        world = World(Setup(PLATFORM, task, task.timing))
+        given, changed = FlownBackup().admitted(world, here, goal, ahead)
+        assert changed is not passes
+        assert (given == ahead) is passes
+        coasting = FlownBackup().admitted(world, here, goal, (0.0,) * 8)
+        assert coasting == ((0.0,) * 8, False)
+
+
+def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() -> None:
+    """As after a reading that is worse than those before, with any heading and spin close to a zone."""
+    task = Avoid(zones=1)
+    world = World(Setup(PLATFORM, task, task.timing))
+    rng = np.random.default_rng(4)
+    count = 48
+    zero = np.zeros(count)
+    distance = rng.uniform(0.05, 0.4, count)
+    state = PlanarState(
+        Vec2(zero, rng.uniform(-0.3, 0.3, count)),
+        Heading(rng.uniform(-3.0, 3.0, count)),
+        Vec2(rng.uniform(0.1, 0.5, count), zero),
+        rng.uniform(-0.5, 0.5, count),
+    )
+    ball = Ball(Vec2(distance + 0.4, zero), Vec2(zero, zero), zero + 0.4)
+    goal = PlanarState(Vec2(zero + 9.0, zero), Heading(zero), Vec2(zero, zero), zero, notes=(ball,))
+    plain, wary = FlownBackup(), FlownBackup(reserve=(("zone 1", 0.3),))
+    some = plain.safe(world, state, goal) & ~wary.safe(world, state, goal)
+    assert some.sum() > 10
+    command = tuple(1.0 * (rng.random((8, count)) < 0.5))
+    given, _ = wary.admitted(world, state, goal, command)
+    reached = Ahead.of(world).fly(state, goal, given)
+    assert plain.safe(world, reached.state, reached.goal)[some].all()
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.1])
+def test_within_the_reserve_of_a_zone_a_craft_retreats(speed: float) -> None:
+    """0.2 m away coasting keeps two thirds of the reserve. Four nozzles push away, and give 0.106 m/s in 0.2 s."""
+    task, here, goal = heading_for(0.2, 0.0)
+    here = replace(here, v=Vec2(0.0, speed))
+    world = World(Setup(PLATFORM, task, task.timing))
+    given, changed = FlownBackup(reserve=(("zone 1", 0.3),)).admitted(world, here, goal, (0.0,) * 8)
+    assert changed
+    reached = Ahead.of(world).fly(*map_leaves(lambda x: np.full(1, x), (here, goal)), given)
+    assert reached.state.v.x[0] < -0.09
+
+
+def test_one_spacecraft_of_numbers_is_filtered_as_in_a_batch_and_in_torch() -> None:
+    task = Avoid()
+    world = World(Setup(PLATFORM, task, task.timing))
+    starts = scenarios(task, PLATFORM, seed=2, count=30)
+    # Fast towards the goal, through the zones.
+    towards = (starts.goal.p - starts.start.p).scale(0.35)
+    state = replace(starts.start, v=towards)
+    zero = np.zeros(30)
+    command = tuple(zero + float(k % 3 == 0) for k in range(8))
+    guard = FlownBackup()
+    batch, changed = guard.admitted(world, state, starts.goal, command)
+    assert 0 < changed.sum() < 30
+
+    def tensor(x: Any) -> Any:
+        return torch.as_tensor(x) if np.ndim(x) else x
+
+    of_torch, also = guard.admitted(
+        world,
+        map_leaves(tensor, state),
+        map_leaves(tensor, starts.goal),
+        tuple(map(tensor, command)),
+    )
+    assert torch.stack(of_torch).numpy().tolist() == np.array(batch).tolist()
+    assert also.numpy().tolist() == changed.tolist()
+    for k in np.flatnonzero(changed)[:2]:
+        one = map_leaves(lambda x, k=k: float(x[k]) if np.ndim(x) else x, (state, starts.goal))
+        alone, is_changed = guard.admitted(world, *one, tuple(float(x[k]) for x in command))
+        assert alone == tuple(x[k] for x in batch)
+        assert is_changed is True
+
+
+def test_engines_and_environments_fly_it() -> None:
+    task = Avoid()
+    engine = Engine(PLATFORM, task, 8, seed=4, guard=FlownBackup())
+    torch.manual_seed(0)
+    for _ in range(20):
+        assert torch.isfinite(engine.step((torch.rand(8, 8) < 0.5).float()).reward).all()
+    with pytest.raises(ConfigError, match="compiled"):
+        Engine(PLATFORM, task, 8, guard=FlownBackup(), compiled=True)
+    env: Any = gymnasium.make("rans/Avoid2D-v0", guard=FlownBackup())
+    env.reset(seed=0)
+    assert env.step(np.ones(8, int))[0].shape == env.observation_space.shape
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:LQR does not know the constraints:UserWarning")
+def test_metrics_tell_what_the_filter_did() -> None:
+    with pytest.warns(UserWarning, match="does not know the constraints"):
+        found = rans.evaluate("lqr:avoid-2d", episodes=6, guard=True)
+    assert found["failed"].value == 0.0
+    assert 0.0 < found["interventions"].value < 100.0
+    with pytest.warns(UserWarning, match="does not know the constraints"):
+        free = rans.evaluate("lqr:avoid-2d", episodes=6)
+    assert free["failed"].value > 0.0
+    with pytest.raises(KeyError):
+        _ = free["interventions"]
+
+
+@pytest.mark.slow
+def test_the_slack_of_the_filter_is_an_argument_wherever_the_filter_is() -> None:
+    agent = rans.load_agent("avoid-2d")
+    margin = 0.3
+    wide = run_of(agent)
+    assert wide is not None
+    wide = wide.guarded(True, margin)
+    assert flyers((agent,), None, False, True, margin)[0].guard == wide.guard
+    assert flyers((agent,), None, False, True)[0].guard != wide.guard
+    assert (
+        rans.compare(agent, beside=[], episodes=1, guard=True, guard_slack=margin).contest.guard
+        == wide.guard
+    )
+    less = rans.evaluate(agent, episodes=6, guard=True)["interventions"].value
+    assert (
+        rans.evaluate(agent, episodes=6, guard=True, guard_slack=margin)["interventions"].value
+        > less
+    )
+    with pytest.raises(ConfigError, match="guard_slack is the least margin"):
+        rans.evaluate(agent, episodes=1, guard_slack=margin)
+
+
+def test_a_task_without_constraints_is_refused() -> None:
+    with pytest.raises(ConfigError, match="GoToPose has none"):
+        safety_filter(Setup(PLATFORM, GoToPose()))
+    with pytest.raises(ConfigError, match="GoToPose has none"):
+        rans.evaluate("lqr:go-to-pose-2d", episodes=1, guard=True)
+
+
+@pytest.mark.slow
+def test_dock_port_is_kept_too() -> None:
+    task = DockPort()
+    starts = scenarios(task, PLATFORM, seed=6, count=6)
+    guard = FlownBackup()
+    pilot = Ramming(PLATFORM, _OnlyTarget(task))
+    free = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, checks=4))
+    kept = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, checks=4), guard=guard)
+    assert free.violated().mean() > 0.5
+    assert not kept.violated().any()
+
+
+@dataclass
+class _OnlyTarget:
+    """The keep-out ball alone of a docking mission's scenery."""
+
+    task: DockPort
+
+    def scenery(self, goal: Any) -> Any:
+        return [one for one in self.task.scenery(goal) if isinstance(one, Ball)]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        rans.Conditions(layouts=rans.LayoutConditions(count=8)),
+        rans.Conditions(thrusters=rans.ThrusterConditions(on_off=0.5)),
+        rans.Conditions(thrusters=rans.ThrusterConditions(least_pulse=(0.01, 0.05))),
+    ],
+)
+def test_thrusters_that_the_filter_does_not_know_are_refused(other: rans.Conditions) -> None:
+    mixed = rans.Conditions(layouts=other.layouts, others=(replace(other, weight=2.0),))
+    for conditions in (other, mixed):
+        with pytest.raises(
+            ConfigError, match="predicts the craft as designed, and conditions with"
+        ):
+            safety_filter(Setup(PLATFORM, Avoid(), conditions=conditions))

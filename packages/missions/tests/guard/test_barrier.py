@@ -1,0 +1,276 @@
+"""Safety filter of throttles: quadratic programs against a solver, and flights that want to break a limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_missions.guard import BarrierProgram, safety_filter
+from rans_missions.guard.barrier import braking_command
+from rans_missions.guard.expected import Expected
+from rans_missions.tasks import Dock, Hold, Land
+from scipy.stats import norm
+
+from rans.episode import Episode, Setup, World, step
+from rans.errors import ConfigError
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.fly.contestants import contestant
+from rans.flight import fly
+from rans.model.fields import Vec3, map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import (
+    Conditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.reference.flight import fly_in_drake
+from rans.scenario import scenarios
+from tests.support.ramming import Ramming
+
+DEPUTY = load_spacecraft("afrl-deputy")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flying", [fly, fly_in_drake])
+def test_the_speed_limit_of_docking_is_kept(flying: Any) -> None:
+    task = Dock()
+    starts = scenarios(task, DEPUTY, seed=3, count=4)
+    timing = Timing(10.0, None, 6, checks=10)
+    free = flying(DEPUTY, task, Ramming(), starts, timing)
+    assert free.violated().all()
+    kept = flying(DEPUTY, task, Ramming(), starts, timing, guard=BarrierProgram())
+    assert not kept.violated().any()
+    assert kept.guarded is not None
+    assert kept.guarded.mean() > 0.5
+    # It is not braked more than it must be: towards the target at nearly the limit.
+    assert min(kept.margins["speed"][-1]) < 0.05
+
+
+@pytest.mark.slow
+def test_a_filtered_thrust_is_the_nearest_of_many_that_keep_the_limit() -> None:
+    """None of 2,000 random thrusts that are nearer to the desired one keeps the limit, and no pair cancels."""
+    task = Dock()
+    world = World(Setup(DEPUTY, task, task.timing))
+    starts = scenarios(task, DEPUTY, seed=5, count=3)
+    guard = BarrierProgram()
+    rng = np.random.default_rng(2)
+    for k in range(3):
+        one = map_leaves(lambda x, k=k: x[k] if np.ndim(x) else x, (starts.start, starts.goal))
+        desired = rng.uniform(0.7, 0.9, size=6) * Ramming().act(*one, np.zeros((1, 1)))
+        given, changed = guard.admitted(world, *one, tuple(desired))
+        assert changed
+        assert np.minimum(given[::2], given[1::2]).max() == 0.0
+        thrust = desired[::2] - desired[1::2]
+        distance = np.linalg.norm(np.subtract(given[::2], given[1::2]) - thrust)
+        ways = rng.normal(size=(2000, 3))
+        # The filter keeps half a slack of 2 mm/s in reserve: 1.2 mN of 1 N.
+        reach = distance - 0.003
+        ways *= reach * rng.uniform(size=(2000, 1)) / np.linalg.norm(ways, axis=1)[:, None]
+        others = np.clip(thrust + ways, -1.0, 1.0)
+        commands = np.stack([np.maximum(others, 0.0), np.maximum(-others, 0.0)], axis=2)
+        many = map_leaves(lambda x: np.full(2000, x), one)
+        _, refused = guard.admitted(world, *many, tuple(commands.reshape(2000, 6).T))
+        assert refused.all()
+
+
+def edge_of_safety(world: World, guard: BarrierProgram, count: int) -> tuple[Any, Any]:
+    """States and goals around a keep-out ball, as fast towards it as the filter calls safe, by bisection."""
+    starts = scenarios(world.task, world.craft, seed=8, count=count)
+    goal = map_leaves(lambda x: np.broadcast_to(np.asarray(x, float), count).copy(), starts.goal)
+    rng = np.random.default_rng(8)
+    p = rng.normal(size=(3, count))
+    p *= rng.uniform(52.0, 95.0, count) / np.linalg.norm(p, axis=0)
+    way = 15.0 * rng.normal(size=(3, count)) - p
+    way /= np.linalg.norm(way, axis=0)
+    slow = np.zeros(count)
+    fast = np.full(count, 3.0)
+    for _ in range(5):
+        middle = 0.5 * (slow + fast)
+        state = replace(starts.start, p=Vec3(*p), v=Vec3(*(way * middle)))
+        safe = guard.safe(world, state, goal)
+        slow = np.where(safe, middle, slow)
+        fast = np.where(safe, fast, middle)
+    return replace(starts.start, p=Vec3(*p), v=Vec3(*(way * slow))), goal
+
+
+def worst_commands(world: World, state: Any, goal: Any, count: int) -> np.ndarray:
+    """Commands (N, 6) that reduce the distance from the ball after braking from the next state, by differences."""
+
+    def after(command: np.ndarray) -> np.ndarray:
+        here, there = state, goal
+        least = np.full(count, np.inf)
+        for k in range(5):
+            fields = tuple(command.T) if k == 0 else braking_command(world, here, there)
+            outcome = step(world, Episode(here, there, clock=np.full(count, k)), fields)
+            here, there = outcome.episode.state, outcome.episode.goal
+            for margin in outcome.margins.values():
+                least = np.minimum(least, margin)
+        return least
+
+    middle = np.full((count, 6), 0.5)
+    rest = after(middle)
+    slopes = [after(middle + 0.1 * row) - rest for row in np.eye(6)]
+    return (np.array(slopes).T < 0.0).astype(float)
+
+
+@pytest.mark.parametrize(("count", "periods"), [(2, 2), pytest.param(8, 6, marks=pytest.mark.slow)])
+def test_safe_states_stay_safe_against_an_adversary_with_gradients(
+    count: int, periods: int
+) -> None:
+    """From the edge of what the filter calls safe, with commands that lead to the ball by its own braking."""
+    task = Hold()
+    craft = load_spacecraft("vbar-chaser")
+    guard = BarrierProgram()
+    world = World(Setup(craft, task, task.timing))
+    state, goal = edge_of_safety(world, guard, count)
+    assert guard.safe(world, state, goal).all()
+    for k in range(periods):
+        desired = worst_commands(world, state, goal, count)
+        command, changed = guard.admitted(world, state, goal, tuple(desired.T))
+        outcome = step(world, Episode(state, goal, clock=np.full(count, k)), command)
+        state, goal = outcome.episode.state, outcome.episode.goal
+        assert min(margin.min() for margin in outcome.margins.values()) >= guard.slack
+        assert guard.safe(world, state, goal).all()
+        if k == 0:
+            assert changed.mean() > 0.5
+        # Nothing is spent on thrusters against each other.
+        pairs = np.minimum(command[::2], command[1::2])
+        assert pairs[:, changed].max(initial=0.0) == 0.0
+
+
+def test_a_keep_out_ball_is_kept_though_thrust_is_weak() -> None:
+    """Along an axis the chaser's 0.02 m/s^2 need 25 s and 6.25 m to stop from 0.5 m/s, after 5 m in this period.
+
+    So it may coast for a period 62 m from the target of a ball of 50 m, and from 60 m it brakes.
+    """
+    task = Hold()
+    craft = load_spacecraft("vbar-chaser")
+    world = World(Setup(craft, task, task.timing))
+    starts = scenarios(task, craft, seed=1, count=1)
+    start, goal = map_leaves(
+        lambda x: float(x[0]) if np.ndim(x) else x, (starts.start, starts.goal)
+    )
+    guard = safety_filter(Setup(craft, task))
+    shut = (0.0,) * len(craft.commands)
+    for distance, changed in ((100.0, False), (62.0, False), (60.0, True)):
+        place = Vec3(0.0, distance, 0.0)
+        state = replace(start, p=place, v=Vec3(0.0, -0.5, 0.0))
+        assert guard.admitted(world, state, goal, shut)[1] is changed
+
+
+def test_the_slack_is_set_by_whoever_flies() -> None:
+    run = contestant("mission:dock")
+    assert run.guarded(True, 0.05).guard == BarrierProgram(slack=0.05)
+    assert run.guarded(True).guard == BarrierProgram()
+    with pytest.raises(ConfigError, match="guard=True"):
+        run.guarded(False, 0.05)
+    with pytest.raises(ConfigError, match="finite number above 0"):
+        run.guarded(True, 0.0)
+
+
+def test_crafts_that_cannot_be_braked_are_refused() -> None:
+    lander = load_spacecraft(Land.spacecraft or "")
+    with pytest.raises(ConfigError, match=r"cannot be shut|opposite"):
+        safety_filter(Setup(lander, Land()))
+
+
+def noisy_flights(task: Any, guard: Any, conditions: Conditions) -> int:
+    """Number of 12 flights of five periods in which an adversary breaks a limit under these conditions."""
+    timing = Timing(10.0, None, 5, checks=10)
+    contest = Contest(DEPUTY, task, timing, 3, 12, conditions=conditions, guard=guard)
+    flight, _ = contest.fly(Ramming(), workers=1)
+    return int(flight.violated().sum())
+
+
+def test_noise_that_grows_with_range_is_that_of_the_farthest_start() -> None:
+    """At 100 m a millimetre a metre is 0.1 m."""
+    task = Dock(spawn_distance=(100.0, 100.0))
+
+    def expected(sensor: SensorConditions) -> Expected:
+        conditions = Conditions(sensors=SensorsConditions(position=sensor, velocity=sensor))
+        return Expected.of(Setup(DEPUTY, task, task.timing, conditions))
+
+    growing = dict(expected(SensorConditions(noise_per_m=0.001)).reserve)
+    # A start is on the sphere up to rounding.
+    assert growing == pytest.approx(dict(expected(SensorConditions(noise=0.1)).reserve), rel=1e-5)
+    assert min(growing.values()) > 0.1
+
+
+def test_the_reserve_is_what_rare_readings_are_off_by() -> None:
+    """Hold, whose ball has a slope of 1: of 260 periods a one-sided error of one in 20 x 260 is 3.55 deviations.
+
+    An error of the velocity counts for 10 s, and the time to stop twice the mean speed of 2,600 s at 0.02 m/s^2.
+    """
+    task = Hold()
+    sensors = SensorsConditions(
+        position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
+    )
+    setup = Setup(load_spacecraft("vbar-chaser"), task, task.timing, Conditions(sensors=sensors))
+    assert task.timing.episode_steps == 260
+    expected = Expected.of(setup)
+    starts = scenarios(task, setup.craft, seed=0, count=64)
+    way = np.linalg.norm(
+        [np.asarray(x) for x in (starts.start.p - starts.goal.p).columns()], axis=0
+    )
+    braking = 10.0 + 2.0 * way.max() / 2600.0 / 0.02
+    assert expected.braking == pytest.approx(braking, rel=1e-6)
+    deviations = -norm.ppf(0.05 / 260.0)
+    assert deviations == pytest.approx(3.55, abs=0.01)
+    reserve = deviations * math.hypot(0.1, 0.01 * braking)
+    assert dict(expected.reserve)["keep-out"] == pytest.approx(reserve, rel=1e-4)
+
+    # A reading that is farther out by 0.1 m more than the reserve is beyond it by that, and one that is nearer not.
+    state, goal = (
+        map_leaves(lambda x: x[:1] if np.ndim(x) else x, x) for x in (starts.start, starts.goal)
+    )
+    outwards = state.p.scale(1.0 / state.p.norm())
+    for sign, beyond in ((1.0, 0.1), (-1.0, -0.1 - 2.0 * reserve)):
+        reading = replace(state, p=state.p + outwards.scale(sign * (reserve + 0.1)))
+        found = expected.beyond(World(setup), state, reading, goal)
+        assert found[0] == pytest.approx(beyond, abs=1e-6)
+    faster = replace(state, v=state.v + outwards.scale((reserve + 0.1) / braking))
+    assert expected.beyond(World(setup), state, faster, goal)[0] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_mixture_is_expected_with_all_of_its_parts() -> None:
+    """As one part is that has the most noise and all delays, whichever comes first."""
+    noise = SensorsConditions(
+        position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
+    )
+    noisy = Conditions(sensors=noise)
+    late = Conditions(thrusters=ThrusterConditions(command_delay=10.0))
+    both = Conditions(sensors=noise, thrusters=ThrusterConditions(command_delay=(0.0, 10.0)))
+    task = Dock()
+
+    def expected(conditions: Conditions) -> Expected:
+        return Expected.of(Setup(DEPUTY, task, task.timing, conditions))
+
+    assert expected(replace(noisy, others=(late,))) == expected(both)
+    assert expected(replace(late, others=(noisy,))) == expected(both)
+    assert expected(noisy) != expected(both)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "conditions",
+    [
+        Conditions(
+            sensors=SensorsConditions(
+                position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
+            )
+        ),
+        Conditions(thrusters=ThrusterConditions(command_delay=4.0)),
+    ],
+    ids=["noise", "delay within a period"],
+)
+def test_noise_and_delay_are_expected(conditions: Conditions) -> None:
+    """A filter that expects none of them breaks the limit of docking in some flights, one that does in none."""
+    task = Dock()
+    setup = Setup(DEPUTY, task, task.timing, conditions)
+    assert noisy_flights(task, BarrierProgram(), conditions) > 0
+    assert noisy_flights(task, safety_filter(setup), conditions) == 0

@@ -1,0 +1,65 @@
+"""Guidance of descents: its time is a root of its polynomial, and its thrust brings a point to rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rans_missions.guidance.descent import DescentLaw
+
+from rans.model.fields import Vec3
+
+G = 3.7114
+"""Gravity of Mars, m/s^2."""
+PLACES = st.floats(-2000.0, 2000.0)
+SPEEDS = st.floats(-100.0, 100.0)
+
+
+@given(PLACES, PLACES, st.floats(1.0, 2000.0), SPEEDS, SPEEDS, SPEEDS, st.floats(0.5, 20.0))
+def test_the_time_to_go_is_a_root(
+    x: float, y: float, z: float, u: float, v: float, w: float, haste: float
+) -> None:
+    """Of the polynomial, by NumPy's eigenvalues, wherever braking takes less than 5 m/s^2."""
+    p = np.array([x, y, z])
+    speed = np.array([u, v, w])
+    if speed @ speed > 10.0 * np.linalg.norm(p):
+        return
+    law = DescentLaw.of(Vec3(*p), Vec3(*speed), G, haste)
+    coefficients = [haste + 0.5 * G**2, 0.0, -2.0 * speed @ speed, -12.0 * p @ speed, -18.0 * p @ p]
+    roots = np.roots(np.array(coefficients, dtype=float))
+    times = roots[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0.0)].real
+    # Newton's error, see `rans_missions.guidance.descent`.
+    assert np.abs(times / float(law.time) - 1.0).min() < 1e-3
+
+
+@pytest.mark.slow
+def test_the_law_lands_at_rest_after_its_time() -> None:
+    """A free point under its thrust, in steps of Heun of 5 ms; the thrust it spends is what it says."""
+    p = np.array([300.0, -200.0, 400.0])
+    v = np.array([20.0, 5.0, -30.0])
+    first = DescentLaw.of(Vec3(*p), Vec3(*v), G, 2.0)
+    time = float(first.time)
+    step = time / 4000
+    square = 0.0
+    weight = np.array([0.0, 0.0, -G])
+    for _ in range(3960):  # to 1 % before the end, where feedback divides by nothing
+
+        def thrust(p: np.ndarray, v: np.ndarray) -> np.ndarray:
+            return np.array(DescentLaw.of(Vec3(*p), Vec3(*v), G, 2.0).thrust.columns())
+
+        now = thrust(p, v)
+        ahead = thrust(p + step * v, v + step * (now + weight))
+        mean = 0.5 * (now + ahead)
+        p = p + step * v + 0.5 * step**2 * (mean + weight)
+        v = v + step * (mean + weight)
+        square += step * mean @ mean
+    left = float(DescentLaw.of(Vec3(*p), Vec3(*v), G, 2.0).time)
+    assert left == pytest.approx(0.01 * time, rel=0.01)
+    assert np.linalg.norm(p) < 1.0
+    assert np.linalg.norm(v) < 1.5
+    expected = math.sqrt(time * square)
+    # One per cent of the time is missing.
+    assert float(first.speed) == pytest.approx(expected, rel=0.01)

@@ -1,0 +1,143 @@
+"""Guidance to a position on an orbit: it arrives, brakes, and postpones burns where that is cheaper."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_missions.guidance.coasts import Coasts
+from rans_missions.guidance.limits import Limits
+from rans_missions.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
+
+from rans.model.drift import ClohessyWiltshire
+from rans.model.fields import Vec3
+from rans.tasks.shapes import Ball
+
+N = 0.001027
+DRIFT = ClohessyWiltshire(N)
+PERIOD = 10.0
+REST = Vec3(0.0, 0.0, 0.0)
+
+
+def vector(*columns: float) -> Vec3:
+    return Vec3(*(np.array([x]) for x in columns))
+
+
+def guidance(kind: type[OrbitalGuidance], brakes: bool, pushes: int = 1) -> OrbitalGuidance:
+    coasts = Coasts(DRIFT, 0.03, 4.0, 5.0, PERIOD, pushes)
+    return kind(coasts, N, PERIOD, 2.0, 0.2, brakes, 0.02, 20.0)
+
+
+def flown(
+    law: OrbitalGuidance, p: Vec3, goal: Vec3, time: float, limits: Limits, beyond: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Positions and velocities at the end of every period, and the sum of all burns along the axes, m/s."""
+    v = vector(0.0, 0.0, 0.0)
+    target: Any = SimpleNamespace(p=goal, v=vector(0.0, 0.0, 0.0))
+    positions, velocities, spent = [], [], 0.0
+    for left in np.arange(time, -beyond, -PERIOD):
+        state: Any = SimpleNamespace(p=p, v=v)
+        left_now = np.array([left])
+        new = law.velocity(state, target, left_now, left_now + 20.0, limits)
+        spent += sum(abs(float(x[0])) for x in (new - v).columns())
+        p, v = DRIFT.carry(p, new, PERIOD)
+        positions.append([float(x[0]) for x in p.columns()])
+        velocities.append([float(x[0]) for x in v.columns()])
+    return np.array(positions), np.array(velocities), spent
+
+
+def test_a_single_impulse_reaches_the_goal_at_its_time() -> None:
+    law = guidance(SingleImpulse, brakes=False)
+    positions, _, _ = flown(law, vector(20.0, -120.0, 30.0), vector(0.0, 0.0, 0.0), 900.0, Limits())
+    assert np.linalg.norm(positions[-1]) < 1e-3
+
+
+def test_a_postponed_burn_is_cheaper_than_all_of_it_now() -> None:
+    """From 84 m before the target by 1,900 s, all burns of the flight together cost less than one now."""
+    law = guidance(SingleImpulse, brakes=False)
+    state: Any = SimpleNamespace(p=vector(7.7, 84.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    time = np.array([1900.0])
+    now = law.price(state, goal, time, Limits())[0]
+    positions, _, spent = flown(law, state.p, goal.p, 1900.0, Limits())
+    assert np.linalg.norm(positions[-1]) < 0.1
+    assert spent < now * (1.0 - 0.005)
+
+
+@pytest.mark.parametrize("n", [N, 0.004])
+def test_the_burn_now_is_of_the_cheapest_pair_of_all(n: float) -> None:
+    """From 60 states at rest, against the enumeration of every pair of burns with matrices."""
+    drift = ClohessyWiltshire(n)
+    law = SingleImpulse(
+        Coasts(drift, 0.03, 4.0, 5.0, PERIOD, 1), n, PERIOD, 0.5, 1e3, False, 0.02, 20.0
+    )
+    random = np.random.default_rng(7)
+    count = 60
+    zero = np.zeros(count)
+    start = random.normal(0.0, 80.0, (2, count))
+    time = PERIOD * random.integers(10, round(0.9 * np.pi / n / PERIOD), count)
+    state: Any = SimpleNamespace(p=Vec3(start[0], start[1], zero), v=Vec3(zero, zero, zero))
+    goal: Any = SimpleNamespace(p=Vec3(zero, zero, zero), v=Vec3(zero, zero, zero))
+    burn = law.velocity(state, goal, time, time, Limits())
+
+    def response(t: float) -> np.ndarray:
+        """Displacement in the plane by an impulse, (2, 2): the Clohessy-Wiltshire matrix."""
+        s, c = np.sin(n * t), np.cos(n * t)
+        return np.array([[s, 2.0 * (1.0 - c)], [-2.0 * (1.0 - c), 4.0 * s - 3.0 * n * t]]) / n
+
+    postponed = 0
+    for k, left in enumerate(time):
+        coast, _ = drift.carry(Vec3(start[0, k], start[1, k], 0.0), Vec3(0.0, 0.0, 0.0), left)
+        missed = -np.array([coast.x, coast.y])
+        wanted = np.linalg.solve(response(left), missed)
+        least = 0.995 * np.abs(wanted).sum()
+        columns = [(response(left)[:, axis], axis) for axis in range(2)]
+        for before in range(200, 1601, 200):
+            if left > before:
+                columns += [(column, None) for column in response(before).T]
+        for (one, axis), (other, when) in combinations(columns, 2):
+            pair = np.column_stack([one, other])
+            # Both now is the price that they have to beat; parallel burns reach nothing else.
+            if axis is when is not None or {axis, when} == {0, 1} or np.linalg.cond(pair) > 1e9:
+                continue
+            sizes = np.linalg.solve(pair, missed)
+            if np.abs(sizes).sum() < least:
+                least = np.abs(sizes).sum()
+                wanted = np.zeros(2)
+                if axis is not None:
+                    wanted[axis] = sizes[0]
+                postponed += 1
+        np.testing.assert_allclose([burn.x[k], burn.y[k]], wanted, atol=1e-7)
+    assert postponed > 3
+
+
+@pytest.mark.slow
+def test_few_burns_arrive_around_a_ball_and_brake() -> None:
+    """From before the target to behind it: never inside its ball, and within both tolerances around the arrival."""
+    law = guidance(FewBurns, brakes=True, pushes=3)
+    limits = Limits(balls=(Ball(REST, REST, 50.0),))
+    goal = vector(0.0, -100.0, 0.0)
+    positions, velocities, _ = flown(law, vector(20.0, 200.0, 10.0), goal, 1500.0, limits, 30.0)
+    assert np.linalg.norm(positions, axis=1).min() > 50.0
+    near = np.linalg.norm(positions - [0.0, -100.0, 0.0], axis=1) < 2.0
+    slow = np.linalg.norm(velocities, axis=1) < 0.2
+    assert np.any((near & slow)[-5:])
+
+
+@pytest.mark.parametrize(("kind", "brakes"), [(SingleImpulse, False), (FewBurns, True)])
+def test_the_plan_is_no_dearer_than_the_latest_arrival(
+    kind: type[OrbitalGuidance], brakes: bool
+) -> None:
+    law = guidance(kind, brakes)
+    start: Any = SimpleNamespace(p=vector(60.0, -90.0, 30.0), v=vector(0.1, 0.1, 0.0))
+    goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    deadline = np.array([2000.0])
+    arrival = law.arrival(start, goal, deadline, Limits())
+    latest = np.array([1980.0 if brakes else 2000.0])
+    assert arrival[0] <= latest[0]
+    assert arrival[0] % PERIOD == 0.0
+    planned, at_latest = (law.price(start, goal, time, Limits())[0] for time in (arrival, latest))
+    assert planned <= at_latest

@@ -1,0 +1,137 @@
+"""Staying at a goal: a craft that follows the law stays within its tolerances, and coasts between returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_missions.guidance.staying import balancing_velocity, staying_velocity
+from rans_missions.tasks import Hold, TargetOrbit
+
+from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3
+
+DRIFT = ClohessyWiltshire(0.0011)
+PERIOD = 10.0
+POSITION = 5.0
+VELOCITY = 0.05
+
+
+def vector(*columns: Any) -> Vec3:
+    return Vec3(*(np.atleast_1d(np.asarray(x, float)) for x in columns))
+
+
+def flown(p: Vec3, v: Vec3, goal: Any, periods: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Largest distance and speed after each period, and the velocity change in all, by impulses at their start."""
+    distances, speeds, spent = [], [], 0.0
+    for _ in range(periods):
+        state: Any = SimpleNamespace(p=p, v=v)
+        new = staying_velocity(DRIFT, state, goal, PERIOD, POSITION, VELOCITY)
+        spent += float((new - v).norm().max())
+        p, v = DRIFT.carry(p, new, PERIOD)
+        distances.append(float((p - goal.p).norm().max()))
+        speeds.append(float(v.norm().max()))
+    return np.array(distances), np.array(speeds), spent
+
+
+@pytest.mark.parametrize("behind", [pytest.param(0.0, marks=pytest.mark.slow), 100.0])
+def test_a_craft_stays_for_three_hours(behind: float) -> None:
+    """At the target and behind it, from three states; every radial error drifts away along the track."""
+    goal: Any = SimpleNamespace(p=vector(0.0, -behind, 0.0), v=vector(0.0, 0.0, 0.0))
+    starts = np.array([[2.0, -2.0, 0.0], [1.0, 2.0, -3.0], [0.5, 0.0, 1.0]])
+    p = vector(starts[0], starts[1] - behind, starts[2])
+    v = vector([0.02, -0.03, 0.0], [0.0, 0.01, 0.03], [0.01, 0.0, 0.0])
+    distances, speeds, _ = flown(p, v, goal, 1080)
+    assert distances.max() < POSITION
+    assert speeds.max() < VELOCITY
+
+
+def test_after_a_return_it_circles_for_ever_without_burns() -> None:
+    """In three orbits after the first two nothing is burnt, from any state, also with a motion along z."""
+    goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    p, v = (
+        vector([2.0, -2.0], [-99.0, -101.0], [0.0, 1.0]),
+        vector([0.02, -0.03], [0.0, 0.01], 0.01),
+    )
+    orbit = round(2.0 * np.pi / DRIFT.mean_motion / PERIOD)
+    for _ in range(2 * orbit):
+        state: Any = SimpleNamespace(p=p, v=v)
+        p, v = DRIFT.carry(
+            p, staying_velocity(DRIFT, state, goal, PERIOD, POSITION, VELOCITY), PERIOD
+        )
+    distances, _, spent = flown(p, v, goal, 3 * orbit)
+    assert distances.max() < POSITION
+    assert spent == 0.0
+
+
+def test_at_an_equilibrium_it_burns_nothing() -> None:
+    goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    _, _, spent = flown(vector(0.0, -101.0, 0.0), vector(0.0, 0.0, 0.0), goal, 100)
+    assert spent == 0.0
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Position and velocity of a craft."""
+
+    p: Vec3
+    v: Vec3
+
+
+@pytest.mark.parametrize("push", [2e-6, -8e-6])
+def test_what_balances_a_force_is_its_mean_along_the_orbit(push: float) -> None:
+    """After two orbits nothing is spent but the product of force and time, the least of any flight that stays.
+
+    Across the orbit 2.9 m are an equilibrium of 3.5e-6 m/s^2, and 2.5 m away 4.75e-7 of these are left. Radially
+    the equilibrium is 1.38 m away.
+    """
+    n = DRIFT.mean_motion
+    goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    acceleration = vector(-5e-6, push, 3.5e-6)
+    # Radially and across it an acceleration moves W's origin, and along the orbit it is a drag.
+    moved = vector(5e-6 / (3.0 * n**2), 0.0, 3.5e-6 / n**2)
+    truth = PerturbedOrbit(n, 0.0, 0.0, -push, 0.0)
+    p, v = vector(1.0, -100.0, 0.0), vector(0.0, 0.01, 0.01)
+    orbit = round(2.0 * np.pi / n / PERIOD)
+    spent = []
+    for _ in range(4 * orbit):
+        new = balancing_velocity(
+            DRIFT, Moving(p, v), goal, PERIOD, POSITION, VELOCITY, acceleration
+        )
+        change = new - v
+        spent.append([float(abs(x)[0]) for x in change.columns()])
+        # A burn in the middle of the period: in the mean as thrust all through it.
+        p, v = truth.carry(p - moved, v, 0.5 * PERIOD)
+        p, v = truth.carry(p, v + change, 0.5 * PERIOD)
+        p = p + moved
+        assert float((p - goal.p).norm()[0]) < POSITION
+    last = np.sum(spent[2 * orbit :], axis=0)
+    seconds = 2.0 * orbit * PERIOD
+    assert last == pytest.approx([0.0, abs(push) * seconds, 4.75e-7 * seconds], rel=1e-6, abs=1e-9)
+
+
+def test_a_known_drag_is_balanced_all_the_time() -> None:
+    """After two orbits nothing is spent but the product of drag and time, the least of any flight that stays."""
+    drag = 3.7e-7
+    mission = Hold(orbit=TargetOrbit(target_drag=drag, ballistic_ratio=0.5))
+    period = mission.timing.control_period
+    zero = np.zeros(1)
+    still = Vec3(zero, zero, zero)
+    level = Quat(zero + 1.0, zero, zero, zero)
+    goal = SpatialState(vector(0.0, -100.0, 0.0), level, still, still, (zero, zero, zero, zero))
+    p, v = vector(1.0, -100.0, 0.0), vector(0.0, 0.01, 0.0)
+    orbit = round(2.0 * np.pi / mission.mean_motion / period)
+    spent = []
+    for _ in range(4 * orbit):
+        change = mission.staying(SpatialState(p, level, v, still), goal) - v
+        spent.append([float(abs(x)[0]) for x in change.columns()])
+        # A burn in the middle of the period: in the mean as thrust all through it.
+        p, v = mission.drift.carry(p, v, 0.5 * period)
+        p, v = mission.drift.carry(p, v + change, 0.5 * period)
+        assert float((p - goal.p).norm()[0]) < mission.position_tolerance
+    last = np.sum(spent[2 * orbit :], axis=0)
+    assert last == pytest.approx([0.0, drag * 2.0 * orbit * period, 0.0], rel=1e-6, abs=1e-9)

@@ -1,0 +1,198 @@
+"""Docking on an orbit: hand-worked motions, margins, contacts between commands, starts, and Drake."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from rans_missions.tasks import Dock
+from scipy.linalg import expm
+
+from rans.episode import Setup, World, step
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.flight import fly
+from rans.model.drift import ClohessyWiltshire, velocity_to_reach
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec2, Vec3, leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.reference.flight import DrakeMover, fly_in_drake
+from rans.scenario import scenarios
+from rans.verdict import Failure
+
+DEPUTY = load_spacecraft("afrl-deputy")
+N = 0.001027
+"""rad/s"""
+TIMING = Dock.timing
+SHUT = (0.0,) * 6
+
+
+class Shut:
+    """A controller that does nothing."""
+
+    name = "shut"
+
+    def reset(self, count: int) -> None:
+        """Nothing to forget."""
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """Every thruster shut."""
+        return np.zeros((len(observation), 6))
+
+
+def at(p: tuple[float, ...], v: tuple[float, ...]) -> Any:
+    """A state of one craft, without rotation."""
+    zero = np.zeros(1)
+    place = Vec3(*(np.array([x]) for x in p))
+    velocity = Vec3(*(np.array([x]) for x in v))
+    return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), velocity, Vec3(zero, zero, zero))
+
+
+def notes(deadline: float) -> tuple[np.ndarray, ...]:
+    """Of a goal whose planned arrival is the deadline."""
+    return np.array([deadline]), np.array([deadline]), np.zeros(1)
+
+
+def world(task: Dock) -> World:
+    return World(Setup(DEPUTY, task, TIMING))
+
+
+def flown(task: Dock, state: SpatialState, deadline: float, mover: Any = None) -> Any:
+    """What one period with shut thrusters gives."""
+    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(deadline))
+    now = world(task).begin(state, goal)
+    return step(world(task), now, SHUT, None, mover)
+
+
+def system() -> np.ndarray:
+    """Matrix of the equations of Clohessy and Wiltshire, (6, 6)."""
+    a = np.zeros((6, 6))
+    a[:3, 3:] = np.eye(3)
+    a[3, 0], a[3, 4], a[4, 3], a[5, 2] = 3 * N * N, 2 * N, -2 * N, -N * N
+    return a
+
+
+@pytest.mark.parametrize("time", [10.0, 600.0, 2000.0])
+def test_the_velocity_to_reach_a_point_reaches_it(time: float) -> None:
+    """By the matrix exponential, in space and in the plane."""
+    rng = np.random.default_rng(1)
+    here, there = rng.uniform(-100, 100, (2, 3))
+    drift = ClohessyWiltshire(N)
+    v = velocity_to_reach(drift, Vec3(*here), Vec3(*there), time)
+    arrived = expm(time * system()) @ [*here, *leaves(v)]
+    np.testing.assert_allclose(arrived[:3], there, atol=1e-9)
+    flat = velocity_to_reach(drift, Vec2(*here[:2]), Vec2(*there[:2]), time)
+    np.testing.assert_allclose(leaves(flat), leaves(v)[:2], rtol=1e-9)
+
+
+def test_across_the_orbit_the_velocity_to_gain_is_worked_out_by_hand() -> None:
+    """z(t) = z0 cos(n t) + v / n sin(n t): in a sixth of an orbit v = -z0 n / tan(60 degrees)."""
+    task = Dock()
+    time = math.pi / 3 / N
+    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(time))
+    gain = task.velocity_to_gain(at((0.0, 0.0, 100.0), (0.0, 0.0, 0.01)), goal, time)
+    assert gain.z[0] == pytest.approx(-100.0 * N / math.sqrt(3.0) - 0.01, rel=1e-12)
+    # A craft at rest behind the target on its orbit stays there.
+    assert flown(task, at((0.0, -120.0, 0.0), (0.0,) * 3), 900.0).episode.state.p.y[0] == -120.0
+
+
+def test_thrust_that_lowers_the_velocity_to_gain_costs_nothing_and_other_thrust_does() -> None:
+    task = Dock(gain_weight=1.2, impulse_weight=0.1)
+    here = at((0.0, -120.0, 30.0), (0.0,) * 3)
+    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(1000.0))
+    gain = task.velocity_to_gain(here, goal, 1000.0)
+    wanted = np.array(leaves(gain))[:, 0]
+    now = world(task).begin(here, goal)
+    # 1 N on 12 kg for 10 s gives 0.8333 m/s.
+    command = np.concatenate([[max(x, 0.0), max(-x, 0.0)] for x in wanted]) / 0.8333333333333334
+    good = step(world(task), now, tuple(command))
+    spent = np.abs(wanted).sum()
+    assert float(good.terms["impulse"]) == pytest.approx(-1.2 * spent, rel=1e-9)
+    # The burn lasts 10 s of 1,000, so that half a hundredth of it is left to do.
+    assert good.reward.item() == pytest.approx(0.0, abs=0.011 * 1.2 * spent)
+    wrong = step(world(task), now, tuple(command[[1, 0, 3, 2, 5, 4]]))
+    assert float(wrong.reward[0]) == pytest.approx(-2.4 * spent, rel=0.02)
+
+
+@pytest.mark.parametrize("mover", [None, "drake"])
+def test_a_contact_between_two_commands_docks(mover: Any) -> None:
+    """From 1 m at 0.19 m/s it is within 0.5 m after 3 s, and 0.9 m beyond the target after 10 s."""
+    move = None if mover is None else DrakeMover(DEPUTY, TIMING, drift=Dock().drift)
+    outcome = flown(Dock(), at((0.0, -1.0, 0.0), (0.0, 0.19, 0.0)), 600.0, move)
+    assert outcome.done.item()
+    assert not outcome.failed.item()
+    # 0.2 + 2 n (0.43 - 0.5) m/s are allowed at the third second.
+    least = 0.2 + 0.002054 * (1.0 - 0.19 * 3 - 0.5) - 0.19
+    assert outcome.margins["speed"].item() == pytest.approx(least, abs=2e-5)
+    assert outcome.terms["done"].item() == 1.0
+
+
+def test_faster_contact_breaks_the_limit() -> None:
+    """0.21 m/s are more than what is allowed nearer than 5.37 m."""
+    outcome = flown(Dock(), at((0.0, -1.0, 0.0), (0.0, 0.21, 0.0)), 600.0)
+    assert outcome.failed.item()
+    assert not outcome.done.item()
+    assert not flown(Dock(), at((0.0, -9.0, 0.0), (0.0, 0.21, 0.0)), 600.0).failed.item()
+
+
+def test_who_is_late_has_failed() -> None:
+    near = at((0.0, -1.0, 0.0), (0.0, 0.19, 0.0))
+    assert flown(Dock(), near, 4.0).done.item()
+    late = flown(Dock(), near, 2.0)
+    assert not late.done.item()
+    assert late.failed.item()
+    far = at((0.0, -100.0, 0.0), (0.0, 0.0, 0.0))
+    assert flown(Dock(), far, 10.0).failed.item()
+    assert not flown(Dock(), far, 20.0).failed.item()
+    assert flown(Dock(), at((0.0, -1001.0, 0.0), (0.0,) * 3), 900.0).failed.item()
+
+
+def test_starts_are_as_documented_or_as_coded() -> None:
+    """46.9 % of 64 starts of AFRL's own code were above the limit; here 4,096 are counted."""
+    documented: Any = scenarios(Dock(), DEPUTY, 1, 4096)
+    limits = Dock().constraints(documented.start, documented.goal)["speed"]
+    assert limits.min() > 0.0
+    p = np.array(leaves(documented.start.p))
+    elevation = np.arcsin(p[2] / np.linalg.norm(p, axis=0))
+    # Uniform from -90 to 90 degrees: a third is beyond 60 degrees, on a uniform sphere 13 % would be.
+    assert np.mean(np.abs(elevation) > math.radians(60.0)) == pytest.approx(1 / 3, abs=0.03)
+    assert np.mean(elevation < 0.0) == pytest.approx(0.5, abs=0.03)
+    task = Dock(starts_as_coded=True)
+    coded: Any = scenarios(task, DEPUTY, 1, 4096)
+    assert coded.start.p.z.min() > -1e-9
+    assert coded.start.v.z.min() > -1e-9
+    above = np.mean(task.constraints(coded.start, coded.goal)["speed"] < 0.0)
+    assert above == pytest.approx(0.469, abs=0.07)
+    assert coded.goal.notes[0].min() >= 600.0
+    assert coded.goal.notes[0].max() <= 2000.0
+
+
+def test_every_engine_flies_the_same_mission() -> None:
+    task = Dock(deadline=(60.0, 80.0))
+    starts = scenarios(task, DEPUTY, 5, 2)
+    timing = replace(TIMING, episode_steps=9)
+    ours, judged = (one(DEPUTY, task, Shut(), starts, timing) for one in (fly, fly_in_drake))
+    for a, b in zip(leaves(ours.states), leaves(judged.states), strict=True):
+        np.testing.assert_allclose(np.broadcast_to(a, b.shape), b, rtol=0, atol=1e-7)
+    assert ours.verdict.failure().tolist() == [Failure.TERMINATED] * 2
+    assert judged.verdict.failure().tolist() == [Failure.TERMINATED] * 2
+    engine = Engine(DEPUTY, task, 2, timing, seed=5, dtype=torch.float64)
+    env: Any = gymnasium.make("rans/Dock3D-v0", spacecraft=DEPUTY, task=task, timing=timing)
+    _, info = env.reset(seed=5)
+    for k in range(1, 6):
+        engine.step(torch.zeros(2, 6, dtype=torch.float64))
+        *_, terminated, truncated, info = env.step(np.zeros(6, np.float32))
+        assert not terminated
+        assert not truncated
+        np.testing.assert_allclose(engine.state.p.y, ours.states.p.y[k], rtol=0, atol=1e-9)
+    assert info["margins"]["speed"] > 0.0
+
+
+def test_a_deadline_beyond_half_an_orbit_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"deadline must be < 2906 s"):
+        Dock(deadline=(600.0, 3000.0))

@@ -1,0 +1,167 @@
+"""Missions near a target around the oblate Earth, with drag: settings, Drake, bounds, and two-body gravity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_missions.bounds.transfers import optimum, transfer_bounds
+from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.tasks import Dock
+from rans_missions.tasks.hold import Hold
+from rans_missions.tasks.orbital import TargetOrbit
+from rans_missions.tasks.rendezvous import Rendezvous
+
+from rans.errors import ConfigError
+from rans.flight import fly
+from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.control.lqr import LQR
+from rans.reference.flight import DrakeMover
+from rans.reference.plant import Plant
+from rans.scenario import scenarios
+from validation.two_body import Perturbations, TwoBodyMover
+
+LOW = TargetOrbit(oblate=True, inclination_degrees=51.6, target_drag=4e-6, ballistic_ratio=0.5)
+"""Ten times the drag at 500 km, so that it shows within a minute."""
+
+
+def gap(flight: Any, other: Any) -> float:
+    """Largest distance between two flights, m."""
+    return float(np.abs(np.stack((flight.states.p - other.states.p).columns())).max())
+
+
+def test_the_orbit_is_set_by_numbers_of_the_target() -> None:
+    drift = Dock(orbit=LOW).drift
+    assert isinstance(drift, PerturbedOrbit)
+    # 1.5 J2 of the Earth (0.0016239), by the square of its radius over that of the orbit.
+    assert drift.oblateness == pytest.approx(1.5 * 0.00108263 * (6378.137 / 7229.9) ** 2, rel=1e-4)
+    # Half the ballistic coefficient is twice the drag: once more than that of the target.
+    assert drift.drag == pytest.approx(4e-6)
+    assert drift.inclination == pytest.approx(0.900589894)
+    air = Dock(orbit=TargetOrbit(target_drag=4e-6, ballistic_ratio=2.0)).drift
+    assert air == PerturbedOrbit(0.001027, 0.0, 0.0, -2e-6, 0.0)
+    # Another ballistic coefficient without drag is no perturbation.
+    assert isinstance(Hold(orbit=TargetOrbit(ballistic_ratio=0.5)).drift, ClohessyWiltshire)
+
+
+@pytest.mark.parametrize("kind", [Dock, Hold, Rendezvous])
+def test_goals_know_where_the_target_is(kind: Any) -> None:
+    """The angle is the fourth note; the last one of hold is the time held."""
+    task = kind(orbit=LOW)
+    further = (-1.0,) if kind is Hold else ()
+    rest = SpatialState(
+        Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
+    )
+    goal: Any = replace(rest, notes=(600.0, 600.0, 0.0, 1.5, *further))
+    assert task.drift_at(goal).latitude == 1.5
+    later = task.later(goal, 100.0)
+    # The rate is that of the mean motion, and oblateness changes it by less than two thousandths of it.
+    assert later.notes[3] - 1.5 == pytest.approx(100.0 * task.mean_motion, rel=2e-3)
+    assert later.notes[4:] == further
+    assert len(task.remember(later, rest).notes) == len(goal.notes)
+    assert task.coast_zone is None
+
+
+@pytest.mark.slow
+def test_arrivals_planned_without_oblateness_cost_as_much_as_those_with_it() -> None:
+    task = Dock(orbit=LOW)
+    drawn = scenarios(task, load_spacecraft("afrl-deputy"), 1, 64)
+    guidance = task.guidance_at(drawn.goal)
+    deadline, planned = drawn.goal.notes[:2]
+    limits = task.guidance_limits(drawn.goal)
+    best = guidance.arrival(drawn.start, drawn.goal, deadline, limits)
+    prices = [
+        guidance.price(drawn.start, drawn.goal, time, limits).mean() for time in (planned, best)
+    ]
+    assert np.mean(planned == best) > 0.9
+    assert prices[0] == pytest.approx(prices[1], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_drake_and_two_body_gravity_move_as_the_mission_does() -> None:
+    """Drake integrates the differential equations, from the derivative of the vector of J2."""
+    task = Dock(orbit=LOW, deadline=(600.0, 600.0))
+    craft = load_spacecraft("afrl-deputy")
+    starts: Any = scenarios(task, craft, 5, 1)
+    names = [term.name for term in task.observation_terms(starts.start, starts.goal)]
+    assert names[-2:] == ["cosine of the argument of latitude", "sine of the argument of latitude"]
+    timing = replace(task.timing, episode_steps=1)
+    drake = DrakeMover(craft, timing, task.drift, 0.5)
+    air = Perturbations(math.radians(51.6), np.zeros(1))
+    true = TwoBodyMover(craft, timing, task.mean_motion, perturbations=air)
+
+    def at_the_node(state: Any, step_inputs: Any) -> Any:
+        return drake(state, replace(step_inputs, drift=None))
+
+    ours, judged, exact, elsewhere = (
+        fly(craft, task, MissionGuidance(craft, task), starts, timing, "other", mover)
+        for mover in (None, drake, true, at_the_node)
+    )
+    # Terms of the second order in k = 1.3e-3: (k n)^2 of 150 m, for 10 s, are 1e-8 m.
+    assert gap(ours, judged) < 1e-7
+    # Gravity that is quadratic in the distance, 3 n^2 r^2 / a = 1e-8 m/s^2; and the drag, which is not in it.
+    drag = 0.5 * 4e-6 * 10.0**2
+    assert 0.9 * drag < gap(ours, exact) < 1.1 * drag
+    assert gap(ours, elsewhere) > 1e-6
+
+
+def test_a_plant_in_drake_is_of_its_own_orbit() -> None:
+    craft = load_spacecraft("afrl-deputy")
+    drift: Any = Dock(orbit=LOW).drift
+    plant = Plant(craft, drift=drift)
+    other = replace(drift, oblateness=0.0)
+    with pytest.raises(ConfigError, match="was built for PerturbedOrbit"):
+        plant.advance(plant._rest()[None], np.zeros((1, 6)), 1.0, drift=other)
+    # At the target nothing pulls but drag: 4e-6 m/s^2 along -y, for 10 s.
+    speed = plant.advance(plant._rest()[None], np.zeros((1, 6)), 10.0)[0, 7:10]
+    np.testing.assert_allclose(speed, [0.0, -4e-5, 0.0], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_bounds_are_of_the_perturbed_motion() -> None:
+    """A drag that is a twentieth of the thrust changes the bound, which is still below a flight."""
+    craft = load_spacecraft("vbar-chaser")
+    calm = Hold(deadline=(600.0, 600.0))
+    starts = scenarios(calm, craft, 5, 1)
+    windy = replace(calm, orbit=TargetOrbit(target_drag=1e-3, ballistic_ratio=0.5))
+    blown = scenarios(windy, craft, 5, 1)
+    first = transfer_bounds(craft, calm, starts, 600.0)[0].lower
+    answers = transfer_bounds(craft, windy, blown, 600.0)
+    flight = optimum(craft, windy, blown, answers)  # arrives and stays, as the bound asks
+    assert answers[0].lower != pytest.approx(first, rel=0.01)
+    assert answers[0].lower <= flight.impulse[0] * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: LQR(load_spacecraft("vbar-chaser"), Hold(orbit=LOW)),
+            "perturbed-orbit changes along the orbit",
+        ),
+        (lambda: TargetOrbit(oblate=True, inclination_degrees=181.0), "from 0 to 180 degrees"),
+        (lambda: TargetOrbit(inclination_degrees=51.6), "set oblate = true"),
+        (lambda: TargetOrbit(target_drag=-1e-6), "target_drag must be .* >= 0"),
+        (lambda: TargetOrbit(target_drag=3.7), "at most 0.01 m/s.2, got 3.7"),
+        (
+            lambda: TargetOrbit(target_drag=4e-6),
+            "set ballistic_ratio too, or leave target_drag out",
+        ),
+        (lambda: TargetOrbit(ballistic_ratio=0.0), r"ballistic_ratio must be .* > 0, got 0\.0"),
+        (lambda: TargetOrbit(0.1, 9000.0, oblate=True), "eccentricity is 0.1: leave out one"),
+        (lambda: Hold(orbit=TargetOrbit(0.1, 9000.0)), "Hold flies near circular orbits"),
+        (
+            lambda: TargetOrbit(argument_of_latitude_degrees=(9.0, 0.0)),
+            "argument_of_latitude_degrees must be a range",
+        ),
+    ],
+)
+def test_others_and_impossible_orbits_are_refused(make: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        make()

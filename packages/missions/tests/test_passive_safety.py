@@ -1,0 +1,169 @@
+"""Distances that coasts keep, against SciPy's integration and hand-worked orbits."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from rans_missions.passive_safety import (
+    PRECISION,
+    Pieces,
+    keep_away,
+    least_distances,
+    pieces_of_periods,
+    single_coasts,
+)
+from scipy.integrate import solve_ivp
+
+from validation.two_body import relative_motion
+
+N = 1.1e-3
+ORBIT = 2.0 * math.pi / N
+PERIOD = 20.0
+TIMES = np.concatenate(
+    [np.linspace(0.0, PERIOD, 201), np.linspace(PERIOD, PERIOD + ORBIT, 4000)[1:]]
+)
+"""Instants of coasts, s: the first 201 are a tenth of a second apart."""
+
+
+def coast_distance(*state: float) -> float:
+    """Certified least distance of a coast of one orbit."""
+    coast = single_coasts(np.array([state]), np.array([ORBIT]), np.array([0]))
+    return float(least_distances(N, coast, 1)[0])
+
+
+@pytest.mark.parametrize(
+    ("state", "distance"),
+    [
+        # The closed ellipse around the target, twice as long as wide: its half width.
+        ((30.0, 0.0, 0.0, 0.0, -2.0 * N * 30.0, 0.0), 30.0),
+        # Radial velocity u at 100 m behind: an ellipse whose farther end is 4 u / n ahead of the start.
+        ((0.0, -100.0, 0.0, -20.0 * N, 0.0, 0.0), 20.0),
+        ((0.0, -100.0, 0.0, -25.0 * N, 0.0, 0.0), 0.0),
+        # At rest on the target's orbit it stays; at rest across the plane it falls through the target.
+        ((0.0, -100.0, 0.0, 0.0, 0.0, 0.0), 100.0),
+        ((0.0, 0.0, 100.0, 0.0, 0.0, 0.0), 0.0),
+        # A lower circular orbit passes below at its distance: y' = -1.5 n x.
+        ((-10.0, -60.0, 0.0, 0.0, 15.0 * N, 0.0), 10.0),
+    ],
+)
+def test_hand_worked_coasts(state: tuple[float, ...], distance: float) -> None:
+    found = coast_distance(*state)
+    assert found <= distance
+    assert found >= distance - 2.0 * PRECISION
+
+
+def hill(y: np.ndarray, push: np.ndarray) -> np.ndarray:
+    """Slope of states (6, K) by Hill's equations under an acceleration."""
+    x, _, z, u, v, w = y
+    gravity = np.array([3.0 * N**2 * x + 2.0 * N * v, -2.0 * N * u, -(N**2) * z])
+    return np.concatenate([[u, v, w], gravity + push])
+
+
+def pushed(state: np.ndarray, push: np.ndarray, time: float) -> np.ndarray:
+    """State after constant thrust."""
+    if time == 0.0:
+        return state
+    return solve_ivp(
+        lambda _, y: hill(y, push), (0.0, time), state, "DOP853", rtol=1e-12, atol=1e-12
+    ).y[:, -1]
+
+
+@pytest.fixture(scope="module")
+def responses() -> np.ndarray:
+    """Responses (times, 6, 6) at instants of `TIMES`, integrated by SciPy."""
+    flat = solve_ivp(
+        lambda _, y: hill(y.reshape(6, 6), np.zeros((3, 1))).ravel(),
+        (0.0, TIMES[-1]),
+        np.eye(6).ravel(),
+        "DOP853",
+        t_eval=TIMES,
+        rtol=1e-11,
+        atol=1e-11,
+    ).y
+    return flat.T.reshape(-1, 6, 6)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_families_of_coasts_are_bounded_as_scipy_integrates_them(
+    seed: int, responses: np.ndarray
+) -> None:
+    random = np.random.default_rng(seed)
+    state = np.concatenate([random.uniform(-150.0, 150.0, 3), random.uniform(-0.2, 0.2, 3)])
+    push = random.uniform(-0.02, 0.02, 3)
+    # Coasts that begin at nine instants of the period, at common times.
+    sampled = []
+    for step in range(9):
+        shut = pushed(state, push, PERIOD * step / 8)
+        sampled.append(responses @ np.linalg.solve(responses[25 * step], shut))
+    positions = np.array(sampled)[:, :, :3]
+    after = pushed(state, push, PERIOD)
+    one = np.array([0])
+    pieces = pieces_of_periods(N, state[None], after[None], PERIOD, ORBIT, 50.0, one)
+    found = float(least_distances(N, pieces, 1)[0])
+    # No coast is nearer than the certified distance.
+    assert found <= np.linalg.norm(positions, axis=2).min()
+    # It is that of the segments between neighbours, which differ by their bend of less than 0.2 m.
+    pairs = itertools.pairwise(positions)
+    between = min(float(_segment_distance(a, b).min()) for a, b in pairs)
+    assert found == pytest.approx(between, abs=0.35)
+
+
+def _segment_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distance of the origin from segments between rows."""
+    along = b - a
+    square = np.maximum((along**2).sum(axis=1), 1e-30)
+    part = np.clip(-(a * along).sum(axis=1) / square, 0.0, 1.0)
+    return np.linalg.norm(a + part[:, None] * along, axis=1)
+
+
+def test_an_impulse_at_an_unknown_instant_is_covered() -> None:
+    # All thrust in the first half second of a period: not constant, but of one direction.
+    period, change = 20.0, np.array([0.0, 0.1, 0.0])
+    state = np.array([20.0, -150.0, 5.0, 0.0, 0.0, 0.0])
+    nothing = np.zeros(3)
+    after = pushed(pushed(state, change / 0.5, 0.5), nothing, period - 0.5)
+    partial = pushed(state, change / 0.5, 0.25)
+    one = np.array([0])
+    pieces = pieces_of_periods(N, state[None], after[None], period, ORBIT, 50.0, one)
+    coast = single_coasts(partial[None], np.array([ORBIT]), one)
+    assert pieces.error.max() == pytest.approx(math.sqrt(50.0) * 0.1 * period / 4.0, rel=0.02)
+    assert least_distances(N, pieces, 1)[0] <= least_distances(N, coast, 1)[0]
+
+
+def test_whether_a_distance_is_kept_agrees_with_the_least_distance() -> None:
+    random = np.random.default_rng(3)
+    count, flights = 400, 80
+    first = random.normal(size=(count, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]
+    second = first + random.normal(size=(count, 6)) * [0.0, 0.0, 0.0, 0.02, 0.02, 0.02]
+    pieces = Pieces(
+        first,
+        np.where(random.uniform(size=(count, 1)) < 0.5, first, second),
+        random.uniform(0.3, 1.2, count) * ORBIT,
+        random.uniform(0.0, 0.3, count),
+        random.integers(flights, size=count),
+    )
+    least = least_distances(N, pieces, flights)
+    for distance in np.quantile(least, [0.1, 0.5, 0.9]):
+        kept = keep_away(N, pieces, flights, float(distance))
+        # Both are certain to a centimetre.
+        certain = np.abs(least - distance) > PRECISION
+        assert certain.sum() > 0.9 * flights
+        np.testing.assert_array_equal(kept[certain], (least > distance)[certain])
+
+
+def test_two_body_gravity_agrees() -> None:
+    # 100 m from the target Clohessy-Wiltshire's error in an orbit is some metres (docs/missions/inspect.md).
+    p, v = np.array([[40.0, -80.0, 30.0]]), np.array([[-0.02, -0.03, 0.01]])
+    times = np.linspace(1.0, ORBIT, 4000)
+    positions, _ = relative_motion(N, p, v, times)
+    nearest = np.linalg.norm(positions[:, 0], axis=1).min()
+    assert coast_distance(*p[0], *v[0]) == pytest.approx(nearest, abs=2.0)
+
+
+def test_nothing_flown_is_infinitely_far() -> None:
+    none = np.zeros((0, 6))
+    pieces = Pieces(none, none, np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))
+    assert least_distances(N, pieces, 2).tolist() == [math.inf, math.inf]
