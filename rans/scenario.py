@@ -30,6 +30,9 @@ TUNING_SEED = 2025
 ASSURANCE_SEED = 2026
 """Seed of `rans assure`, which training, selection, tuning and evaluation do not use."""
 
+TRAINED_SEED = 2029
+"""Seed of the starts from which a trained agent is compared with others at the end of its training."""
+
 
 @dataclass(frozen=True)
 class Scenario:

@@ -20,7 +20,7 @@ from rans.model.spacecraft_file import load_spacecraft as stored_spacecraft
 from rans.randomization.conditions_file import conditions_label
 from rans.registry import typed
 from rans.settled import settled_alone
-from rans.tasks import Task, registered_name
+from rans.tasks import TASKS, Task, registered_name
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
@@ -94,6 +94,7 @@ def train(
     from rans.evaluation.fly.agent import load_policy as trained
     from rans.evaluation.fly.make_controller import guard_of
     from rans.fast.learn.loggers import loggers, require_loggers
+    from rans.fast.learn.recipes import from_any_craft
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer
     from rans.show.progress import watched_training
@@ -117,6 +118,13 @@ def train(
     craft = (
         stored_spacecraft(config.spacecraft) if spacecraft is None else load_spacecraft(spacecraft)
     )
+    # As it comes a training begins from the agent for any craft, and what is set otherwise from nothing.
+    if (
+        isinstance(task, str)
+        and task in TASKS
+        and not (settings or total_timesteps or conditions or ppo or algorithm or quality)
+    ):
+        config = from_any_craft(config, craft)
     folder = Path(run) if run is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))

@@ -11,6 +11,7 @@ import signal
 import socket
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.numbers import whole_number
-from rans.errors import ConfigError, RansError, brief, is_installed, meant_file
+from rans.errors import ConfigError, RansError, RansWarning, brief, is_installed, meant_file
 from rans.files import command_line, first_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
@@ -30,6 +31,7 @@ from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
 from rans.system import ALARMS, lower_priority, set_alarm
+from rans.tasks import TASKS
 from rans.tasks.feasible import obstacles
 from rans.terminal import Terminal, doing
 
@@ -194,7 +196,12 @@ class Train:
         from rans.fast.learn.algorithms import with_algorithm
         from rans.fast.learn.changes import check_memory
         from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import training, training_of_quality
+        from rans.fast.learn.recipes import (
+            craft_of,
+            from_any_craft,
+            training,
+            training_of_quality,
+        )
         from rans.fast.learn.run_folder import read_config
 
         self._check()
@@ -214,6 +221,10 @@ class Train:
                 self.device,
                 self.conditions is not None,
             )
+        is_short = self.quality in (None, "quick") and task in TASKS
+        is_alone = os.environ.get("WORLD_SIZE", "1") == "1"
+        if is_short and is_alone and not (self.set or self.total_timesteps or self.conditions):
+            begun = from_any_craft(begun, craft_of(begun))
         # First, as an algorithm has settings and hyper-parameters of its own, which others change.
         algorithms = [
             change.partition("=")[2] for change in self.set if change.startswith("algorithm=")
@@ -293,6 +304,9 @@ class Train:
             Terminal().say(hole)
         if stop.requested:
             return stop.code
+        if trainer.steps > begun:
+            with _beside_the_agent("a comparison with others"):
+                _compare(trainer)
         # No page has the safety filter.
         page = None
         if not trainer.config.guard:
@@ -403,6 +417,62 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     return text
 
 
+_COMPARED = 64
+"""Flights of each contestant after a training."""
+_MUCH = 1_000_000
+"""Steps from which a training that has not solved its task is compared all the same."""
+
+
+def _compare(trainer: Trainer) -> None:
+    """Fly the agent, that for any craft, LQR and switching control from new starts, and say who dominates whom.
+
+    This is for trainings that the agent for any craft could replace, once they fly.
+    """
+    from rans.evaluation.compare.entrants import contest_of, enlisted
+    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.measure.statistics import figure
+    from rans.policy.any_craft import AGENTS
+    from rans.policy.timing import flies_to_a_pose
+    from rans.scenario import TRAINED_SEED
+    from rans.show.tables.comparison_tables import dominations, scoreboard, verdict
+
+    config, craft = trainer.config, trainer.engine.craft
+    if config.guard or config.conditions.or_none or not flies_to_a_pose(config.settings, craft):
+        return
+    if not trainer.solved and trainer.steps < _MUCH:
+        return
+    path = str(trainer.run.path)
+    own = inside(trainer.run.path, "spacecraft.toml")
+    agent = AGENTS[craft.dimension]
+    with doing("flying others from the same starts", in_log=False), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RansWarning)  # evaluations of that agent say them
+        comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))
+        contestants = enlisted([path], comparison.contest)
+        with contextlib.suppress(ConfigError):  # what it cannot fly
+            contestants |= enlisted(
+                [f"{agent}{value}@{own}" for value in ("", "#0.5")], comparison.contest
+            )
+        comparison.fly(contestants, ("lqr", "switching"), 0)
+    columns = {
+        "settled, %": "settled",
+        "settling time, s": "time, s",
+        "impulse of the episode, N s": "impulse, N s",
+    }
+    rows = [
+        (name, *(figure(scores[key].value) for key in columns))
+        for name, scores in scoreboard(comparison).items()
+    ]
+    console = Terminal()
+    console.show(f"{_COMPARED} new starts", ("", *columns.values()), rows)
+    console.say(verdict(comparison))
+    name = comparison.entries[0].name
+    if better := [one for one, other in dominations(comparison) if other == name and agent in one]:
+        craft_name = config.spacecraft
+        console.say(
+            f"{better[0]} is better without training: rans evaluate {better[0]}@{shlex.quote(craft_name)}"
+        )
+
+
 def _live_page(path: Path) -> Path | None:
     """The page in which the agent flies, in its run folder; None: no page computes its policy or its task."""
     from rans.evaluation.fly.agent import load_policy
@@ -425,7 +495,8 @@ def _has_solved(config: TrainConfig, rows: Rows) -> bool:
     member = Member(config)
     for row in rows:
         member.note(dict(row), member.finds_solved(row["success"]))
-    return member.solved
+    # An imitation that solves its task has one report.
+    return member.solved or (len(rows) == 1 and member.in_a_row == 1)
 
 
 def _train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:

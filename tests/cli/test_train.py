@@ -7,6 +7,7 @@ import shlex
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -327,6 +328,34 @@ def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
         16,
     )
     assert config.ppo.schedule.anneal == 0.7
+
+
+def test_whatever_is_set_is_learnt_from_nothing() -> None:
+    assert Train("go-to-pose").resolved().begin_from == "pretrained:any-craft-2d#0.4"
+    assert Train("go-to-pose", seed=3, quality="quick").resolved().begin_from is not None
+    changes: tuple[dict[str, Any], ...] = (
+        {"set": ("thrust_weight=0.1",)},
+        {"total_timesteps": 1000},
+        {"conditions": "lab"},
+        {"quality": "good"},
+        {"task": "go-to-position"},
+    )
+    for changed in changes:
+        options: dict[str, Any] = {"task": "go-to-pose"} | changed
+        assert Train(**options).resolved().begin_from is None, changed
+
+
+def test_a_training_is_compared_with_what_flies_without_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An agent of 8,192 steps spends half of all thrust and never settles: the one for any craft is better."""
+    monkeypatch.setattr(train, "_MUCH", 1)
+    monkeypatch.setattr(train, "_COMPARED", 2)
+    assert main(["train", "go-to-pose", "--total-timesteps", "8192", "--output", "run"]) == 0
+    printed = capsys.readouterr().out
+    assert "any-craft-2d#0.5" in printed
+    assert "dominate" in printed
+    assert "without training: rans evaluate any-craft-2d@floating-platform" in printed
 
 
 def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,10 +40,13 @@ _UPDATES = {2: 80, 3: 400}
 half the commands of 16 thrusters are met exactly, and PPO then loses the attitude within a million steps."""
 _BATCH = 4096
 """Labels of a gradient step."""
+_SHORT_ROUNDS = 8
 _SHORT_UPDATES = 120
 _SHORT_BATCH = 1024
 _SHORT_PERIODS = 32
-"""The same of an imitation that is all of a training, which takes half of the time."""
+"""The same of an imitation that may be all of a training, which takes a third of the time."""
+_JUDGED = 4
+"""Rounds in which the network flies alone until it is judged, which takes as long as three rounds."""
 _MOST_ROUNDS = 32
 """Largest number of rounds of such an imitation, which ends as soon as the task is solved."""
 _RATE = 2e-3
@@ -139,17 +142,13 @@ def imitate(
     learnt = [network.tensors[name] for name in network.learnt]
     optimizer = torch.optim.Adam(learnt, _RATE)
     rounds: list[_Labels] = []
-    updates, batch, periods = _UPDATES[dimension], _BATCH, _PERIODS
-    last = _ROUNDS + _OWN_ROUNDS
+    mixed, updates, batch, periods = _ROUNDS, _UPDATES[dimension], _BATCH, _PERIODS
+    last = mixed + _OWN_ROUNDS
     if is_enough is not None:
-        updates, batch, periods = _SHORT_UPDATES, _SHORT_BATCH, _SHORT_PERIODS
-        last = _MOST_ROUNDS
+        mixed, updates, batch = _SHORT_ROUNDS, _SHORT_UPDATES, _SHORT_BATCH
+        periods, last = _SHORT_PERIODS, _MOST_ROUNDS
     for number in range(last):
-        # From the first rounds alone on, every second one is judged.
-        own_rounds = number - _ROUNDS
-        if is_enough is not None and own_rounds >= 2 and own_rounds % 2 == 0 and is_enough():
-            break
-        share = min(1.0, number / _ROUNDS)
+        share = min(1.0, number / mixed)
         rounds.append(_flown(engine, network, expert, share, settings, generator, periods))
         labels = _Labels(*(torch.cat(parts) for parts in zip(*rounds, strict=True)))
         # Values are those of the network's own commands, which change from round to round.
@@ -179,6 +178,9 @@ def imitate(
             optimizer.zero_grad()
             (_VALUE * error - likelihood).mean().backward()
             optimizer.step()
+        alone = number + 1 - mixed
+        if is_enough is not None and alone > 0 and alone % _JUDGED == 0 and is_enough():
+            break
     for x in learnt:
         x.grad = None
     engine.reset()

@@ -232,8 +232,11 @@ class Trainer:
         member = self.members[0]
         may_end = self.config.solved_share is not None and len(self.members) == 1
 
+        judged: list[dict[str, float]] = []
+
         def is_solved() -> bool:
-            return member.finds_solved(self.selection.judge()[0]["success"])
+            judged[:] = self.selection.judge()
+            return member.finds_solved(judged[0]["success"])
 
         flown = imitate(
             self.engine,
@@ -248,8 +251,8 @@ class Trainer:
             return
         self.steps = flown * self.config.ppo.n_envs
         self._statistics = [{}]
-        self._report(report)
-        if member.finds_solved(member.rows[-1]["success"]):
+        self._report(report, judged)
+        if member.finds_solved(judged[0]["success"]):
             member.in_a_row = SOLVED_IN_A_ROW
             member.weights = self.learner.network.member(0)
 
@@ -329,9 +332,13 @@ class Trainer:
                 replace_file(file, lambda draft: draft.write_bytes(state))
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error
 
-    def _report(self, report: Callable[[Sequence[Member]], object]) -> None:
-        """Evaluate the members and write their metrics; solved members have ended."""
-        judged = self.selection.judge()
+    def _report(
+        self,
+        report: Callable[[Sequence[Member]], object],
+        judged: Sequence[dict[str, float]] | None = None,
+    ) -> None:
+        """Evaluate the members, if they are not ``judged``, and write metrics; solved members have ended."""
+        judged = judged or self.selection.judge()
         rate = self._rate_since(self._reported)
         due = self._is_report_due()
         # All processes must take the same decisions.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,15 @@ from typing import Any
 import pytest
 import torch
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansWarning
 from rans.fast.learn import any_craft
 from rans.fast.learn.config import MemorySettings, TrainConfig
-from rans.fast.learn.recipes import training
+from rans.fast.learn.recipes import from_any_craft, training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.frugality import Frugality
+from rans.randomization.conditions_file import load_conditions
 
 
 def config(task: str = "go-to-pose", craft: str = "floating-platform", **ppo: Any) -> TrainConfig:
@@ -109,12 +112,73 @@ def test_a_training_begins_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """An iteration of PPO after the imitation reaches goals that an iteration alone does not."""
     monkeypatch.setattr(any_craft, "_ROUNDS", 4)
     monkeypatch.setattr(any_craft, "_OWN_ROUNDS", 1)
-    given = config(n_envs=256, batch_size=1024)
+    given = replace(config(n_envs=256, batch_size=1024), solved_share=None)
     run = RunFolder(tmp_path)
     begun = Trainer([given], load_spacecraft(given.spacecraft), run)
     run.begin(given, "test")
     begun.train(lambda _: None)
     assert run.metrics()[-1]["success"] > 0.2
+
+
+def test_an_imitation_that_solves_the_task_is_all_of_a_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is judged after four rounds of its own, and here found to solve the task after eight."""
+    monkeypatch.setattr(any_craft, "_SHORT_ROUNDS", 1)
+    monkeypatch.setattr(any_craft, "_SHORT_UPDATES", 1)
+    monkeypatch.setattr(any_craft, "_SHORT_PERIODS", 2)
+    given = config()
+    begun = trainer(tmp_path / "ends", given)
+    found = iter([0.98, 1.0])
+    monkeypatch.setattr(begun.selection, "judge", lambda: [{"success": next(found)}])
+    rows: list[Any] = []
+    begun.train(lambda members: rows.append(dict(members[0].rows[-1])))
+    assert begun.solved
+    # One round that the expert flies and eight of its own, of two periods each.
+    assert begun.steps == (1 + 8) * 2 * 64
+    assert [row["success"] for row in rows] == [1.0]
+    # A training without an end by its task goes on by reinforcement learning.
+    long = trainer(tmp_path / "long", replace(given, solved_share=None))
+    shorten(monkeypatch, rounds=1, updates=1)
+    monkeypatch.setattr(any_craft, "_PERIODS", 2)
+    long.train(lambda _: None)
+    assert long.steps == 64 * 16
+
+
+def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
+    begun = trainer(tmp_path, config())
+    architecture = begun.learner.network.architecture
+
+    def frugal(name: str) -> tuple[float, ...]:
+        expert = any_craft.teacher(f"pretrained:{name}", begun.engine, architecture)
+        assert expert is not None
+        return expert.architecture.frugal
+
+    assert frugal("any-craft-2d") == ()
+    # Starts are 3.5 m away in the mean.
+    assert frugal("any-craft-2d#1") == tuple(Frugality.of_value(1.0, 3.5))
+    for wrong in ("any-craft-2d#2", "any-craft-2d#much", "go-to-pose-2d#0.5"):
+        with pytest.raises(ConfigError):
+            frugal(wrong)
+
+
+def test_a_training_as_it_comes_begins_from_it_where_it_flies() -> None:
+    platform = load_spacecraft("floating-platform")
+    assert from_any_craft(training("go-to-pose"), platform).begin_from == (
+        "pretrained:any-craft-2d#0.4"
+    )
+    space = load_spacecraft("free-flyer")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RansWarning)
+        weak = replace(platform, thrusters=platform.thrusters[:4])
+    others = [
+        (training("track-velocity"), platform),
+        (training("go-to-pose", "free-flyer"), space),
+        (replace(training("go-to-pose"), conditions=load_conditions("lab")), platform),
+        (training("go-to-pose"), weak),
+    ]
+    for given, craft in others:
+        assert from_any_craft(given, craft) == given
 
 
 def test_what_cannot_imitate_it_is_refused(tmp_path: Path) -> None:
