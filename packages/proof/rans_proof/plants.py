@@ -1,4 +1,4 @@
-"""Motion of sets of states over a control period, exact for linear plants and enclosed for polynomial ones."""
+"""Motion of sets of states over a control period: pieces of it, and the exact motion of linear plants."""
 
 from __future__ import annotations
 

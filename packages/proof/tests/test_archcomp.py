@@ -1,0 +1,120 @@
+"""The problems of ARCH-COMP, and proofs whose cells the checker accepts; the networks do not come with RANS."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from rans_proof.certificate import table
+from rans_proof.problem import problem_of, read_problem
+from rans_proof.prove import Proof, prove
+
+from tests.support.processes import ROOT
+from tests.support.small_networks import damping, written
+
+onnx = pytest.importorskip("onnx")
+pytest.importorskip("flint")
+FOLDER = ROOT / "packages/proof/archcomp"
+
+
+@pytest.fixture(scope="module")
+def run() -> ModuleType:
+    """The script, which is no module of the package."""
+    spec = importlib.util.spec_from_file_location("archcomp_run", FOLDER / "run.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
+    from rans_proof.check_file import problem_table, statement
+
+    files = {row.problem for row in run.ROWS.values()}
+    assert set(FOLDER.glob("*.toml")) <= files
+    for file in files:
+        problem = read_problem(file)
+        assert f"to {problem.steps * problem.period:.10g} s" in statement(
+            problem_table(problem.text)
+        ) or (problem.keep is None)
+
+
+def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
+    """Version 6 broadcasts by an attribute, and its Gemm takes four axes as one row: (x - c) W^T + b, rectified."""
+    random = np.random.default_rng(0)
+    shapes = {"c": (1, 1, 1, 3), "W": (4, 3), "b": (4,), "V": (1, 4), "d": (1,)}
+    arrays = {name: random.normal(size=shape).astype(np.float32) for name, shape in shapes.items()}
+    node = onnx.helper.make_node
+    nodes = [
+        node("Sub", ["x", "c"], ["m"], broadcast=1),
+        node("Gemm", ["m", "W", "b"], ["h"], broadcast=1, transB=1),
+        node("Relu", ["h"], ["r"]),
+        node("Gemm", ["r", "V", "d"], ["y"], broadcast=1, transB=1),
+    ]
+    ends = [onnx.helper.make_tensor_value_info(name, 1, [1, 1, 1, 3]) for name in ("x", "y")]
+    tensors = [onnx.numpy_helper.from_array(array, name) for name, array in arrays.items()]
+    graph = onnx.helper.make_graph(nodes, "old", ends[:1], ends[1:], tensors)
+    opset = [onnx.helper.make_opsetid("", 6)]
+    old = onnx.helper.make_model(graph, opset_imports=opset).SerializeToString()
+    from rans_proof.network import apply, network_of
+
+    layers = network_of(run.renewed(old), "renewed")
+    x = random.normal(size=(20, 3))
+    hidden = np.maximum((x - arrays["c"].ravel()) @ arrays["W"].T + arrays["b"], 0.0)
+    np.testing.assert_allclose(apply(layers, x), hidden @ arrays["V"].T + arrays["d"], atol=1e-5)
+    assert run.renewed(run.renewed(old)) == run.renewed(old)
+
+
+PROBLEM = """
+name = "a mass on a line"
+period = 0.5
+steps = 6
+commands = 1
+derivative = ["x1", "0.3 * sin(x0) + 0.3 * u0"]
+[start]
+lower = [0.5, 0.0]
+upper = [0.9, 0.2]
+[keep.within]
+lower = [-9.0, -9.0]
+upper = [3.0, 9.0]
+"""
+
+
+def test_what_the_checker_refuses_is_split(tmp_path: Path) -> None:
+    """A limit that a whole start set keeps by a little: halves are accepted, and the certificate of them."""
+    from rans_proof.check import check
+    from rans_proof.confirm import confirmed
+
+    network = written(damping(2, (1,), 3), tmp_path / "net.onnx").read_bytes()
+    from rans_proof.network import network_of
+
+    layers = network_of(network, "network")
+    loose = problem_of(PROBLEM)
+    proof = prove(loose, layers)
+    assert len(proof.low) == 1
+    margin = check(json.dumps(table(proof, network)).encode(), network)
+    # Nearer by nine tenths of what the flights of the whole set are seen to have more.
+    random = np.random.default_rng(1)
+    start = random.uniform(loose.lower, loose.upper, (500, 2))
+    from rans_proof.flights import lowest_margins
+
+    spare = float(lowest_margins(loose, layers, start).min()) - margin
+    tight = PROBLEM.replace("[3.0, 9.0]", f"[{3.0 - margin - 0.5 * spare}, 9.0]")
+    none = np.zeros((0, 2))
+    ends = np.array([loose.lower]), np.array([loose.upper])
+    whole = Proof(problem_of(tight), *ends, np.ones(1), none, none, None)
+    split = confirmed(whole, network)
+    assert split.is_whole
+    assert len(split.low) > 1
+    assert check(json.dumps(table(split, network)).encode(), network) == pytest.approx(
+        split.margins.min()
+    )
+    # What is never accepted is open.
+    false = replace(whole, problem=problem_of(PROBLEM.replace("[3.0, 9.0]", "[0.8, 9.0]")))
+    assert not confirmed(false, network, smallest=0.5).is_whole
