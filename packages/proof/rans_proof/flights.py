@@ -15,8 +15,11 @@ _SAMPLES = 1000
 """Starts of a search, half of them at corners."""
 _BEST = 10
 """Starts around which it goes on."""
-_ROUNDS = 30
-"""Rounds of the local search, whose steps become smaller from a quarter to a thousandth of the range."""
+_ROUNDS = 3, 30
+"""Rounds of the local search at least and most, whose steps become smaller from a quarter to a thousandth of the
+range."""
+_PERIODS = 1000
+"""Control periods of all rounds together, some seconds."""
 
 
 def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray) -> np.ndarray:
@@ -72,7 +75,8 @@ def worst_start(problem: Problem, layers: Sequence[Layer]) -> tuple[np.ndarray, 
     start = random.uniform(low, high, (_SAMPLES, problem.states))
     start[::2] = np.where(random.random(start[::2].shape) < 0.5, low, high)
     margins = _finite(lowest_margins(problem, layers, start))
-    for size in np.geomspace(0.25, 0.001, _ROUNDS):
+    rounds = int(np.clip(_PERIODS // problem.steps, *_ROUNDS))
+    for size in np.geomspace(0.25, 0.001, rounds):
         best = np.argsort(margins)[:_BEST]
         start, margins = start[best], margins[best]
         if margins[0] < 0.0:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 from rans_proof.certificate import table
 from rans_proof.problem import problem_of, read_problem
 from rans_proof.prove import Proof, prove
+from scipy.integrate import solve_ivp
 
 from tests.support.processes import ROOT
 from tests.support.small_networks import damping, written
@@ -22,15 +25,25 @@ pytest.importorskip("flint")
 FOLDER = ROOT / "packages/proof/archcomp"
 
 
-@pytest.fixture(scope="module")
-def run() -> ModuleType:
-    """The script, which is no module of the package."""
-    spec = importlib.util.spec_from_file_location("archcomp_run", FOLDER / "run.py")
+def script(name: str) -> ModuleType:
+    """A script, which is no module of the package."""
+    spec = importlib.util.spec_from_file_location(f"archcomp_{name}", FOLDER / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def run() -> ModuleType:
+    return script("run")
+
+
+@pytest.fixture(scope="module")
+def rendezvous() -> ModuleType:
+    return script("rendezvous")
 
 
 def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
@@ -69,6 +82,41 @@ def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
     hidden = np.maximum((x - arrays["c"].ravel()) @ arrays["W"].T + arrays["b"], 0.0)
     np.testing.assert_allclose(apply(layers, x), hidden @ arrays["V"].T + arrays["d"], atol=1e-5)
     assert run.renewed(run.renewed(old)) == run.renewed(old)
+
+
+def test_the_unsafe_rendezvous_is_refuted(
+    rendezvous: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flight in balls against an integration of the published rates; an abort at 240 min is safe."""
+    flight = rendezvous.refute()
+    assert flight.is_inside
+    tolerances = {"rtol": 1e-11, "atol": 1e-11, "method": "DOP853"}
+
+    def flown(rows: Any, state: Any, minutes: float, edge: Any = None) -> Any:
+        a = np.array(rows, dtype=float)
+        return solve_ivp(
+            lambda _, x: [x[2], x[3], a[0] @ x, a[1] @ x],
+            (0.0, minutes),
+            state,
+            events=edge,
+            **tolerances,
+        )
+
+    def edge(_: float, x: np.ndarray) -> float:
+        return x[0] + 100.0
+
+    edge.terminal = True  # type: ignore[attr-defined]
+    approach = flown(rendezvous.APPROACH, [*flight.start, 0.0, 0.0], 200.0, edge)
+    switch = approach.t[-1]
+    assert float(flight.switch.mid()) == pytest.approx(switch, abs=1e-6)
+    attempt = flown(rendezvous.ATTEMPT, approach.y[:, -1], 260.0 - switch)
+    x, y = flown(rendezvous.PASSIVE, attempt.y[:, -1], flight.coast).y[:2, -1]
+    assert [float(p.mid()) for p in flight.position] == pytest.approx([x, y], abs=1e-5)
+    assert max(abs(x), abs(y)) < 0.2
+    assert all(float(p.rad()) < 1e-9 for p in flight.position)
+    # 8 cm from the square when it is aborted 20 min earlier: SRA04.
+    monkeypatch.setattr(rendezvous, "ABORT", 240)
+    assert not rendezvous.refute().is_inside
 
 
 PROBLEM = """
