@@ -334,6 +334,43 @@ def test_import_rans_loads_no_implementation() -> None:
     assert {name for name in found if name.startswith("rans.")} <= MACHINERY
 
 
+LEFT_ALONE = {
+    "from rans.cli import main; assert not main(['list'])": (
+        "torch",
+        "rans.policy",
+        "rans.tasks.",
+        "rans.fast",
+        "rans.optimal",
+        "rans.guard",
+        "rans.evaluation.measure",
+    ),
+    "import rans; rans.Engine; rans.PPO": (
+        "rans.optimal",
+        "rans.reference",
+        "rans.evaluation",
+        "rans.show",
+        "rans.cli",
+        "rans.guidance",
+    ),
+    "from rans.cli import main; assert not main(['evaluate', 'go-to-pose-2d', '--episodes', '2'])": (
+        "rans.optimal.control",
+        "rans.reference",
+        "rans.evaluation.compare",
+        "rans.evaluation.fly.lookahead",
+        "rans.evaluation.fly.foreign_policy",
+        "rans.deploy",
+    ),
+}
+"""Modules that a statement does not need, by beginnings of their names."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("statement", LEFT_ALONE, ids=["list", "engine", "evaluate"])
+def test_what_is_not_used_is_not_loaded(statement: str, tmp_path: Path) -> None:
+    found = modules_loaded(f"import os, rans; os.chdir({str(tmp_path)!r})\n{statement}")
+    assert not {name for name in found if name.startswith(LEFT_ALONE[statement])}
+
+
 TRAIN = """
 import sys
 from rans.cli import main

@@ -13,9 +13,10 @@ from rans.cli import help, main
 from rans.errors import EXTRAS, ConfigError, MissingPackage
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import read_policy
-from rans.policy.any_craft import AGENTS, is_for_any_craft
+from rans.policy.any_craft import is_for_any_craft
 from rans.pretrained import (
     FOLDER,
+    FOR_ANY_CRAFT,
     PACKAGE,
     agent_recipes,
     missing_agents,
@@ -66,7 +67,7 @@ def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:
     assert not core & others
     assert pretrained_names() == sorted(core | others)
     # The agents for any craft are trained by campaigns.any_craft.
-    assert agent_recipes() == sorted((core | others) - set(AGENTS.values()))
+    assert agent_recipes() == sorted((core | others) - set(FOR_ANY_CRAFT.values()))
     assert missing_agents() == []
 
 

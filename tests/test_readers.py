@@ -72,7 +72,7 @@ ALLOWED = {
     ("rans.processes", "cloudpickle.loads"): "the same",
     ("rans.executors", "cloudpickle.loads"): "on a worker: calls of the user's own machine",
     (
-        "rans.evaluation.fly.user_policy",
+        "rans.evaluation.fly.object_policy",
         "cloudpickle.loads",
     ): "another process of this session sent it",
     (

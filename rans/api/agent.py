@@ -296,7 +296,7 @@ def load_agent(
     from rans.evaluation.fly.agent import LoadedRun, run_of
     from rans.evaluation.fly.any_craft import for_spacecraft
     from rans.evaluation.fly.contestants import contestant
-    from rans.evaluation.fly.user_policy import ObjectPolicy
+    from rans.evaluation.fly.object_policy import ObjectPolicy
 
     # The task that a policy or a name is flown on; agents of RANS have their own.
     setup = None

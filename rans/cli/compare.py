@@ -309,9 +309,9 @@ def _without_training(contestants: Sequence[str], contest: Contest) -> str:
     """How to have the agent for any craft beside the others; "" if it flies already, or cannot."""
     from rans.evaluation.compare.entrants import enlisted
     from rans.evaluation.fly.contestant_name import ContestantName
-    from rans.policy.any_craft import AGENTS
+    from rans.pretrained import FOR_ANY_CRAFT
 
-    agent = AGENTS[contest.craft.dimension]
+    agent = FOR_ANY_CRAFT[contest.craft.dimension]
     if any(agent in text or ContestantName.parse(text).unnamed for text in contestants):
         return ""
     name = ContestantName.parse(contestants[0])

@@ -189,7 +189,7 @@ class Init:
         from rans.api.drafting import AUTHORITY_COLUMNS
         from rans.cli.details import prospects
         from rans.model.spacecraft import is_steerable
-        from rans.policy.any_craft import AGENTS
+        from rans.pretrained import FOR_ANY_CRAFT
         from rans.table import Table
 
         # Control authority, whether it settles, and thrusters without which it still does.
@@ -208,7 +208,7 @@ class Init:
                 console.say(sentence)
         console.say(f"Written: {self.file} and {picture}")
         # What the agent for any craft makes of it, and the next commands.
-        agent = AGENTS[craft.dimension]
+        agent = FOR_ANY_CRAFT[craft.dimension]
         flown = _fly(console, craft, agent)
         console.suggest(
             *([f"rans view {agent}@{self.file}"] if flown else []),

@@ -17,8 +17,7 @@ from rans.errors import ConfigError, brief
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import plain, read_text
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
-from rans.policy.any_craft import AGENTS
-from rans.pretrained import missing_agents, pretrained_names
+from rans.pretrained import FOR_ANY_CRAFT, missing_agents, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import typed
 from rans.structure import LARGEST_TOML, kind_of_file, read_toml
@@ -55,7 +54,7 @@ class List:
             return ()
         name = shlex.quote(self._named)
         if kind == "spacecraft":
-            agent = AGENTS[load_spacecraft(typed(self._named)).dimension]
+            agent = FOR_ANY_CRAFT[load_spacecraft(typed(self._named)).dimension]
             return (f"rans evaluate {agent}@{name}", f"rans train go-to-pose --spacecraft {name}")
         if kind == "agent":
             return (f"rans evaluate {name}",)

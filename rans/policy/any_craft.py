@@ -22,6 +22,7 @@ from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spar
 from rans.policy.architecture import Architecture
 from rans.policy.authority import Authority, braking_distance
 from rans.policy.network import Network
+from rans.pretrained import FOR_ANY_CRAFT
 from rans.randomization.layouts import LayoutRanges, authority_margin
 
 
@@ -56,8 +57,6 @@ RANGES = {
     ),
 }
 """Ranges of the craft that the shipped agents were trained on, by dimension."""
-AGENTS = {2: "any-craft-2d", 3: "any-craft-3d"}
-"""Agents for any craft that come with RANS, by dimension."""
 COAST = 3.0
 """Control periods for which a craft coasts near the goal. Of 0, 2, 3, 5 and 8 this saves impulse on random layouts
 of on/off thrusters in the plane and costs no time; in space of 3, 5 and 8 it saves most of the free flyer's.
@@ -214,14 +213,14 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     old = network.architecture
     if not is_for_any_craft(old):
         raise ConfigError(
-            f"the agent flies its own spacecraft only: name {AGENTS[craft.dimension]} for another one."
+            f"the agent flies its own spacecraft only: name {FOR_ANY_CRAFT[craft.dimension]} for another one."
         )
     numbers = authority(craft, period)
     own = Authority.of_numbers(numbers)
     if len(numbers) != len(old.authority):
         raise ConfigError(
             f"the agent flies craft {'in the plane' if craft.dimension == 3 else 'in space'} only: name "
-            f"{AGENTS[craft.dimension]} for {craft.name}."
+            f"{FOR_ANY_CRAFT[craft.dimension]} for {craft.name}."
         )
     margin = authority_margin(columns_of(craft))
     reached = (period, own.least_linear, own.least_angular, margin)

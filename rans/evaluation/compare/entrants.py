@@ -19,9 +19,9 @@ from rans.evaluation.fly.exported import OBSERVERS, is_exported
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.lookahead import Lookahead
 from rans.evaluation.fly.make_controller import CheckedController, controller
+from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.tuned import tuned
-from rans.evaluation.fly.user_policy import ObjectPolicy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import inside, read_json
 from rans.flight import Controller

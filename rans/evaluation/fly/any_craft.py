@@ -16,15 +16,16 @@ from rans.files import read_json, ready_folder, replace_file, write_json, write_
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import AGENTS, for_craft, is_for_any_craft
+from rans.policy.any_craft import for_craft, is_for_any_craft
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.network import Network
 from rans.policy.timing import timing_for
+from rans.pretrained import FOR_ANY_CRAFT
 from rans.tasks import Task
 
 ADAPTIVE = "adaptive"
 """Prefix of names: the agent for any craft after it estimates in flight what the craft's file does not state."""
-_ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{AGENTS[2]}"
+_ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{FOR_ANY_CRAFT[2]}"
 
 
 def adapting(run: LoadedRun) -> LoadedRun:
@@ -73,7 +74,8 @@ def frugal(run: LoadedRun, value: float) -> LoadedRun:
 def _frugal(network: Network, value: float, task: Task) -> Network:
     if not is_for_any_craft(network.architecture):
         raise ConfigError(
-            f"the agent has no frugality from 0 to 1, as #{value:g} would be: name {AGENTS[2]} or {AGENTS[3]}."
+            f"the agent has no frugality from 0 to 1, as #{value:g} would be: name {FOR_ANY_CRAFT[2]} or "
+            f"{FOR_ANY_CRAFT[3]}."
         )
     low, high = task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
     numbers = Frugality.of_value(value, 0.5 * (low + high))
@@ -93,7 +95,7 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
         return run._replace(craft=craft, timing=timing or run.timing)
     if not isinstance(run.controller, Agent):
         raise ConfigError(
-            f"{run.controller.name} flies its own spacecraft only: name {AGENTS[craft.dimension]} for "
+            f"{run.controller.name} flies its own spacecraft only: name {FOR_ANY_CRAFT[craft.dimension]} for "
             f"{craft.name}."
         )
     timing = timing or timing_for(craft, run.timing)

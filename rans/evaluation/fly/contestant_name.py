@@ -14,17 +14,15 @@ from rans.errors import ConfigError, brief, meant, meant_file
 from rans.evaluation.fly.any_craft import ADAPTIVE, flies_any_craft, write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.flights_file import is_flights_file
-from rans.evaluation.fly.lookahead import PREFIX
-from rans.evaluation.fly.policy_text import is_user_policy, split_policy
+from rans.evaluation.fly.policy_text import LOOKAHEAD, is_user_policy, split_policy
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.any_craft import AGENTS
-from rans.pretrained import missing_agents, pretrained_folder, pretrained_names
+from rans.pretrained import FOR_ANY_CRAFT, missing_agents, pretrained_folder, pretrained_names
 from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS
 
 FORMS = (
-    f"a run folder, pretrained:NAME, or either after {PREFIX}: or, for any craft, {ADAPTIVE}:, "
+    f"a run folder, pretrained:NAME, or either after {LOOKAHEAD}: or, for any craft, {ADAPTIVE}:, "
     f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
     "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
 )
@@ -105,10 +103,10 @@ class ContestantName:
         whole += at + craft
         first, _, rest = whole.partition(":")
         # Forms with a colon.
-        if first == PREFIX and rest:
-            inner = cls.parse(text.removeprefix(f"{PREFIX}:"))
+        if first == LOOKAHEAD and rest:
+            inner = cls.parse(text.removeprefix(f"{LOOKAHEAD}:"))
             if inner.looks_ahead:
-                raise ConfigError(f"{brief(text)} has {PREFIX}: twice; write {inner.text}.")
+                raise ConfigError(f"{brief(text)} has {LOOKAHEAD}: twice; write {inner.text}.")
             return replace(inner, text=text, looks_ahead=True)
         if first == ADAPTIVE and rest:
             inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
@@ -131,7 +129,7 @@ class ContestantName:
             own, _, setup = rest.partition(":")
             if own and setup:
                 return cls(text, "controller", f"{first}:{own}", setup, part=part)
-            near = CONTROLLERS.meant(first, ("pretrained", PREFIX, ADAPTIVE))
+            near = CONTROLLERS.meant(first, ("pretrained", LOOKAHEAD, ADAPTIVE))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
         # Names alone: a folder, an agent, or a mistake.
         agents = (*pretrained_names(), *missing_agents())
@@ -150,7 +148,7 @@ class ContestantName:
                 else f"{whole} is not a run folder, and no agent or controller{near}."
             )
         if whole.endswith(".toml") and Path(whole).is_file():
-            agent = AGENTS[load_spacecraft(typed(whole)).dimension]
+            agent = FOR_ANY_CRAFT[load_spacecraft(typed(whole)).dimension]
             return cls(text, "pretrained", agent, craft=whole, part=part)._with_frugality()
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)._with_frugality()
@@ -182,7 +180,7 @@ class ContestantName:
         if not 0.0 <= value <= 1.0:
             raise ConfigError(
                 f"{brief(self.text)} asks an agent for any craft for {brief(self.part)}: after # stands a number "
-                f"from 0 (fast) to 1 (frugal), as in {AGENTS[2]}#0.5@mine.toml."
+                f"from 0 (fast) to 1 (frugal), as in {FOR_ANY_CRAFT[2]}#0.5@mine.toml."
             )
         return replace(self, part="", frugality=value)
 
@@ -200,7 +198,7 @@ class ContestantName:
         """The contestant whose commands are improved by looking ahead, or this one."""
         if not self.looks_ahead:
             return self
-        return replace(self, text=self.text.removeprefix(f"{PREFIX}:"), looks_ahead=False)
+        return replace(self, text=self.text.removeprefix(f"{LOOKAHEAD}:"), looks_ahead=False)
 
     @property
     def needs_setup(self) -> bool:
@@ -307,7 +305,7 @@ def _is_bare_controller(text: str) -> bool:
     if text in CONTROLLERS:
         return True
     module, _, name = text.partition(":")
-    if module in ("pretrained", PREFIX, ADAPTIVE, *CONTROLLERS) or _exists(text):
+    if module in ("pretrained", LOOKAHEAD, ADAPTIVE, *CONTROLLERS) or _exists(text):
         return False
     if not all(part.isidentifier() for part in f"{module}.{name}".split(".")):
         return False

@@ -13,13 +13,12 @@ from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.flights_file import FlightsFile
-from rans.evaluation.fly.lookahead import looking_ahead
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.policy.any_craft import AGENTS
 from rans.policy.timing import timing_for, timing_of_file
+from rans.pretrained import FOR_ANY_CRAFT
 from rans.registry import are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
 
@@ -60,7 +59,7 @@ def contestant(
         raise ConfigError(
             f"{brief(spec)} acts every {run.timing.control_period:g} s, as in its training: another --period, got "
             f"{period:g} s, is for controllers and for an agent for any craft with a spacecraft, as in "
-            f"{AGENTS[run.craft.dimension]}@mine.toml."
+            f"{FOR_ANY_CRAFT[run.craft.dimension]}@mine.toml."
         )
     return run
 
@@ -74,6 +73,8 @@ def _loaded(
 ) -> LoadedRun:
     """Load a contestant of a parsed name; see `contestant`."""
     if name.looks_ahead:
+        from rans.evaluation.fly.lookahead import looking_ahead
+
         # A controller's name alone takes the earlier setup; everybody else has one.
         setup = default_setup if name.needs_setup else None
         run = _loaded(name.alone, protocol, setup, False, period)

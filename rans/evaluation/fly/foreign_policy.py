@@ -169,7 +169,7 @@ def _called(function: Callable[[Any], Any], observation: np.ndarray) -> Any:
 # Stable-Baselines3
 
 
-def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPolicy:
+def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPolicy:
     """Policy of any SB3 algorithm: the file names the policy's class; a VecNormalize beside it scales for it."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
@@ -329,7 +329,7 @@ class _Port(NamedTuple):
         return np.take(state, [row], axis=self.axis)
 
 
-def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
+def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
     """Policy of an ONNX network, whose first input is the observation and whose first output is the command.
 
     Its states are the inputs after the first, and in the same order the outputs after the first: (N, m), or
@@ -504,7 +504,8 @@ def _along(starts: np.ndarray, port: _Port) -> np.ndarray:
     return np.reshape(starts, sizes)
 
 
-def _python(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
+def of_python(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
+    """The policy that is MODULE:FUNCTION of observations, whose module runs."""
     module, colon, function = name.rpartition(":")
     if not module or not colon or not function:
         raise ConfigError(
@@ -522,11 +523,3 @@ def _python(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
 def _check_file(name: str) -> None:
     if not Path(name).is_file():
         raise ConfigError(f"there is no file {name}.")
-
-
-LOADERS: dict[str, Callable[[str, Spacecraft, Task, bool], ForeignPolicy]] = {
-    "sb3": _sb3,
-    "onnx": _onnx,
-    "python": _python,
-}
-"""What opens a policy, by the first word of its text, from the rest of it, the craft, the task and trust."""

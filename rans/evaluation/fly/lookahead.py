@@ -14,6 +14,7 @@ from torch import Tensor
 from rans.episode import Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, is_finite
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
+from rans.evaluation.fly.policy_text import LOOKAHEAD
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -21,8 +22,6 @@ from rans.tasks.base import Task
 from rans.tasks.goal_set import arrived, asks_rest
 from rans.tasks.rewards import RestReward, paid
 
-PREFIX = "lookahead"
-"""Prefix of an agent's name, with a colon, for the same agent with look-ahead."""
 HORIZON = 8.0
 """Length of simulations, s: a flight to a pose takes about 6 s, and the price of its rest shows soon after."""
 CHANGE_WITHIN = 1.0
@@ -215,7 +214,7 @@ class Lookahead:
         if task.held_trade_off is not None:
             self._trade_off = np.full((1, 1), task.held_trade_off, np.float32)
             task = task.plain()
-        self.name = f"{PREFIX}:{agent.name}"
+        self.name = f"{LOOKAHEAD}:{agent.name}"
         self._horizon = horizon
         self.arrival = arrival
         self._run = loaded
@@ -237,7 +236,7 @@ class Lookahead:
         self.reset(0)
 
     def __repr__(self) -> str:
-        return f"<Lookahead: {self.name.removeprefix(f'{PREFIX}:')}, {self._horizon:g} s ahead>"
+        return f"<Lookahead: {self.name.removeprefix(f'{LOOKAHEAD}:')}, {self._horizon:g} s ahead>"
 
     @property
     def run(self) -> LoadedRun:
@@ -349,7 +348,7 @@ def _check_subject(agent: Any, craft: Spacecraft, task: Task) -> None:
     if task.draws_trade_off:
         raise ConfigError(
             f"{agent.name} cannot look ahead: it has a trade-off; fix it, as in "
-            f"{PREFIX}:{agent.name}#0.5."
+            f"{LOOKAHEAD}:{agent.name}#0.5."
         )
     if craft.actuators != ON_OFF:
         raise ConfigError(

@@ -5,8 +5,15 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-KINDS = ("sb3", "onnx", "python")
-"""Words before the first colon of such a text."""
+OPENED_BY = {
+    "sb3": "rans.evaluation.fly.foreign_policy:of_sb3",
+    "onnx": "rans.evaluation.fly.foreign_policy:of_onnx",
+    "python": "rans.evaluation.fly.foreign_policy:of_python",
+}
+"""What opens a policy, by the word before the first colon of its text: a function of the rest, the craft, the task
+and trust."""
+LOOKAHEAD = "lookahead"
+"""Word before an agent's name, with a colon, for the same agent with look-ahead."""
 
 USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
 """Forms of names that `user_policy` accepts, for messages and help.
@@ -17,7 +24,7 @@ Each may end in :TASK-2d or -3d, with @SPACECRAFT, see `split_policy`.
 
 def is_user_policy(spec: str) -> bool:
     """Whether a text names a policy of `USER_POLICIES`."""
-    return spec.partition(":")[0] in KINDS and ":" in spec
+    return spec.partition(":")[0] in OPENED_BY and ":" in spec
 
 
 def split_policy(spec: str) -> tuple[str, str]:

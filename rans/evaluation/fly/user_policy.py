@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import cloudpickle
 import numpy as np
 
 from rans.effectors.commands import check_commands, clipped
 from rans.errors import ConfigError, brief, where_raised
-from rans.evaluation.fly.foreign_policy import LOADERS, ForeignPolicy, policy_of
-from rans.evaluation.fly.policy_text import USER_POLICIES, is_user_policy
+from rans.evaluation.fly.policy_text import OPENED_BY, USER_POLICIES, is_user_policy
 from rans.model.spacecraft import Spacecraft
+from rans.registry import resolve
 from rans.tasks import Task
+
+if TYPE_CHECKING:
+    from rans.evaluation.fly.foreign_policy import ForeignPolicy
 
 
 class UserPolicy:
@@ -78,38 +80,6 @@ class UserPolicy:
         return answered(self.name, ask, self._craft, len(observation)), after
 
 
-class ObjectPolicy(UserPolicy):
-    """A policy that is an object: a Stable-Baselines3 model, a torch module, or a function of observations.
-
-    Args:
-        policy: the object; see `policy_of`.
-        craft: spacecraft that it flies.
-        task: task that it was trained for.
-        name: name in tables; None: the name of its class or function.
-
-    Raises:
-        ConfigError: the object is no policy, or one for other observations or actions.
-    """
-
-    def __init__(
-        self, policy: object, craft: Spacecraft, task: Task, name: str | None = None
-    ) -> None:
-        self._given = policy
-        own = getattr(policy, "__name__", type(policy).__name__)
-        super().__init__(name or own, policy_of(policy, craft, task), craft, task)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Another process gets a copy of the object, pickled by value if its class is defined in a script."""
-        content = cloudpickle.dumps((self._given, self._craft, self._task, self.name))
-        return _unpickled_policy, (content,)
-
-
-def _unpickled_policy(content: bytes) -> ObjectPolicy:
-    """Copy of an `ObjectPolicy` that another process of this session pickled."""
-    policy, craft, task, name = cloudpickle.loads(content)
-    return ObjectPolicy(policy, craft, task, name)
-
-
 def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
     """Commands (N, commands) of a user's code for N observations.
 
@@ -160,4 +130,5 @@ def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
         raise ConfigError(f"there is no policy {brief(spec)}; known are {USER_POLICIES}.")
-    return UserPolicy(spec, LOADERS[kind](name, craft, task, trust), craft, task, trust)
+    policy = resolve(OPENED_BY[kind])(name, craft, task, trust)
+    return UserPolicy(spec, policy, craft, task, trust)

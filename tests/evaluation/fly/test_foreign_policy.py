@@ -19,9 +19,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.fly.foreign_policy import LOADERS, policy_of
-from rans.evaluation.fly.policy_text import KINDS
-from rans.evaluation.fly.user_policy import ObjectPolicy, UserPolicy, user_policy
+from rans.evaluation.fly.foreign_policy import policy_of
+from rans.evaluation.fly.object_policy import ObjectPolicy
+from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 
@@ -51,10 +51,6 @@ class Counting:
 def opened(policy: UserPolicy) -> list[list[int]]:
     """Open thrusters of each episode in each of five periods."""
     return [policy.act(None, None, step).sum(axis=1).astype(int).tolist() for step in STEPS]
-
-
-def test_every_kind_of_text_has_a_loader() -> None:
-    assert LOADERS.keys() == {*KINDS}
 
 
 def test_a_memory_lasts_from_one_period_to_the_next_and_ends_with_the_episode() -> None:

@@ -13,8 +13,7 @@ from rans.fast.learn.config import MemorySettings, from_table, to_table
 from rans.fast.learn.curriculum import Ramp
 from rans.fast.learn.recipes import RECIPES, recipe, training, training_of_quality
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.any_craft import AGENTS
-from rans.pretrained import pretrained_folder, pretrained_names
+from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder, pretrained_names
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import TASKS, GoToPose
@@ -76,7 +75,7 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
     from rans.fast.learn.run_folder import read_config
 
     for name in pretrained_names():
-        if name in AGENTS.values():  # which campaigns.any_craft trains, on craft of its own
+        if name in FOR_ANY_CRAFT.values():  # which campaigns.any_craft trains, on craft of its own
             continue
         config = to_table(read_config(pretrained_folder(name) / "config.json"))
         again = to_table(training(_CONTINUED.get(name, name), device=config["device"]))
