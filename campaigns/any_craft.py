@@ -60,9 +60,9 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Weights
-from rans.policy.any_craft import AGENTS, COAST, without
+from rans.policy.any_craft import COAST, without
 from rans.policy.authority import Authority, coasting, columns, rotation_vector
-from rans.pretrained import FOLDER
+from rans.pretrained import FOLDER, FOR_ANY_CRAFT
 from rans.processes import Workers
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
@@ -211,7 +211,7 @@ class _Judge(NamedTuple):
         run = own
         try:
             if contest.by in _ANY:
-                name = self.agent or f"pretrained:{AGENTS[craft.dimension]}"
+                name = self.agent or f"pretrained:{FOR_ANY_CRAFT[craft.dimension]}"
                 agent = contestant(f"{_ANY[contest.by]}{name}")
                 run = for_spacecraft(agent, stated, own.timing)
             elif contest.by != "specialist":
@@ -251,7 +251,7 @@ def shipped(
     judged = _judged(contests, episodes, start_seed, agent)
     for contest, rows in zip(contests, judged, strict=True):
         craft = contestant(f"pretrained:{contest.name}").craft
-        label = AGENTS[craft.dimension] if contest.by == "any-craft" else contest.by
+        label = FOR_ANY_CRAFT[craft.dimension] if contest.by == "any-craft" else contest.by
         if isinstance(rows, str):
             yield f"| {craft.name} | {label} | refuses the craft | | | |"
             continue
@@ -340,7 +340,7 @@ def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
                 _settled(next(judged)) if spare[name] or "fault" not in kind else "-"
                 for kind in kinds[1:]
             ]
-            label = f"{prefix}{AGENTS[craft.dimension]}"
+            label = f"{prefix}{FOR_ANY_CRAFT[craft.dimension]}"
             yield f"| {craft.name} | {label} | {' | '.join(cells)} |"
 
 
@@ -353,7 +353,7 @@ class _Docking(NamedTuple):
     def rows(self, pair: Pair, effectors: Effectors, is_stated: bool) -> tuple[Figures | str, ...]:
         """Figures of the agent, with the file of the joined craft or of the first alone; or why it refuses."""
         first, second = load_spacecraft(pair.first), load_spacecraft(pair.second)
-        agent = contestant(f"pretrained:{AGENTS[first.dimension]}")
+        agent = contestant(f"pretrained:{FOR_ANY_CRAFT[first.dimension]}")
         try:
             both = joined(first, second, pair.position, pair.attitude, effectors)
             run = for_spacecraft(agent, both)
@@ -402,7 +402,7 @@ def _settled(rows: Figures | str) -> str:
 
 def random_layouts(count: int, dimension: int) -> Iterator[str]:
     """Rows of the table of random layouts by their authority margin, flown by the agent and by two laws."""
-    agent = f"pretrained:{AGENTS[dimension]}"
+    agent = f"pretrained:{FOR_ANY_CRAFT[dimension]}"
     network = contestant(agent).controller.network  # type: ignore[attr-defined]
     layers = policy_layers(network)
     settings = DemandSettings(dimension, crafts=count, steps=320)
@@ -449,7 +449,7 @@ class _Crafts(NamedTuple):
         with warnings.catch_warnings():
             # A layout may be outside of what the agent was trained for.
             warnings.filterwarnings("ignore", message=".*agent for any craft was trained")
-            run = for_spacecraft(contestant(f"pretrained:{AGENTS[2]}"), craft)
+            run = for_spacecraft(contestant(f"pretrained:{FOR_ANY_CRAFT[2]}"), craft)
         flight = fly_episodes(
             run.controller, run.judged, EVALUATION_SEED, self.episodes, engine
         ).flight
@@ -646,7 +646,7 @@ def main() -> None:
     names = given.only or SPECIALISTS[given.dimension]
     if given.part == "train":
         settings = replace(RECIPES[given.dimension], seed=given.seed, device=given.device)
-        write_agent(given.output or FOLDER / AGENTS[given.dimension], settings)
+        write_agent(given.output or FOLDER / FOR_ANY_CRAFT[given.dimension], settings)
         return
     if given.part == "picture":
         picture(Path("docs/pictures/layouts.svg"))

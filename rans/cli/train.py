@@ -431,8 +431,8 @@ def _compare(trainer: Trainer) -> None:
     from rans.evaluation.compare.entrants import contest_of, enlisted
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.measure.statistics import figure
-    from rans.policy.any_craft import AGENTS
     from rans.policy.timing import flies_to_a_pose
+    from rans.pretrained import FOR_ANY_CRAFT
     from rans.scenario import TRAINED_SEED
     from rans.show.tables.comparison_tables import dominations, scoreboard, verdict
 
@@ -443,7 +443,7 @@ def _compare(trainer: Trainer) -> None:
         return
     path = str(trainer.run.path)
     own = inside(trainer.run.path, "spacecraft.toml")
-    agent = AGENTS[craft.dimension]
+    agent = FOR_ANY_CRAFT[craft.dimension]
     with doing("flying others from the same starts", in_log=False), warnings.catch_warnings():
         warnings.simplefilter("ignore", RansWarning)  # evaluations of that agent say them
         comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))

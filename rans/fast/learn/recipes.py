@@ -20,10 +20,9 @@ from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
 from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.policy.any_craft import AGENTS
 from rans.policy.prospects import Prospect
 from rans.policy.timing import flies_to_a_pose, timing_of_file
-from rans.pretrained import RECIPE_FOLDER, agent_recipes
+from rans.pretrained import FOR_ANY_CRAFT, RECIPE_FOLDER, agent_recipes
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
@@ -111,7 +110,7 @@ def from_any_craft(config: TrainConfig, craft: Spacecraft) -> TrainConfig:
     except ConfigError:
         return config
     ppo = replace(config.ppo, n_envs=_IMITATING_ENVS, n_steps=_IMITATING_STEPS)
-    return replace(config, ppo=ppo, begin_from=f"pretrained:{AGENTS[2]}#{_FRUGALITY:g}")
+    return replace(config, ppo=ppo, begin_from=f"pretrained:{FOR_ANY_CRAFT[2]}#{_FRUGALITY:g}")
 
 
 _FRUGALITY = 0.4
