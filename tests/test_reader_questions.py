@@ -10,18 +10,15 @@ import ast
 import json
 import re
 import shutil
-import warnings
 from collections.abc import Callable
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from rans_missions.ccsds import read_opm
 
 import rans
-from rans.errors import RansError
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import read_contract
 from rans.evaluation.fly.tuned import Tuned
@@ -38,35 +35,16 @@ from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import GoToPose
 from tests.support.processes import ROOT
+from tests.support.reader_questions import (
+    QUESTIONS,
+    Answer,
+    Answers,
+    check_complete,
+    check_said,
+    planted,
+    written,
+)
 from tests.support.sources import sources
-
-QUESTIONS = {
-    "units": "Is the unit of each number stated or implied, and one that is stated compared?",
-    "frames": "Are frames and labels that decide what numbers mean read, or refused?",
-    "times": "Are instants, periods and gaps plausible before anything is allocated?",
-    "order": "Are conventions of order, sign and scale held to?",
-    "dropped": "Is what is not kept named?",
-    "sizes": "Is everything bounded that the file decides the size of?",
-    "evidence": "Can the result be, and does it fit what it is for?",
-}
-
-
-class Answer(NamedTuple):
-    """What a reader makes of a planted file: a refusal or a warning whose sentence has this text."""
-
-    plant: Callable[[Path], Callable[[], object]]
-    """Writes the file into a folder, and returns the reading of it."""
-    sentence: str
-    is_warning: bool = False
-
-
-def written(name: str, text: str, read: Callable[[Path], object]) -> Any:
-    def plant(folder: Path) -> Callable[[], object]:
-        (folder / name).write_text(text)
-        return lambda: read(folder / name)
-
-    return plant
-
 
 # planted files
 
@@ -212,7 +190,7 @@ def tuned(**changed: object) -> Any:
     return plant
 
 
-ANSWERS: dict[str, dict[str, Answer | str]] = {
+ANSWERS: Answers = {
     "read_opm": {
         "units": Answer(opm("7000.0 [km]", "23e6 [ft]"), r"X of .* is in '\[ft\]'"),
         "frames": Answer(opm("EME2000", "ITRF2000"), "it turns with the Earth"),
@@ -357,18 +335,29 @@ ANSWERS: dict[str, dict[str, Answer | str]] = {
     },
 }
 
-ELSEWHERE = {
-    "read_csv": "packages/robot/tests/identify",
-    "read_ulog": "packages/robot/tests",
-    "read_bag": "packages/robot/tests",
-    "read_certificate": "packages/proof/tests",
-    "read_problem": "packages/proof/tests",
-    "read_network": "packages/proof/tests",
-    "read_run": "packages/proof/tests",
-    "read_path": "packages/assurance/tests",
-    "read_foreign": "packages/any_craft/tests",
+PACKAGES = {
+    file.parent.parent.name: file
+    for file in sorted(ROOT.glob("packages/*/tests/test_reader_answers.py"))
 }
-"""Readers whose questions are asked by tests of their own room."""
+"""Answers of the readers that a package has, beside their tests."""
+
+
+def answered(file: Path) -> set[str]:
+    """Readers in the table `ANSWERS` of a file, each with all questions."""
+    [table] = [
+        node.value
+        for node in ast.parse(file.read_text("utf-8")).body
+        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "ANSWERS"
+    ]
+    assert isinstance(table, ast.Dict)
+    found = set()
+    for key, value in zip(table.keys, table.values, strict=True):
+        assert isinstance(key, ast.Constant)
+        assert isinstance(value, ast.Dict)
+        assert [ast.literal_eval(one) for one in value.keys if one] == [*QUESTIONS], key.value
+        found.add(str(key.value))
+    return found
+
 
 PARTS = {
     "read_bytes": "bytes, bounded; others give them a meaning",
@@ -397,51 +386,24 @@ def readers() -> set[str]:
             if not isinstance(node, ast.FunctionDef) or not re.match("(read|load)_", node.name):
                 continue
             kinds = [ast.unparse(one.annotation) for one in node.args.args if one.annotation]
-            if any("Path" in kind for kind in kinds) or node.name in ELSEWHERE:
+            if any("Path" in kind for kind in kinds):
                 found.add(node.name)
     return found
 
 
 def test_every_reader_answers() -> None:
+    check_complete(ANSWERS)
     found = readers()
     assert {"read_opm", "read_foreign", "read_policy", "read_config"} <= found  # the scan works
-    silent = sorted(found - ANSWERS.keys() - ELSEWHERE.keys() - PARTS.keys())
+    elsewhere = {reader for file in PACKAGES.values() for reader in answered(file)}
+    silent = sorted(found - ANSWERS.keys() - elsewhere - PARTS.keys())
     assert not silent, f"answer the questions for {silent}"
-    for reader, answers in ANSWERS.items():
-        assert answers.keys() == QUESTIONS.keys(), reader
-        assert any(isinstance(answer, Answer) for answer in answers.values()), reader
 
 
-@pytest.mark.parametrize("reader", ELSEWHERE)
-def test_questions_that_are_asked_elsewhere_are(reader: str) -> None:
-    texts = [file.read_text("utf-8") for file in (ROOT / ELSEWHERE[reader]).rglob("test_*.py")]
-    assert any(reader in text or reader.removeprefix("read_") in text for text in texts)
+def test_every_package_with_readers_has_answers() -> None:
+    assert PACKAGES.keys() == {"any_craft", "assurance", "proof", "robot"}
 
 
-@contextmanager
-def said(answer: Answer) -> Any:
-    if answer.is_warning:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "spacecraft .* cannot push and turn it")
-            with pytest.warns(rans.RansWarning, match=answer.sentence):
-                yield
-    else:
-        with pytest.raises(RansError, match=answer.sentence):
-            yield
-
-
-@pytest.mark.parametrize(
-    ("reader", "question"),
-    [
-        (reader, question)
-        for reader, answers in ANSWERS.items()
-        for question, answer in answers.items()
-        if isinstance(answer, Answer)
-    ],
-)
+@pytest.mark.parametrize(("reader", "question"), planted(ANSWERS))
 def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
-    answer = ANSWERS[reader][question]
-    assert isinstance(answer, Answer)
-    ask = answer.plant(tmp_path)
-    with said(answer):
-        ask()
+    check_said(ANSWERS, reader, question, tmp_path)

@@ -1,0 +1,115 @@
+"""What the readers of problems, networks, agents and certificates make of planted files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rans_proof.flown import FILES, read_run
+from rans_proof.network import read_network
+from rans_proof.problem import read_problem
+from rans_proof.trap_certificate import read_certificate
+
+from tests.support.graphs import forged
+from tests.support.processes import ROOT
+from tests.support.reader_questions import (
+    Answer,
+    Answers,
+    check_complete,
+    check_said,
+    planted,
+    written,
+)
+
+PRETRAINED = ROOT / "rans/data/pretrained/track-velocity-2d"
+PROBLEM = """
+name = "a mass on a line"
+period = 0.5
+steps = 20
+commands = 1
+derivative = ["x1", "0.1 * u0"]
+[start]
+lower = [4.0, -0.1]
+upper = [5.0, 0.1]
+[keep.avoid]
+lower = [5.5, -9.0]
+upper = [9.0, 9.0]
+"""
+
+
+def problem(old: str, new: str) -> Any:
+    assert old in PROBLEM
+    return written("problem.toml", PROBLEM.replace(old, new), read_problem)
+
+
+def network(name: str) -> Any:
+    def plant(folder: Path) -> Callable[[], object]:
+        pytest.importorskip("onnx")
+        (folder / "net.onnx").write_bytes(forged()[name])
+        return lambda: read_network(folder / "net.onnx")
+
+    return plant
+
+
+def certificate(text: str) -> Any:
+    return written("it.json", text, lambda file: read_certificate(file.read_bytes(), file))
+
+
+def run(name: str, content: bytes) -> Any:
+    def plant(_: Path) -> Callable[[], object]:
+        files = {one: (PRETRAINED / one).read_bytes() for one in FILES}
+        assert name in files
+        return lambda: read_run(files | {name: content})
+
+    return plant
+
+
+ANSWERS: Answers = {
+    "read_problem": {
+        "units": "formulas have those of their states, which only their author names",
+        "frames": "the same",
+        "times": Answer(problem("period = 0.5", "period = 0.0"), "period must be"),
+        "order": Answer(problem("upper = [5.0", "upper = [3.0"), "must not be above"),
+        "dropped": Answer(problem("steps = 20", "steps = 20\nhorizon = 3"), "must have the keys"),
+        "sizes": Answer(problem("steps = 20", "steps = 1000000000"), "steps must be"),
+        "evidence": Answer(problem("0.1 * u0", "0.1 * u7"), "no formula of a problem"),
+    },
+    "read_network": {
+        "units": "a network's numbers have none",
+        "frames": "a network names none",
+        "times": "a network has none",
+        "order": Answer(network("matrix before a batch"), "first axis is that of a batch"),
+        "dropped": Answer(network("two outputs"), "one output"),
+        "sizes": "files are bounded, and test_network.py has weights too large",
+        "evidence": Answer(network("a dead branch"), "node 1|one output"),
+    },
+    "read_run": {
+        "units": "columns of observations have those of their task",
+        "frames": "the same",
+        "times": "the control period is that of its config, and `check_flown` compares it",
+        "order": "columns are named by the layout",
+        "dropped": Answer(run("config.json", b'{"wings": 2}'), "wings|config"),
+        "sizes": "each file is bounded by its reader",
+        "evidence": Answer(run("agent.safetensors", b"no tensors"), "agent.safetensors"),
+    },
+    "read_certificate": {
+        "units": "each key has its unit, and none is written in the file",
+        "frames": "sets are of velocity in the body frame, and have no other",
+        "times": "the control period is the agent's, whose hash is compared",
+        "order": "each key has one meaning",
+        "dropped": "exactly the known keys are taken (test_trap.py)",
+        "sizes": "cells are bounded (test_trap.py)",
+        "evidence": Answer(certificate("[]"), "no certificate"),
+    },
+}
+
+
+def test_every_question_is_answered() -> None:
+    check_complete(ANSWERS)
+
+
+@pytest.mark.parametrize(("reader", "question"), planted(ANSWERS))
+def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
+    check_said(ANSWERS, reader, question, tmp_path)

@@ -1,0 +1,109 @@
+"""What the readers of logs make of planted ones (`tests.support.reader_questions`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rans_robot.bag import BagMessage, BagWriter
+from rans_robot.identify.log import checked_log, read_csv
+from rans_robot.interfaces import interface
+from rans_robot.logs import read_bag
+from rans_robot.ulog import read_ulog
+
+from rans.model.spacecraft_file import load_spacecraft
+from tests.support.reader_questions import (
+    Answer,
+    Answers,
+    check_complete,
+    check_said,
+    planted,
+    written,
+)
+
+from . import test_ulog
+
+CRAFT = load_spacecraft("floating-platform")
+HEADER = "time,x,y,heading," + ",".join(f"u{k}" for k in range(8))
+
+
+def table(
+    time: Callable[[int], float] = lambda k: 0.2 * k,
+    x: Callable[[int], float] = lambda k: 0.01 * k,
+    command: str = "0",
+    header: str = HEADER,
+) -> Any:
+    """A log of a craft that drifts, judged as `rans identify` does."""
+    lines = [f"{time(k)!r},{x(k)!r},0,0,{command}{',0' * 7}" for k in range(60)]
+    text = "\n".join([header, *lines])
+    return written("log.csv", text, lambda file: checked_log(read_csv(file, CRAFT), CRAFT))
+
+
+def ulog(content: bytes, craft: str = "floating-platform") -> Any:
+    def plant(folder: Path) -> Callable[[], object]:
+        file = test_ulog.written(content, folder)
+        return lambda: read_ulog(file, load_spacecraft(craft))
+
+    return plant
+
+
+def bag(messages: Sequence[BagMessage]) -> Any:
+    def plant(folder: Path) -> Callable[[], object]:
+        writer = BagWriter(folder / "flight.mcap")
+        for message in messages:
+            writer.write(message)
+        writer.close()
+        return lambda: read_bag(folder / "flight.mcap", CRAFT, "ros")
+
+    return plant
+
+
+def commands(robot: Any, count: int = 8, time: int = 0) -> list[BagMessage]:
+    ends = interface(robot, count, count)
+    return [
+        BagMessage(time, one.topic, one.kind, one.data) for one in ends.command([0.0] * count, time)
+    ]
+
+
+ANSWERS: Answers = {
+    "read_csv": {
+        "units": Answer(table(header=HEADER.replace(",x,", ",x (mm),")), "units are"),
+        "frames": "columns of the world have their own names, and docs say which axes they are of",
+        "times": Answer(table(time=lambda k: 200.0 * k), "milliseconds"),
+        "order": Answer(table(command="7"), "another order of columns"),
+        "dropped": Answer(table(header=HEADER + ",u8", command="0,0"), "has the commands u8 too"),
+        "sizes": Answer(table(header=HEADER + ",note", command="0," + "9" * 200_000), "line"),
+        "evidence": Answer(table(x=lambda k: 1e12), "other units, or damaged"),
+    },
+    "read_ulog": {
+        "units": "PX4 defines those of each field, and a ULog names none",
+        "frames": "velocity frames are read (test_ulog.py flies both)",
+        "times": "messages without a time are left out (test_ulog.py)",
+        "order": Answer(ulog(test_ulog.flight(), "free-flyer"), "has 12 motors"),
+        "dropped": Answer(
+            ulog(test_ulog.ulog({"sensor_gps": test_ulog.RATES}, [])), "has no|topic"
+        ),
+        "sizes": "messages of no bytes are refused (test_ulog.py)",
+        "evidence": Answer(ulog(b"no log"), "ULog"),
+    },
+    "read_bag": {
+        "units": "ROS 2 and PX4 define those of each message",
+        "frames": "poses of two frames are refused (test_logs.py)",
+        "times": "clocks of messages and bag are compared (test_logs.py)",
+        "order": "commands have the craft's order, and their number is compared",
+        "dropped": Answer(bag(commands("odometry")), "0 readings and 1 commands .* --robot"),
+        "sizes": "each message is bounded by its kind (test_logs.py changes bytes)",
+        "evidence": Answer(bag(commands("ros")), "0 readings and 1 commands"),
+    },
+}
+
+
+def test_every_question_is_answered() -> None:
+    check_complete(ANSWERS)
+
+
+@pytest.mark.parametrize(("reader", "question"), planted(ANSWERS))
+def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
+    check_said(ANSWERS, reader, question, tmp_path)
