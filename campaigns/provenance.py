@@ -466,6 +466,7 @@ PICTURES: dict[str, str] = {
     "diagrams/*.svg": "python -m campaigns.pictures",
     "missions/error-sources.svg": "python -m campaigns.error_sources --docs docs",
     "missions/*.svg": "python -m campaigns.pictures",
+    "proof-cells.svg": "python packages/proof/archcomp/picture.py FOLDER docs/pictures/proof-cells.svg",
     "proof-conditions.svg": "python -m campaigns.proof_conditions docs/validation/proof-conditions.json "
     "docs/pictures/proof-conditions.svg",
     "tradeoff*.svg": "python -m campaigns.speed.tradeoff",
