@@ -2,7 +2,8 @@
 
 ``python -m campaigns.any_craft train --seed 12 --device cuda`` trains that of the plane and writes it into the
 package, ``train --dimension 3 --seed 1 --device cuda`` that of space;
-``craft`` in its place prints the table of the shipped craft, ``layouts`` that of random layouts (with ``--engine
+``craft`` in its place prints the table of the shipped craft, ``frugal`` that of its frugalities, of
+docs/any_craft/any_craft_frugal.md, ``layouts`` that of random layouts (with ``--engine
 drake`` that of some as spacecraft, in the engine and in Drake), ``dead`` that of a dead thruster, ``mass`` that
 of another mass, ``unstated`` that of faults and masses that no file states, all of docs/any_craft/any_craft.md;
 ``joined`` that of two docked craft, of docs/any_craft/any_craft_training.md; ``picture`` draws layouts.
@@ -45,7 +46,7 @@ from torch import Tensor
 from rans.deploy.export import evaluated
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.any_craft import ADAPTIVE, for_spacecraft
+from rans.evaluation.fly.any_craft import ADAPTIVE, for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
@@ -126,6 +127,8 @@ _MOST = {"switching": 64, "MPC": 64}
 """Largest number of flights of those who take seconds for each."""
 _MOST_OF_EACH = {"switching": 8, "MPC": 4}
 """Largest number of flights of each thruster that is dead in turn, by who takes seconds for a flight."""
+_VALUES = 0.0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0
+"""Frugalities of the table of frugal flights."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
 """Masses and moments of inertia over those of the file that the agent is given."""
 
@@ -180,6 +183,8 @@ class Contest(NamedTuple):
     """Number of the thruster that the craft has lost."""
     is_stated: bool = True
     """Whether the controller's file has the other mass, or lacks the thruster."""
+    value: float = 0.0
+    """Frugality of the agent for any craft, see `rans.policy.frugality`."""
     fault: FaultKind | None = None
     """Fault of a thruster in every flight, drawn among those that the craft can spare."""
 
@@ -214,6 +219,8 @@ class _Judge(NamedTuple):
                 name = self.agent or f"pretrained:{FOR_ANY_CRAFT[craft.dimension]}"
                 agent = contestant(f"{_ANY[contest.by]}{name}")
                 run = for_spacecraft(agent, stated, own.timing)
+                if contest.value:
+                    run = frugal(run._replace(task=own.task), contest.value)
             elif contest.by != "specialist":
                 setup = Setup(stated, own.task, own.timing, own.conditions)
                 run = own._replace(controller=controller(contest.by.lower(), setup))
@@ -342,6 +349,46 @@ def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
             ]
             label = f"{prefix}{FOR_ANY_CRAFT[craft.dimension]}"
             yield f"| {craft.name} | {label} | {' | '.join(cells)} |"
+
+
+def at_values(
+    episodes: int, names: Sequence[str], values: Sequence[float], start_seed: int, by: Sequence[str]
+) -> Iterator[str]:
+    """Rows of the table of the agent at several frugalities, and who of the others a value beats.
+
+    A value beats a contestant if all flights settle and neither median settling time nor mean impulse is larger.
+    """
+    yield "| craft | flown by | settled | settling time, s | impulse, N s | not beaten by it |"
+    yield "|---|---|---|---|---|---|"
+    others = [who for who in by if who not in _ANY]
+    kinds = [Contest("", "any-craft", value=value) for value in values]
+    kinds += [Contest("", who) for who in others]
+    contests = [kind._replace(name=name) for name in names for kind in kinds]
+    judged = _judged(contests, episodes, start_seed)
+    for name in names:
+        craft = contestant(f"pretrained:{name}").craft
+        flown = {kind: next(judged) for kind in kinds}
+        spent = {kind: _spent(rows) for kind, rows in flown.items()}
+        for kind in kinds:
+            settled, time, impulse = spent[kind]
+            left = [
+                one.by
+                for one in kinds
+                if one.by in others
+                and not (settled == 100.0 and time <= spent[one][1] and impulse <= spent[one][2])
+            ]
+            label = (
+                f"{FOR_ANY_CRAFT[craft.dimension]}#{kind.value:g}" if kind.by in _ANY else kind.by
+            )
+            said = (", ".join(left) or "none") if kind.by in _ANY else ""
+            yield f"| {craft.name} | {label} | {settled:.1f} % | {time:.2f} | {impulse:.2f} | {said} |"
+
+
+def _spent(rows: Figures | str) -> tuple[float, float, float]:
+    """Flights that settle, %, median settling time, s, and mean impulse, N s; infinite where it refuses."""
+    if isinstance(rows, str):
+        return 0.0, np.inf, np.inf
+    return rows["solved"].value, rows["settling time"].value, rows["impulse"].value
 
 
 class _Docking(NamedTuple):
@@ -625,7 +672,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "part",
-        choices=("train", "craft", "dead", "mass", "unstated", "joined", "layouts", "picture"),
+        choices=(
+            "train",
+            "craft",
+            "frugal",
+            "dead",
+            "mass",
+            "unstated",
+            "joined",
+            "layouts",
+            "picture",
+        ),
     )
     parser.add_argument("--dimension", type=int, choices=(2, 3), default=2)
     parser.add_argument("--episodes", type=int, default=256)
@@ -641,6 +698,7 @@ def main() -> None:
         "--engine", choices=("fast", "drake"), default="fast", help="of joined and layouts"
     )
     parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
+    parser.add_argument("--values", nargs="*", type=float, default=_VALUES, help="of frugal")
     parser.add_argument("--by", nargs="*", choices=CONTESTANTS, help="who flies craft and dead")
     given = parser.parse_args()
     names = given.only or SPECIALISTS[given.dimension]
@@ -654,6 +712,9 @@ def main() -> None:
     rows = {
         "craft": lambda: shipped(
             given.episodes, names, given.start_seed, given.agent, given.by or CONTESTANTS
+        ),
+        "frugal": lambda: at_values(
+            given.episodes, names, given.values, given.start_seed, given.by or _STATED
         ),
         "dead": lambda: dead(given.episodes, names, given.by or _STATED),
         "mass": lambda: heavier(given.episodes, names),

@@ -352,12 +352,24 @@ def of_body(
     error, rotation = body[start : start + dimension], body[start + dimension :]
     turn = (rotation[0], [rotation[1]]) if dimension == 2 else _cosine_and_sines(rotation)
     if coast:
-        error, turn, velocity, spin = coasting(error, turn, velocity, spin, authority, coast)
+        periods = coast * frugality.coast
+        error, turn, velocity, spin = coasting(error, turn, velocity, spin, authority, periods)
     if frugality != AS_TRAINED:
         error, turn = shortened(error, turn, frugality)
     if farthest is not None:
         error, turn = nearer(error, turn, *farthest)
+    elif frugality.acceleration != 1.0:
+        # Wheels would be full at a higher speed than the one of `nearer`.
+        authority = _faster(authority, frugality.acceleration)
     return columns(error, turn, velocity, spin, authority)
+
+
+def _faster(authority: Authority, factor: float) -> Authority:
+    """The authority with linear accelerations times a factor."""
+    return authority._replace(
+        linear=[factor * x for x in authority.linear],
+        least_linear=factor * authority.least_linear,
+    )
 
 
 def _cosine_and_sines(rows: Sequence[Field]) -> tuple[Field, list[Field]]:

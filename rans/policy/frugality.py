@@ -1,7 +1,8 @@
 """Frugality of an agent for any craft: how much time its flights may take to save thrust, without other weights.
 
-A value from 0 (fast, the agent as it was trained) to 1 (frugal) becomes four numbers, which change the distance and
-the angle to the goal that the network is given, and the price of thrust in the allocation.
+A value from 0 (the agent as it was trained) to 1 (frugal) becomes six numbers. They change the distance and the
+angle to the goal and the accelerations that the network is given, the price of thrust in the allocation, and the
+time for which a craft coasts near the goal.
 """
 
 from __future__ import annotations
@@ -13,19 +14,31 @@ import numpy as np
 
 from rans.errors import ConfigError, brief
 
-_VALUES = (0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0)
+_VALUES = (0.0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0)
 """Values between which the numbers below are interpolated."""
-_SHORTENED = (1.0, 0.85, 0.85, 0.85, 0.85, 0.85, 0.85)
+_SHORTENED = (1.0, 0.85, 0.85, 0.85, 0.85, 0.85, 0.85, 0.85)
 """Part of a distance that counts; 0.85 brakes earlier, which is quicker and cheaper on some craft and costs others
-1 to 3 % of their time (docs/decisions/any_craft.md)."""
-_DISTANCES = (3.0, 2.0, 1.0, 0.46, 0.35, 0.15, 0.11)
+1 to 3 % of their time (docs/decisions/any_craft_frugal.md)."""
+_DISTANCES = (3.0, 2.4, 2.0, 1.0, 0.46, 0.35, 0.15, 0.11)
 """Largest distance over that of the starts. The braking curve makes of it a largest speed."""
 _UNBOUNDED = 1.5
 """Part of the starts' distance from which a bound is none: no flight begins farther away."""
-_ANGLES = (math.pi, math.pi, math.pi, math.pi, 1.5, 0.8, 0.6)
+_ANGLES = (math.pi, math.pi, math.pi, math.pi, math.pi, 1.5, 0.8, 0.6)
 """Largest angle, rad."""
-_PRICES = (1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0)
-"""Factor of the price of thrust. At 3 some flights never settle, at 4 a quarter of them."""
+_PRICES = {
+    2: (1.0, 1.5, 1.5, 2.0, 2.0, 2.0, 2.0, 2.0),
+    3: (1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0),
+}
+"""Factor of the price of thrust, by dimension. At 3 some flights never settle, at 4 a quarter of them."""
+
+_ACCELERATIONS = {2: (1.0, 1.2, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0), 3: (1.0,) * 8}
+"""Factor of the linear accelerations, by dimension. A craft that is faster on the way and brakes earlier by a
+shortened distance loses no time near the goal: with 1.2 the agent is quicker and cheaper than switching control on
+six of fifteen planar craft, with 1 on four. In space it costs the free-flyer 60 % more thrust
+(docs/decisions/any_craft_frugal.md)."""
+_COASTS = {2: (1.0,) + (5.0 / 3.0,) * 7, 3: (1.0,) * 8}
+"""Factor of the time for which a craft coasts near the goal, by dimension: in the plane five control periods in
+place of three save 2 % of the thrust."""
 
 
 class Frugality(NamedTuple):
@@ -39,14 +52,18 @@ class Frugality(NamedTuple):
     """Largest angle, rad; 0: no bound."""
     price: float
     """Factor of the price of thrust in the allocation."""
+    acceleration: float = 1.0
+    """Factor of the craft's linear accelerations that the network is given."""
+    coast: float = 1.0
+    """Factor of the control periods for which the craft coasts near the goal."""
 
     @classmethod
-    def of_value(cls, value: float, distance: float) -> Frugality:
-        """The numbers of a value from 0 to 1, for starts at a distance (m) from their goals.
+    def of_value(cls, value: float, distance: float, dimension: int) -> Frugality:
+        """The numbers of a value from 0 to 1, for starts at a distance (m) from their goals, in 2 or 3 dimensions.
 
         >>> from rans.policy.frugality import Frugality
-        >>> Frugality.of_value(1.0, 2.0)
-        Frugality(shortened=0.85, farthest=0.22, largest_angle=0.6, price=2.0)
+        >>> Frugality.of_value(1.0, 2.0, 3)[:4]
+        (0.85, 0.22, 0.6, 2.0)
 
         Raises:
             ConfigError: the value is not from 0 to 1.
@@ -58,12 +75,14 @@ class Frugality(NamedTuple):
         shortened = float(np.interp(value, _VALUES, _SHORTENED))
         part = math.exp(np.interp(value, _VALUES, np.log(_DISTANCES)))
         angle = float(np.interp(value, _VALUES, _ANGLES))
-        price = math.exp(np.interp(value, _VALUES, np.log(_PRICES)))
+        price = math.exp(np.interp(value, _VALUES, np.log(_PRICES[dimension])))
         return cls(
             shortened,
             0.0 if part > _UNBOUNDED else round(part * distance, 6),
             0.0 if angle == math.pi else angle,
             round(price, 6),
+            float(np.interp(value, _VALUES, _ACCELERATIONS[dimension])),
+            float(np.interp(value, _VALUES, _COASTS[dimension])),
         )
 
 

@@ -19,7 +19,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import actor_bytes, read_policy
-from rans.policy.authority import shortened
+from rans.policy.authority import Authority, of_body, shortened
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.predict import predict
 from tests.support.pose_observations import observations
@@ -58,9 +58,11 @@ def test_the_value_0_is_the_agent_as_it_was_trained() -> None:
     assert np.array_equal(first, second)
 
 
-@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.1, 100.0))
-def test_a_larger_value_never_hurries(one: float, other: float, distance: float) -> None:
-    low, high = (Frugality.of_value(value, distance) for value in sorted((one, other)))
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.1, 100.0), st.sampled_from((2, 3)))
+def test_a_larger_value_never_hurries(
+    one: float, other: float, distance: float, dimension: int
+) -> None:
+    low, high = (Frugality.of_value(value, distance, dimension) for value in sorted((one, other)))
 
     def bound(x: float) -> float:
         return x or math.inf
@@ -86,6 +88,20 @@ def test_distance_and_angle_by_hand() -> None:
         angle = math.radians(degrees)
         _, (cosine, (sine,)) = shortened([1.0, 0.0], (math.cos(angle), [math.sin(angle)]), third)
         assert math.degrees(math.atan2(float(sine), float(cosine))) == pytest.approx(expected)
+
+
+def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up() -> None:
+    """As if the craft had them: 0.3 m/s^2 times 1.2 are 0.36; wheels that bound the speed leave them."""
+    seen = contestant("any-craft-2d").controller.network.architecture.layout  # type: ignore[attr-defined]
+    body = [0.2, -0.1, 0.3, 0.0, 1.5, -0.7, 0.8, 0.6]
+    slow = Authority.of_numbers([0.2, 0.3, 0.4, 0.5, 0.6, 1.0, 1.1])
+    fast = Authority.of_numbers([0.2, 0.36, 0.48, 0.6, 0.72, 1.0, 1.1])
+    quick = AS_TRAINED._replace(acceleration=1.2)
+    told = of_body(seen, body, slow, frugality=quick)
+    assert told == pytest.approx(of_body(seen, body, fast))
+    assert told != pytest.approx(of_body(seen, body, slow))
+    bounded = of_body(seen, body, slow, farthest=(0.5, 1.0), frugality=quick)
+    assert bounded == pytest.approx(of_body(seen, body, slow, farthest=(0.5, 1.0)))
 
 
 def test_names_of_files_crafts_and_values() -> None:
@@ -116,7 +132,16 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(
-    "numbers", [(0.0, 0.0, 0.0, 1.0), (1.0, -1.0, 0.0, 1.0), (1.0, 0.0, 4.0, 1.0), (1.0, 0.0, 0.0)]
+    "numbers",
+    [
+        (0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
+        (1.0, -1.0, 0.0, 1.0, 1.0, 1.0),
+        (1.0, 0.0, 4.0, 1.0, 1.0, 1.0),
+        (1.0, 0.0, 0.0, 0.0, 1.0, 1.0),
+        (1.0, 0.0, 0.0, 1.0, 0.0, 1.0),
+        (1.0, 0.0, 0.0, 1.0, 1.0, 0.0),
+        (1.0, 0.0, 0.0),
+    ],
 )
 def test_other_numbers_in_a_file_are_refused(numbers: tuple[float, ...], tmp_path: Path) -> None:
     network = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]

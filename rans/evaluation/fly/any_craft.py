@@ -17,6 +17,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft, is_for_any_craft
+from rans.policy.authority import DIMENSIONS
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.network import Network
 from rans.policy.timing import timing_for
@@ -77,8 +78,9 @@ def _frugal(network: Network, value: float, task: Task) -> Network:
             f"the agent has no frugality from 0 to 1, as #{value:g} would be: name {FOR_ANY_CRAFT[2]} or "
             f"{FOR_ANY_CRAFT[3]}."
         )
+    dimension = DIMENSIONS[len(network.architecture.authority) - 1]
     low, high = task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    numbers = Frugality.of_value(value, 0.5 * (low + high))
+    numbers = Frugality.of_value(value, 0.5 * (low + high), dimension)
     chosen = () if numbers == AS_TRAINED else tuple(numbers)
     return Network(replace(network.architecture, frugal=chosen), network.tensors)
 

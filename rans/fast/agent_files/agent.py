@@ -351,11 +351,11 @@ def _check_craft(architecture: Architecture) -> None:
         or not 0.0 < frugal[0] <= 1.0
         or min(frugal[1:3]) < 0.0
         or frugal[2] > math.pi
-        or frugal[3] <= 0.0
+        or min(frugal[3:]) <= 0.0
     ):
         raise ValueError(
-            "its frugality is not a part of a distance, a distance, an angle and a factor of a price, or it is "
-            "no agent for any craft"
+            "its frugality is not a part of a distance, a distance, an angle, factors of a price, of "
+            "accelerations and of a time, or it is no agent for any craft"
         )
     if architecture.authority:
         architecture.columns  # noqa: B018 (refuses the observations of another task)

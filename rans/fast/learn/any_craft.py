@@ -103,7 +103,8 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
     frugal = own.architecture.frugal
     if value:
         low, high = engine.task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-        frugal = tuple(Frugality.of_value(_number(value, agent), 0.5 * (low + high)))
+        distance, dimension = 0.5 * (low + high), engine.craft.dimension
+        frugal = tuple(Frugality.of_value(_number(value, agent), distance, dimension))
     return Network(replace(own.architecture, coast=0.0, frugal=frugal), tensors)
 
 

@@ -156,7 +156,7 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
 
     assert frugal("any-craft-2d") == ()
     # Starts are 3.5 m away in the mean.
-    assert frugal("any-craft-2d#1") == tuple(Frugality.of_value(1.0, 3.5))
+    assert frugal("any-craft-2d#1") == tuple(Frugality.of_value(1.0, 3.5, 2))
     for wrong in ("any-craft-2d#2", "any-craft-2d#much", "go-to-pose-2d#0.5"):
         with pytest.raises(ConfigError):
             frugal(wrong)
