@@ -76,7 +76,7 @@ def _apart(state: Any, judged: Any) -> float:
     return float(max(*off, *turns))
 
 
-@pytest.mark.parametrize("name", ["free-flyer", "cubesat-6u"])
+@pytest.mark.parametrize("name", ["free-flyer", pytest.param("cubesat-6u", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("drift", DRIFTS)
 def test_engine_and_drake_turn_alike(name: str, drift: str) -> None:
     craft = _craft(name)
@@ -87,6 +87,7 @@ def test_engine_and_drake_turn_alike(name: str, drift: str) -> None:
     assert max(abs(a - b) for a, b in zip(state.w.columns(), still.w.columns(), strict=True)) > 1e-3
 
 
+@pytest.mark.slow
 def test_drake_finds_wheels_on_which_gravity_does_not_act(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(motion, "wheel_inertia", lambda wheels: ())
     assert _apart(*_both(_craft("cubesat-6u"), DRIFTS["circle"])) > 1e-4
