@@ -43,7 +43,7 @@ class Improve:
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     rounds: int = 200
-    """Rounds of the search, with 256 flights of each start: a second or two of processor time each."""
+    """Rounds of the search, with 256 flights of each start: some seconds of processor time each."""
     output: Path = Path("least.csv")
     """File of the flights."""
 
