@@ -15,6 +15,7 @@ from hypothesis import settings
 
 from rans.abilities import EXTRA_OF
 from rans.errors import EXTRAS, MissingPackage
+from rans.model.foreign import IMPORTERS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
@@ -37,7 +38,7 @@ def pytest_collection_finish() -> None:
 READERS = {"ccsds_ndm", "distributed", "mcap_ros2"}
 """Libraries of the extra dev that only tests import."""
 
-PACKAGES = {f"rans_{extra}" for extra in EXTRA_OF.values()}
+PACKAGES = {f"rans_{extra}" for extra in (*EXTRA_OF.values(), *IMPORTERS.extra_of.values())}
 """Packages of this repository, without which the core's own tests run."""
 
 

@@ -224,6 +224,7 @@ TURNS = {
 
 def robot() -> Path:
     """A URDF whose six links of thrusters push along their z axes."""
+    pytest.importorskip("rans_any_craft")  # which reads such files
     places = (
         (-0.2, 0.1, "x"),
         (0.2, 0.1, "-x"),
@@ -268,6 +269,7 @@ def test_a_robot_without_thrusters_says_which_would_be_read(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """As JAXA's ib2.urdf, whose thrusters are in a plugin of its own."""
+    pytest.importorskip("rans_any_craft")
     Path("ball.urdf").write_text(
         "<robot name='ball'><link name='body'><inertial><mass value='3.3'/>"
         "<inertia ixx='0.014' ixy='0' ixz='0' iyy='0.014' iyz='0' izz='0.013'/></inertial></link></robot>"
