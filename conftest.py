@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import io
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 from hypothesis import settings
 
 from rans.abilities import EXTRA_OF
-from rans.errors import EXTRAS, MissingPackage
+from rans.errors import EXTRAS, MissingPackage, RansError, is_installed
 from rans.model.foreign import IMPORTERS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -63,6 +64,20 @@ class Module(pytest.Module):
             if missing in {*EXTRAS, *READERS, *PACKAGES}:
                 pytest.skip(f"needs {missing}", allow_module_level=True)
             raise
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call() -> Iterator[None]:
+    """Pass a test of the core over that needs an ability of a package that is not installed."""
+    try:
+        return (yield)
+    except (RansError, AttributeError) as error:
+        wanted = re.search(
+            r"needs a package that is not installed: pip install 'rans\[(\w+)\]", str(error)
+        )
+        if wanted and f"rans_{wanted[1]}" in PACKAGES and not is_installed(f"rans_{wanted[1]}"):
+            pytest.skip(str(error))
+        raise
 
 
 def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module:

@@ -16,11 +16,12 @@ CONFTEST = Path(__file__).parents[1] / "conftest.py"
 def test_only_what_lacks_an_optional_library_is_skipped(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Drake is absent here; CasADi is there, but has no such module, and nobody has the other library.
+    """Drake and the package of missions are absent here; CasADi is there without such a module.
 
     A module of RANS that needs Drake raises an error of its own, which stopped the collection of 101 files.
     """
     monkeypatch.setitem(sys.modules, "pydrake", None)
+    monkeypatch.setitem(sys.modules, "rans_missions", None)
     monkeypatch.setitem(sys.modules, "casadi", ModuleType("casadi"))
     pytester.makeconftest(CONFTEST.read_text("utf-8"))
     pytester.makepyfile(
@@ -29,6 +30,11 @@ def test_only_what_lacks_an_optional_library_is_skipped(
         test_misspelt="import casadi.nowhere",
         test_unknown="import no_such_library",
         test_good="def test_it(): pass",
+        test_of_a_package="""
+from rans.errors import ConfigError
+def test_it():
+    raise ConfigError("This needs a package that is not installed: pip install 'rans[missions]'")
+""",
     )
     run = pytester.runpytest_inprocess(
         "--import-mode=importlib",
@@ -37,7 +43,7 @@ def test_only_what_lacks_an_optional_library_is_skipped(
         "-p",
         "no:cacheprovider",
     )
-    run.assert_outcomes(passed=1, skipped=2, errors=2)
+    run.assert_outcomes(passed=1, skipped=3, errors=2)
     told = run.stdout.str()
     assert "needs pydrake" in told
     assert "casadi.nowhere" in told
