@@ -12,7 +12,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, wraps
 from importlib import resources
-from importlib.abc import InspectLoader
 from importlib.metadata import EntryPoint, distributions, entry_points
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -208,7 +207,7 @@ class Registry(Mapping[str, T]):
     def summary(self, name: str) -> str:
         """First line of an object's docstring, read from its module's text where that says it.
 
-        Only packages above the module are imported. An object that its module imports or makes is loaded.
+        Nothing is imported for it. An object that its module imports or makes is loaded.
 
         Raises:
             ConfigError: there is no such object, or it has to be loaded and cannot be.
@@ -262,15 +261,16 @@ class Registry(Mapping[str, T]):
 def _docstring(reference: str) -> str:
     """Docstring of the class or function "module:name" by the text of its module; empty if that does not tell."""
     module, _, attribute = reference.partition(":")
-    spec = None
-    with contextlib.suppress(Exception):  # a package above it may raise anything
-        spec = importlib.util.find_spec(module) if module else None
-    if spec is None or not isinstance(spec.loader, InspectLoader):
-        return ""
-    with contextlib.suppress(ImportError, SyntaxError):
-        for node in ast.parse(spec.loader.get_source(module) or "").body:
-            if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == attribute:
-                return ast.get_docstring(node) or ""
+    top, *parts = module.split(".")
+    spec = importlib.util.find_spec(top) if top else None  # which imports nothing
+    for place in (spec and spec.submodule_search_locations) or ():
+        stem = Path(place, *parts)
+        for file in (stem.with_suffix(".py"), stem / "__init__.py"):
+            with contextlib.suppress(OSError, SyntaxError, ValueError):
+                for node in ast.parse(file.read_text("utf-8")).body:
+                    is_it = isinstance(node, ast.ClassDef | ast.FunctionDef)
+                    if is_it and node.name == attribute:
+                        return ast.get_docstring(node) or ""
     return ""
 
 
