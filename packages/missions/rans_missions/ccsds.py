@@ -95,7 +95,7 @@ class Orbit(NamedTuple):
 
 @dataclass(frozen=True)
 class OrbitState:
-    """State of an OPM."""
+    """State of an OPM, or the first one of an OEM."""
 
     name: str
     """Name of the object."""
@@ -234,6 +234,8 @@ def write_ccsds(
 def read_opm(file: str | Path) -> OrbitState:
     """Read the state of an Orbit Parameter Message in the keyword notation, around the Earth, in UTC.
 
+    Of an Orbit Ephemeris Message (OEM) it is the first state, whose numbers are km and km/s.
+
     Units in brackets are converted, and are km and km/s without one. Covariances, Keplerian elements and properties
     of the spacecraft are not read.
 
@@ -251,7 +253,9 @@ def read_opm(file: str | Path) -> OrbitState:
             in another unit.
     """
     file = Path(file)
-    fields = _keywords(read_text(file, _LARGEST, "the message "), file)
+    text = read_text(file, _LARGEST, "the message ")
+    ephemeris = text.lstrip().startswith("CCSDS_OEM_VERS")
+    fields = _first_of_ephemeris(text, file) if ephemeris else _keywords(text, file)
     for key, expected in (("CENTER_NAME", "EARTH"), ("TIME_SYSTEM", "UTC")):
         if fields.get(key, "").upper() != expected:
             raise ConfigError(
@@ -281,7 +285,7 @@ def read_opm(file: str | Path) -> OrbitState:
 
 
 _LARGEST = 2**20
-"""Bytes of a message of one state; with covariance and manoeuvres they have some thousand."""
+"""Bytes of a message: an ephemeris of a fortnight, a state every four minutes, has 600,000."""
 _NEAREST = 6.35e6
 """Least distance of a state from the Earth's centre, m: its radius at the poles is 6,357 km."""
 _FARTHEST = 1.5e9
@@ -311,6 +315,43 @@ _KEYWORDS = re.compile(
     re.ASCII,
 )
 """Keywords of an OPM, CCSDS 502.0-B-3, table 3-1 to 3-3. Those of manoeuvres may stand once for each."""
+
+
+def _first_of_ephemeris(text: str, file: Path) -> dict[str, str]:
+    """The first state of an OEM as keywords of an OPM; later states, covariances and comments are not read.
+
+    Raises:
+        ConfigError: the version is another, there is no state, a line of it has not seven or ten parts, or the
+            message is of several objects.
+    """
+    fields: dict[str, str] = {}
+    names = set(re.findall(r"^\s*OBJECT_NAME\s*=\s*(.*?)\s*$", text, re.MULTILINE))
+    if len(names) > 1:
+        raise ConfigError(
+            f"{file} is of {counted(len(names), 'object')}, {', '.join(sorted(names))}: divide it, since one start "
+            "has one."
+        )
+    for number, line in enumerate(text.splitlines(), 1):
+        key, equals, value = (part.strip() for part in line.partition("="))
+        if equals:
+            fields.setdefault(key, value)
+        elif (
+            line.strip() and key not in ("META_START", "META_STOP") and key.split()[0] != "COMMENT"
+        ):
+            parts = key.split()
+            if len(parts) not in (7, 10):
+                raise ConfigError(
+                    f"line {number} of {file} must be an epoch and six numbers, perhaps with three accelerations, "
+                    f"got {brief(key)}."
+                )
+            fields.update(zip(("EPOCH", *_STATE), parts, strict=False))
+            break
+    version = fields.get("CCSDS_OEM_VERS", "")
+    if version not in ("1.0", "2.0", "3.0") or "EPOCH" not in fields:
+        raise ConfigError(
+            f"{file} must be an OEM of version 1.0, 2.0 or 3.0 with a state, got version {brief(version)}."
+        )
+    return fields
 
 
 def _keywords(text: str, file: Path) -> dict[str, str]:

@@ -175,7 +175,7 @@ def test_refusals(flight: Flight, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="epoch must be an instant"):
         write_ccsds(flight, tmp_path, 0, "tomorrow")
     other = tmp_path / "other.opm"
-    other.write_text("CCSDS_OEM_VERS = 3.0\n")
+    other.write_text("CCSDS_AEM_VERS = 1.0\n")
     with pytest.raises(ConfigError, match="no Orbit Parameter Message"):
         read_opm(other)
     other.write_text("CCSDS_OPM_VERS = 3.0\nCENTER_NAME = EARTH\nTIME_SYSTEM = UTC\nX = 7\n")
@@ -341,3 +341,52 @@ def test_a_foreign_reader_agrees(tmp_path: Path) -> None:
     state = read_opm(file)
     expected = [float(foreign.x.value), float(foreign.y_dot.value), float(foreign.z_dot.value)]
     assert [state.p[0], state.v[1], state.v[2]] == pytest.approx([1e3 * x for x in expected])
+
+
+OEM = """CCSDS_OEM_VERS = 2.0
+CREATION_DATE = 2026-11-27T00:00:00
+ORIGINATOR = TEST
+META_START
+OBJECT_NAME = ISS
+CENTER_NAME = EARTH
+REF_FRAME = EME2000
+TIME_SYSTEM = UTC
+START_TIME = 2026-01-01T00:00:00
+STOP_TIME = 2026-01-01T00:04:00
+META_STOP
+COMMENT the station
+
+2026-01-01T00:00:00.000 6800.0 1.0 2.0 0.5 4.7 6.0
+2026-01-01T00:04:00.000 6700.0 3.0 4.0 0.6 4.6 6.1
+"""
+
+
+def test_an_ephemeris_begins_with_its_first_state(tmp_path: Path) -> None:
+    file = tmp_path / "iss.oem"
+    file.write_text(OEM, "utf-8")
+    state = read_opm(file)
+    assert state.p.tolist() == [6.8e6, 1e3, 2e3]
+    assert state.v.tolist() == [500.0, 4700.0, 6000.0]
+    assert state.epoch.isoformat().startswith("2026-01-01T00:00:00")
+    assert state.name == "ISS"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (" 6.0\n2026", "\n2026", "line 14 .* six numbers"),
+        ("TIME_SYSTEM = UTC", "TIME_SYSTEM = TDB", "TIME_SYSTEM .* must be UTC"),
+        ("REF_FRAME = EME2000", "REF_FRAME = ITRF", "REF_FRAME"),
+        ("OEM_VERS = 2.0", "OEM_VERS = 9.0", "version 1.0, 2.0 or 3.0"),
+        ("COMMENT the", "OBJECT_NAME = OTHER\nCOMMENT the", "of 2 objects"),
+        ("6800.0", "6.8", "usual cause are other units"),
+    ],
+)
+def test_an_ephemeris_that_means_something_else_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    file = tmp_path / "iss.oem"
+    assert old in OEM
+    file.write_text(OEM.replace(old, new), "utf-8")
+    with pytest.raises(ConfigError, match=message):
+        read_opm(file)
