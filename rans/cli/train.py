@@ -117,7 +117,7 @@ class Train:
             craft = run.spacecraft()
             world = join(config.device)
         else:
-            config = self.resolved()
+            config = self.begun()
             world = join(config.device)
             run = RunFolder(world.from_first(self.output or run_path(config)))
             craft = load_spacecraft(config.spacecraft)
@@ -191,17 +191,23 @@ class Train:
         if self.conditions is not None:
             load_conditions(typed(self.conditions))
 
+    def begun(self) -> TrainConfig:
+        """Config of the training, which as it comes begins from the agent for any craft."""
+        from rans.fast.learn.recipes import craft_of, from_any_craft
+
+        config = self.resolved()
+        is_short = self.quality in (None, "quick") and typed(str(self.task)) in TASKS
+        is_alone = os.environ.get("WORLD_SIZE", "1") == "1"
+        if is_short and is_alone and not (self.set or self.total_timesteps or self.conditions):
+            config = from_any_craft(config, craft_of(config))
+        return config
+
     def resolved(self) -> TrainConfig:
         """Config of a preset or of another run, with the changes of the options."""
         from rans.fast.learn.algorithms import with_algorithm
         from rans.fast.learn.changes import check_memory
         from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import (
-            craft_of,
-            from_any_craft,
-            training,
-            training_of_quality,
-        )
+        from rans.fast.learn.recipes import training, training_of_quality
         from rans.fast.learn.run_folder import read_config
 
         self._check()
@@ -221,10 +227,6 @@ class Train:
                 self.device,
                 self.conditions is not None,
             )
-        is_short = self.quality in (None, "quick") and task in TASKS
-        is_alone = os.environ.get("WORLD_SIZE", "1") == "1"
-        if is_short and is_alone and not (self.set or self.total_timesteps or self.conditions):
-            begun = from_any_craft(begun, craft_of(begun))
         # First, as an algorithm has settings and hyper-parameters of its own, which others change.
         algorithms = [
             change.partition("=")[2] for change in self.set if change.startswith("algorithm=")

@@ -331,8 +331,9 @@ def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
 
 
 def test_whatever_is_set_is_learnt_from_nothing() -> None:
-    assert Train("go-to-pose").resolved().begin_from == "pretrained:any-craft-2d#0.4"
-    assert Train("go-to-pose", seed=3, quality="quick").resolved().begin_from is not None
+    assert Train("go-to-pose").begun().begin_from == "pretrained:any-craft-2d#0.4"
+    assert Train("go-to-pose", seed=3, quality="quick").begun().begin_from is not None
+    assert Train("go-to-pose").resolved().begin_from is None  # as sweeps have it
     changes: tuple[dict[str, Any], ...] = (
         {"set": ("thrust_weight=0.1",)},
         {"total_timesteps": 1000},
@@ -342,7 +343,7 @@ def test_whatever_is_set_is_learnt_from_nothing() -> None:
     )
     for changed in changes:
         options: dict[str, Any] = {"task": "go-to-pose"} | changed
-        assert Train(**options).resolved().begin_from is None, changed
+        assert Train(**options).begun().begin_from is None, changed
 
 
 def test_a_training_is_compared_with_what_flies_without_one(
