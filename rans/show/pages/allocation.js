@@ -45,6 +45,9 @@ function normals(edges) {
 }
 const product = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
+// The choice of fast to frugal, and its price of thrust.
+let frugal = DATA.allocation.chosen, price = DATA.allocation.prices[frugal];
+
 // The order in which a layout is the same however its thrusters are numbered.
 const inOrder = columns => columns.map((_, k) => k).sort((k, n) => {
   const axis = [0, 1, 2].find(i => columns[k][i] !== columns[n][i]);
@@ -55,7 +58,7 @@ const inOrder = columns => columns.map((_, k) => k).sort((k, n) => {
 function subsets(columns, shared) {
   const order = inOrder(columns), count = columns.length;
   // The price of thrust falls with an authority margin below 1.
-  const price = DATA.allocation.price * Math.min(1, margin(order.map(k => columns[k]))) ** DATA.allocation.fall;
+  const falling = price * Math.min(1, margin(order.map(k => columns[k]))) ** DATA.allocation.fall;
   let most = count;
   const fewer = limit => { let sum = 0, ways = 1; for (let k = 0; k <= limit; ++k) { sum += ways; ways = ways * (count - k) / (k + 1); } return sum; };
   while (fewer(most) > DATA.allocation.subsets) --most;
@@ -81,7 +84,7 @@ function subsets(columns, shared) {
   return [...first.values()].sort((k, n) => k - n).map(n => {
     const {opened, twist, thrust} = rows[n], placed = new Array(count).fill(0);
     order.forEach((k, place) => { placed[k] = opened[place]; });
-    return {opened: placed, twist, offset: -product(twist, twist) - price * thrust};
+    return {opened: placed, twist, offset: -product(twist, twist) - falling * thrust};
   });
 }
 
@@ -92,7 +95,7 @@ function shares(demand, columns) {
   for (let pass = 0; pass < DATA.allocation.passes; ++pass) for (const k of order) {
     const column = columns[k], square = product(column, column);
     if (!square) continue;
-    const step = column.reduce((sum, x, axis) => sum + x / square * left[axis], 0) - 0.5 * DATA.allocation.price * Math.hypot(column[0], column[1]) / square;
+    const step = column.reduce((sum, x, axis) => sum + x / square * left[axis], 0) - 0.5 * price * Math.hypot(column[0], column[1]) / square;
     const after = Math.min(1, Math.max(0, share[k] + step)), change = after - share[k];
     left = left.map((e, axis) => e - column[axis] * change);
     share[k] = after;
@@ -116,7 +119,14 @@ function allocation(tokens) {
     return [...best.opened, ...share, ...wheels];
   };
 }
-let allocated = allocation(DATA.allocation.tokens), authority = DATA.allocation.authority;
+let allocated = allocation(DATA.allocation.tokens), authority = DATA.allocation.authority, tokens = DATA.allocation.tokens;
+const demands = typeof demand1 === "undefined" ? [demand0] : [demand0, demand1, demand2];
+// Fast to frugal: what the network is given, and the price of thrust. A craft that cannot be steered has no tokens.
+function save(number) {
+  frugal = number;
+  price = DATA.allocation.prices[number];
+  if (tokens) allocated = allocation(tokens);
+}
 function act(carried, errors, memory) {
-  return {command: in_ranges(allocated(demand(carried, errors, authority).demand)).command, memory};
+  return {command: in_ranges(allocated(demands[frugal](carried, errors, authority).demand)).command, memory};
 }

@@ -63,6 +63,7 @@ function use(craft) {
   DATA.thrusters = craft.thrusters.map(({at, force, angle}) => ({at: [...at, 0], along: [force / largest * Math.cos(angle), force / largest * Math.sin(angle), 0]}));
   DATA.radius = Math.max(0.1, ...craft.thrusters.map(({at}) => Math.hypot(...at)));
   if (missing) {
+    tokens = null;
     allocated = () => craft.thrusters.map(() => 0);
     authority = DATA.allocation.authority;
     return;
@@ -70,7 +71,8 @@ function use(craft) {
   const [a, alpha] = [Math.min(...ways.slice(0, 4)), Math.min(...ways.slice(4))];
   authority = [period, ...ways, a, alpha];
   const units = [a, a, alpha];
-  allocated = allocation(columns.map(column => [...column.map((x, axis) => x / units[axis]), craft.shared ? SHARED : ON_OFF]));
+  tokens = columns.map(column => [...column.map((x, axis) => x / units[axis]), craft.shared ? SHARED : ON_OFF]);
+  allocated = allocation(tokens);
 }
 function advance(carried, command, gain, leak) {
   const open = command.map((x, k) => gain[k] * x + leak[k]), total = open.reduce((sum, x) => sum + x, 0);

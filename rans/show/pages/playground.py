@@ -36,6 +36,7 @@ from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, is_for_any_craft
 from rans.policy.architecture import Architecture
 from rans.policy.authority import Authority, of_observation
+from rans.policy.frugality import Frugality
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.timing import LARGEST_TURN, PERIODS
@@ -148,8 +149,11 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         # A craft that a visitor may draw has other thrusters, mass and inertia, and another control period.
         draws = _may_draw(setup.craft, architecture)
         if _is_allocated_here(architecture):
-            text += [traced.demand(controller, tables), _text("allocation.js")]
-            text.append(traced.in_ranges())
+            text += [
+                traced.demand(controller, tables, one, f"demand{number}")
+                for number, one in enumerate(_choices(run, architecture))
+            ]
+            text += [_text("allocation.js"), traced.in_ranges()]
         else:
             text.append(traced.act(controller, tables))
         if draws:
@@ -166,7 +170,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     bits = next(bits for limit, bits in _BITS.items() if size <= limit)
     data = _data(traced, run, seed, episode, architecture.memory) | {"bits": bits}
     if _is_allocated_here(architecture):
-        data["allocation"] = _allocation_data(architecture)
+        data["allocation"] = _allocation_data(architecture, _choices(run, architecture))
     if draws:
         data["drawing"] = _drawing_data(run)
     layers = {
@@ -282,7 +286,9 @@ class _Traced:
         errors, measured = self._measured()
         return errors, self.world.observe(replace(self.episode, state=measured, reading=None))
 
-    def demand(self, agent: Agent, tables: Mapping[str, np.ndarray]) -> str:
+    def demand(
+        self, agent: Agent, tables: Mapping[str, np.ndarray], frugality: Frugality, name: str
+    ) -> str:
         """``demand(carried, errors, authority)``: change of twist to be allocated, in units of the authority.
 
         The authority is a control period, six accelerations, and the least linear and angular one of them.
@@ -297,7 +303,7 @@ class _Traced:
                 observation,
                 Authority(period, authority[:4], authority[4:], least_linear, least_angular),
                 architecture.coast,
-                frugality=architecture.frugality,
+                frugality=frugality,
             )
             if architecture.authority
             else architecture.preprocessed(observation)
@@ -315,7 +321,7 @@ class _Traced:
         )
         outputs, stages = symbols(program, values, [head])
         arguments = {"carried": self.carried, "errors": errors, "authority": numbers}
-        return function("demand", arguments, {"demand": outputs[head]}, stages)
+        return function(name, arguments, {"demand": outputs[head]}, stages)
 
     def in_ranges(self) -> str:
         """``in_ranges(outputs)``: commands in the craft's ranges for numbers from 0 to 1."""
@@ -464,13 +470,28 @@ def _pushes(setup: Setup) -> str:
     return "\n".join((substeps, *(text for _, text in printed), f"const PUSHES = [{names}];"))
 
 
-def _allocation_data(architecture: Architecture) -> dict[str, Any]:
+_FAST_TO_FRUGAL = 0.0, 0.5, 1.0
+"""Values of the page's slider for an agent for any craft."""
+
+
+def _choices(run: LoadedRun, architecture: Architecture) -> list[Frugality]:
+    """What a visitor may choose of, fast to frugal; only the agent's own, where it is another or it has none."""
+    own = architecture.frugality
+    if not is_for_any_craft(architecture):
+        return [own]
+    low, high = run.judged.task.spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
+    values = [Frugality.of_value(value, 0.5 * (low + high)) for value in _FAST_TO_FRUGAL]
+    return values if own in values else [own]
+
+
+def _allocation_data(architecture: Architecture, choices: list[Frugality]) -> dict[str, Any]:
     """What the page's allocation must know: tokens and authority of the craft, and its constants."""
     period, *authority = architecture.authority or (0.0,) * 7
     return {
         "tokens": architecture.tokens,
         "authority": [period, *authority, min(authority[:4]), min(authority[4:])],
-        "price": architecture.frugality.price * PRICE,
+        "prices": [one.price * PRICE for one in choices],
+        "chosen": choices.index(architecture.frugality),
         "fall": FALL,
         "passes": PASSES,
         "subsets": MOST_SUBSETS,

@@ -519,3 +519,28 @@ def test_no_page_of_the_site_has_a_frame_with_a_fragment() -> None:
     ]
     assert frames
     assert [frame for frame in frames if "#" in frame] == []
+
+
+@needs_node
+@pytest.mark.parametrize(("number", "value"), [(1, 0.5), (2, 1.0)])
+def test_its_slider_saves_thrust_as_the_number_after_the_name(
+    number: int, value: float, tmp_path: Path
+) -> None:
+    """Moved after ten periods, from fast: the commands are those of the agent with this value from there on."""
+    page = playground(run_of("any-craft-2d"), SEED)
+    asked = f"""{page.script}
+const flight = new Flight(5), seen = [];
+for (let k = 0; k < 60; ++k) {{
+  if (k === 10) save({number});
+  flight.step();
+  seen.push(flight.command);
+}}
+console.log(JSON.stringify(seen));"""
+    found = answer(asked, tmp_path)
+    runs = [run_of(f"any-craft-2d{text}") for text in ("", f"#{value:g}")]
+    flight = InteractiveFlight(runs, SEED, 5)
+    for k, command in enumerate(found):
+        if k == 10:
+            flight.command_by(1)
+        flight.step()
+        np.testing.assert_array_equal(command, flight.command, err_msg=str(k))
