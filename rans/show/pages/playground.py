@@ -480,7 +480,7 @@ def _choices(run: LoadedRun, architecture: Architecture) -> list[Frugality]:
     if not is_for_any_craft(architecture):
         return [own]
     low, high = run.judged.task.spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    values = [Frugality.of_value(value, 0.5 * (low + high)) for value in _FAST_TO_FRUGAL]
+    values = [Frugality.of_value(value, 0.5 * (low + high), 2) for value in _FAST_TO_FRUGAL]
     return values if own in values else [own]
 
 
