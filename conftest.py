@@ -36,7 +36,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-READERS = {"ccsds_ndm", "distributed", "mcap_ros2"}
+READERS = {"ccsds_ndm", "distributed", "fmpy", "mcap_ros2"}
 """Libraries of the extra dev that only tests import."""
 
 PACKAGES = {f"rans_{extra}" for extra in (*EXTRA_OF.values(), *IMPORTERS.extra_of.values())}

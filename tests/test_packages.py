@@ -12,6 +12,7 @@ import rans
 from rans.abilities import EXTRA_OF, PUBLIC
 from rans.cli.commands import COMMANDS
 from rans.deploy.export import EXPORTERS
+from rans.deploy.forms import FORMATS
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.foreign import IMPORTERS
 from rans.tasks import TASKS
@@ -60,6 +61,7 @@ def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Pa
     }
     registries = {
         "rans.controllers": CONTROLLERS,
+        "rans.export_formats": FORMATS,
         "rans.exporters": EXPORTERS,
         "rans.importers": IMPORTERS,
         "rans.tasks": TASKS,

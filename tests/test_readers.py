@@ -98,6 +98,7 @@ ALLOWED = {
     ("rans.cli", "open"): "the null device",
     ("rans.registry", "read_text"): "files of installed packages, beside their code",
     ("rans.deploy.c_file", "json.loads"): "the contract that this process has just made",
+    ("rans_robot.fmu.export", "json.loads"): "the same",
     ("rans.show.figures.svg", "ET.fromstring"): "pictures, after a check for entities",
     ("rans_any_craft.importers", "ET.fromstring"): "robots, after a check for entities",
     ("rans.cli.train", "json.loads"): "the user types it",

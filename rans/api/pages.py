@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from rans.api.agent_data import AgentData
 from rans.api.judging import ConditionsLike, flown, own_endpoints
@@ -16,7 +16,6 @@ from rans.scenario import EVALUATION_SEED
 from rans.settled import settled_alone
 
 if TYPE_CHECKING:
-    from rans.deploy.export import Form
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.episodes import EngineName
     from rans.flight import Flight
@@ -230,7 +229,7 @@ def report(run: str | Path | AgentData) -> Path:
 def export(
     agent: str | Path | AgentData,
     output: str | Path,
-    form: Form = "onnx",
+    form: str = "onnx",
     *,
     episodes: int = 1024,
 ) -> Path:
@@ -246,17 +245,18 @@ def export(
             "onnx:FILE:TASK-2d@SPACECRAFT", a network of another library, as "c", "numpy" or "onnx".
         output: folder to write; its name becomes the agent's name.
         form: "onnx" for any ONNX runtime, "numpy" for NumPy alone, "c" for C99, "sb3" for Stable-Baselines3 and
-            RANS, or "rans" for RANS alone.
+            RANS, "rans" for RANS alone, or "fmu" for simulators that read FMI 2.0.
         episodes: number of evaluation flights for the model card.
 
     Raises:
         ConfigError: this is no trained agent, or the folder is another agent's.
     """
-    from rans.deploy.export import EXPORTERS, Form
+    from rans.deploy.export import EXPORTERS
     from rans.deploy.export import write_export as write
+    from rans.deploy.forms import forms
     from rans.evaluation.fly.contestant_name import ContestantName
 
-    one_of("form", form, get_args(Form))
+    one_of("form", form, forms())
     source: Any = agent.folder if isinstance(agent, AgentData) else agent
     if source is None:
         raise ConfigError(f"{agent!r} is no trained agent with a run folder.")

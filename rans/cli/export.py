@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, get_args
 
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.errors import ConfigError, brief, require
+from rans.deploy.forms import FORMATS, Form, forms
+from rans.errors import ConfigError, brief, one_of, require
 from rans.files import read_json
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.terminal import Terminal, doing
-
-Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
-
 
 _PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
 """Modules that formats need beside the core."""
@@ -29,7 +28,8 @@ class Export:
     rans is a folder that works as a run folder, without the critic. sb3 is such a folder whose policy.zip
     stable_baselines3.PPO.load opens, to continue the training there. onnx is one file for any ONNX runtime. numpy
     is a Python file and its tables. c is a header and a source in C99, without allocation or dependencies; it
-    is compiled and checked if there is a compiler.
+    is compiled and checked if there is a compiler. fmu is a unit of FMI 2.0 for co-simulation,
+    as Simulink and Dymola read it.
     """
 
     group = "Deploy"
@@ -39,14 +39,16 @@ class Export:
         "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
     )
 
+    choices: ClassVar[dict[str, Callable[[], tuple[str, ...]]]] = {"format": forms}
+
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported for that
     craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, exported as it is (c, numpy or onnx)."""
     output: Path | None = None
     """Folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the agent."""
-    format: Form = "rans"
-    """Format of the agent. None has the safety filter, which needs RANS: the contract names it, and `rans fly` on
-    the folder applies it (docs/missions/guard.md)."""
+    format: Annotated[str, arg(metavar="FORM")] = "rans"
+    """Format of the agent: rans, sb3, onnx, numpy, c or fmu. None has the safety filter, which needs RANS: the
+    contract names it, and `rans fly` on the folder applies it (docs/missions/guard.md)."""
     episodes: int = 1024
     """Number of evaluation flights for the model card. A quarter as many fly at each latency, mass and sensor noise
     around the conditions of the training, from which the contract states the intervals in which the agent solves
@@ -63,6 +65,9 @@ class Export:
         from rans.evaluation.fly.contestant_name import ContestantName
 
         check_count("--episodes", self.episodes)
+        one_of("--format", self.format, forms())
+        if self.format not in get_args(Form):
+            FORMATS.check_installed(self.format)
         name = ContestantName.parse(self.run_folder)
         is_foreign = name.kind == "policy"
         folder = name.policy_file if is_foreign else name.folder

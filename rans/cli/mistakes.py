@@ -282,7 +282,8 @@ def _flags(command: type) -> Iterable[tuple[str, tuple[str, ...]]]:
             kind, *annotations = get_args(kind)
         parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
         words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
-        choices = tuple(map(str, words))
+        named = getattr(command, "choices", {}).get(field.name)
+        choices = named() if named else tuple(map(str, words))
         if Positional in annotations:
             continue
         names = [name for metadata in annotations if (name := getattr(metadata, "name", None))]

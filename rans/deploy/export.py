@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol, get_args
 
 from rans.deploy.c_file import C_FILES, stack_of, write_c
 from rans.deploy.contract import (
@@ -18,6 +18,7 @@ from rans.deploy.contract import (
     golden,
     is_one_task,
 )
+from rans.deploy.forms import FORMATS, Form
 from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
@@ -49,7 +50,6 @@ from rans.registry import Registry
 from rans.scenario import EVALUATION_SEED
 from rans.structure import LARGEST_TOML
 
-Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 CONTRACT_ENTRIES: Registry[Callable[[Path], dict[str, Any]]] = Registry(
     kind="entry of a contract",
     group="rans.contract_entries",
@@ -66,7 +66,7 @@ class Exporter(Protocol):
         self,
         spec: str,
         folder: Path,
-        form: Form = ...,
+        form: str = ...,
         episodes: int = ...,
         seed: int = ...,
         margins: int = ...,
@@ -84,7 +84,7 @@ EXPORTERS: Registry[Exporter] = Registry(
 )
 """What installed packages export beside agents of RANS, by `ContestantName.kind`."""
 
-_FILES: dict[Form, tuple[str, ...]] = {
+_FILES: dict[str, tuple[str, ...]] = {
     "sb3": ("policy.zip", "config.json"),
     "rans": (AGENT, "config.json"),
     "onnx": ("agent.onnx",),
@@ -97,7 +97,7 @@ _FILES: dict[Form, tuple[str, ...]] = {
 def write_export(
     run: Path,
     folder: Path,
-    form: Form = "rans",
+    form: str = "rans",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
     margins: int = 256,
@@ -193,7 +193,7 @@ def write_export(
     return card
 
 
-def check_alone(folder: Path, form: Form, pairs: str) -> None:
+def check_alone(folder: Path, form: str, pairs: str) -> None:
     """Refuse to lay an agent's contract and golden pairs beside files that are another agent's."""
     if RunFolder(folder).metrics_file.exists():
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
@@ -202,7 +202,7 @@ def check_alone(folder: Path, form: Form, pairs: str) -> None:
         for exported, names in _FILES.items()
         if exported != form
         for name in names
-        if name not in _FILES[form] and (folder / name).exists()
+        if name not in _FILES.get(form, ()) and (folder / name).exists()
     ]
     file = inside(folder, "golden.json")
     if others and not (file.exists() and read_text(file) == pairs):
@@ -215,7 +215,7 @@ def check_alone(folder: Path, form: Form, pairs: str) -> None:
 
 def write_agent(
     folder: Path,
-    form: Form,
+    form: str,
     saved: SavedPolicy,
     settings: PPOSettings,
     title: str,
@@ -238,6 +238,8 @@ def write_agent(
     elif form == "c":
         program = agent_program(network, craft)
         write_c(folder, program, ports, title, contract, pairs)
+    elif form not in get_args(Form):
+        FORMATS[form](folder, agent_program(network, craft), ports, title, contract, pairs)
     elif form == "rans":
         content = actor_bytes(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

@@ -483,13 +483,14 @@ def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_pa
         tmp_path,
         domain,
     )
-    until(
-        lambda: bool(valves)
-    )  # the node waits for the robot 10 s, and modules load longer at times
-    node = start(
-        ["fly", str(agent), "--trust", "--bus", "udp", "--output", "flight"], tmp_path, domain
-    )
+    running = [twin]
     try:
+        # The node waits for the robot 10 s, and modules load longer at times.
+        until(lambda: bool(valves), 120.0)
+        node = start(
+            ["fly", str(agent), "--trust", "--bus", "udp", "--output", "flight"], tmp_path, domain
+        )
+        running.append(node)
         until(lambda: any(commands[-5:]) and any(valves[-5:]))
         victim, survivor = (node, twin) if killed == "node" else (twin, node)
         victim.send_signal(signal.SIGKILL)
@@ -503,7 +504,7 @@ def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_pa
         text, _ = survivor.communicate(timeout=30)
         assert "valves shut" in " ".join(text.split())
     finally:
-        for process in (twin, node):
+        for process in running:
             process.kill()
             process.communicate()
         monitor.close()

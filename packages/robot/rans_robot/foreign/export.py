@@ -18,7 +18,8 @@ from rans.deploy.contract import (
     flights_of_policy,
     golden_of_policy,
 )
-from rans.deploy.export import Form, check_alone, evaluated
+from rans.deploy.export import check_alone, evaluated
+from rans.deploy.forms import FORMATS
 from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
@@ -64,7 +65,7 @@ class _Exported(NamedTuple):
 def write_foreign_export(
     spec: str,
     folder: Path,
-    form: Form = "c",
+    form: str = "c",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
     margins: int = 256,
@@ -77,7 +78,7 @@ def write_foreign_export(
     Args:
         spec: the policy's text, with its task.
         folder: folder to write, whose name becomes the policy's.
-        form: "c", "numpy" or "onnx".
+        form: "c", "numpy", "onnx", or one of `FORMATS`.
         episodes: flights for the card under each protocol.
         seed: of their starts.
         margins: flights of each latency, mass and sensor noise; 0: none.
@@ -86,9 +87,10 @@ def write_foreign_export(
         ConfigError: the file cannot be exported (`rans_robot.foreign.program.foreign_program`), its network does
             not fit the task and the spacecraft, or the disk refuses.
     """
-    if form not in get_args(ForeignForm):
+    known = (*get_args(ForeignForm), *FORMATS)
+    if form not in known:
         raise ConfigError(
-            f"{brief(spec)} can be exported as {', '.join(get_args(ForeignForm))}, not as {form}: rans and sb3 are "
+            f"{brief(spec)} can be exported as {', '.join(known)}, not as {form}: rans and sb3 are "
             "formats of agents that RANS trained."
         )
     exported = _exported(spec, folder.resolve().name, FLIGHTS, margins)
@@ -102,7 +104,8 @@ def write_foreign_export(
     elif form == "numpy":
         write_numpy(folder, exported.program, exported.ports, exported.title)
     else:
-        write_c(folder, exported.program, exported.ports, exported.title, described, exported.pairs)
+        write = write_c if form == "c" else FORMATS[form]
+        write(folder, exported.program, exported.ports, exported.title, described, exported.pairs)
     _write_beside(exported, folder, text)
     # The card, which says that nothing is known of the training.
     run = exported.run

@@ -1,0 +1,1 @@
+"""Agents as functional mock-up units, which Simulink, Dymola and other simulators fly (FMI 2.0)."""

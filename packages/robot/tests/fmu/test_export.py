@@ -1,0 +1,178 @@
+"""FMUs of agents, read, checked and flown by FMPy, which shares no code with RANS."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_robot.fmu.export import write_fmu
+
+from rans.cli import main
+from rans.deploy.export import write_export
+from rans.deploy.program import Ports
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.policy.program import Program
+from rans.pretrained import pretrained_folder
+
+fmpy = pytest.importorskip("fmpy")
+fmi2 = pytest.importorskip("fmpy.fmi2")
+validation = pytest.importorskip("fmpy.validation")
+if shutil.which("cc") is None:
+    pytest.skip("needs a C compiler", allow_module_level=True)
+
+PERIOD = 0.2
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fmu") / "agent"
+    write_export(pretrained_folder("go-to-pose-2d"), folder, "fmu", episodes=8, margins=0)
+    return folder
+
+
+@pytest.fixture
+def unit(folder: Path) -> Iterator[Any]:
+    """The unit, ready for its first step."""
+    unzipped = fmpy.extract(str(folder / "agent.fmu"))
+    about = fmpy.read_model_description(unzipped)
+    slave = fmi2.FMU2Slave(
+        guid=about.guid, unzipDirectory=unzipped, modelIdentifier="agent", instanceName="one"
+    )
+    slave.instantiate()
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    yield slave
+    slave.terminate()
+    slave.freeInstance()
+    shutil.rmtree(unzipped)
+
+
+def stepped(unit: Any, observation: np.ndarray, time: float, step: float = PERIOD) -> np.ndarray:
+    """Commands after a step with an observation."""
+    unit.setReal(list(range(10)), [float(x) for x in observation])
+    unit.doStep(time, step)
+    return np.array(unit.getReal(list(range(10, 18))))
+
+
+def test_fmpy_finds_no_problem(folder: Path) -> None:
+    """Against the schema of FMI 2.0, and its rules for variables, units and the structure of the model."""
+    file = str(folder / "agent.fmu")
+    assert validation.validate_fmu(file) == []
+    assert fmpy.supported_platforms(file) == ["c-code", "linux64"]
+    about = fmpy.read_model_description(file)
+    contract = json.loads((folder / "contract.json").read_text("utf-8"))
+    inputs = [one for one in about.modelVariables if one.causality == "input"]
+    assert [one.unit for one in inputs] == [column["unit"] for column in contract["observation"]]
+    assert float(about.defaultExperiment.stepSize) == contract["control_period"]
+
+
+def test_golden_pairs_come_out(folder: Path, unit: Any) -> None:
+    pairs = json.loads((folder / "golden.json").read_text("utf-8"))
+    for k, (observation, command) in enumerate(
+        zip(pairs["observation"], pairs["command"], strict=True)
+    ):
+        got = stepped(unit, np.array(observation, np.float32), k * PERIOD)
+        np.testing.assert_allclose(got, command, rtol=0.0, atol=pairs["tolerance"])
+
+
+class InOtherHands:
+    """A controller whose commands are those of the unit."""
+
+    name = "FMU"
+
+    def __init__(self, unit: Any) -> None:
+        self.unit = unit
+        self.periods = 0
+
+    def reset(self, count: int) -> None:
+        assert count == 1
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        command = stepped(self.unit, observation[0], self.periods * PERIOD)
+        self.periods += 1
+        return command[None]
+
+
+def test_it_flies_as_the_agent(unit: Any) -> None:
+    """A whole flight in RANS's engine: every command and every state is that of the agent itself."""
+    run = load_policy(pretrained_folder("go-to-pose-2d"))
+    setup = Setup(run.craft, run.task.for_evaluation(), run.timing)
+    own = fly_episodes(run.controller, setup, 7, 1, workers=1).flight
+    other = fly_episodes(InOtherHands(unit), setup, 7, 1, workers=1).flight
+    assert own.verdict.held.all()
+    np.testing.assert_array_equal(other.commands, own.commands)
+
+
+def test_the_agent_acts_once_a_period_whatever_the_steps(folder: Path, unit: Any) -> None:
+    """A step within a period changes nothing, and a restart begins anew."""
+    pairs = json.loads((folder / "golden.json").read_text("utf-8"))
+    rows = np.array(pairs["observation"], np.float32)
+    first, other = (
+        rows[0],
+        next(
+            row
+            for row, command in zip(rows, pairs["command"], strict=True)
+            if command != pairs["command"][0]
+        ),
+    )
+    begun = stepped(unit, first, 0.0, 0.05)
+    for k in (1, 2, 3):
+        np.testing.assert_array_equal(stepped(unit, other, 0.05 * k, 0.05), begun)
+    assert (stepped(unit, other, 0.2, 0.05) != begun).any()
+    unit.reset()
+    unit.setupExperiment(startTime=5.0)
+    np.testing.assert_array_equal(stepped(unit, first, 5.0), begun)
+
+
+def test_readings_that_are_none_are_held_and_then_shut(folder: Path, unit: Any) -> None:
+    """The watchdogs of the C export stand around the agent here too; notes has its flags (agent.h)."""
+    pairs = json.loads((folder / "golden.json").read_text("utf-8"))
+    row = next(
+        np.array(row)
+        for row, command in zip(pairs["observation"], pairs["command"], strict=True)
+        if any(command)
+    )
+    begun = stepped(unit, row, 0.0)
+    assert unit.getInteger([18]) == [0]
+    nothing = np.full(10, np.nan)
+    np.testing.assert_array_equal(stepped(unit, nothing, 0.2), begun)
+    assert unit.getInteger([18])[0] & 1
+    assert not stepped(unit, nothing, 0.4).any()
+    assert unit.getInteger([18])[0] & 2
+
+
+@pytest.mark.slow
+def test_the_same_agent_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    write_export(
+        pretrained_folder("go-to-pose-2d"), tmp_path / "agent", "fmu", episodes=8, margins=0
+    )
+    names = [zipfile.ZipFile(one / "agent.fmu").namelist() for one in (folder, tmp_path / "agent")]
+    assert names[0] == names[1]
+    for name in names[0]:
+        both = [
+            zipfile.ZipFile(one / "agent.fmu").read(name) for one in (folder, tmp_path / "agent")
+        ]
+        assert both[0] == both[1], name
+
+
+def test_an_agent_without_a_contract_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="need a contract"):
+        write_fmu(tmp_path, Program(), Ports(10, 8), "it", "")
+
+
+@pytest.mark.slow
+def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "mine"
+    line = ["export", "pretrained:go-to-pose-2d", "--format", "fmu", "--episodes", "8"]
+    assert main([*line, "--output", str(output)]) == 0
+    assert validation.validate_fmu(str(output / "agent.fmu")) == []
