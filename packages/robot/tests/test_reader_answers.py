@@ -13,6 +13,7 @@ from rans_robot.interfaces import interface
 from rans_robot.logs import read_bag
 from rans_robot.ulog import read_ulog
 
+from packages.robot.tests import test_ulog
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.reader_questions import (
     Answer,
@@ -22,8 +23,6 @@ from tests.support.reader_questions import (
     planted,
     written,
 )
-
-from . import test_ulog
 
 CRAFT = load_spacecraft("floating-platform")
 HEADER = "time,x,y,heading," + ",".join(f"u{k}" for k in range(8))
