@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,7 +83,3 @@ class Largest:
         """One more difference; a NaN stays."""
         before = self.values.get(name, 0.0)
         self.values[name] = value if math.isnan(value) else max(before, value)
-
-
-Judging = Callable[[], Iterable[Row]]
-"""Computes the rows of a judge."""
