@@ -341,7 +341,7 @@ LEFT_ALONE = {
         "rans.tasks.",
         "rans.fast",
         "rans.optimal",
-        "rans.guard",
+        "rans_missions",
         "rans.evaluation.measure",
     ),
     "import rans; rans.Engine; rans.PPO": (
@@ -350,7 +350,7 @@ LEFT_ALONE = {
         "rans.evaluation",
         "rans.show",
         "rans.cli",
-        "rans.guidance",
+        "rans_missions",
     ),
     "from rans.cli import main; assert not main(['evaluate', 'go-to-pose-2d', '--episodes', '2'])": (
         "rans.optimal.control",
