@@ -450,12 +450,12 @@ def test_a_reader_who_leaves_is_no_error(line: str) -> None:
 def test_any_line_ends_with_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """80 random lines: only `list` can succeed, as all else is given a wrong spacecraft or run folder."""
+    """120 random lines: only `list` can succeed, as all else is given a wrong spacecraft or run folder."""
     monkeypatch.chdir(tmp_path)
     wrong = wrong_places(tmp_path)
     draw = random.Random(0)
     codes: list[int] = []
-    for _ in range(80):
+    for _ in range(120):
         line = random_line(draw, wrong)
         code = code_of(line)
         said = capfd.readouterr().err
