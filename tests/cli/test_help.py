@@ -52,7 +52,7 @@ def test_help_fits_and_keeps_words_whole(
 def test_help_without_box_characters_has_the_same_lines() -> None:
     """A terminal of ASCII has no frames; an option begins a line there too."""
     done = subprocess.run(
-        [sys.executable, "-m", "rans", "fly", "--help"],
+        [sys.executable, "-m", "rans", "compare", "--help"],
         capture_output=True,
         text=True,
         env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "ascii"},

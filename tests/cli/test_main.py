@@ -26,6 +26,7 @@ from rans import cli
 from rans.cli import COMMANDS, check_count, main
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
+from tests.support import packages
 from tests.support.command_codes import code_of
 
 MISSPELT = ["--sed", "--no-such-option", "-x", "--", "--seed=", "--=", "---"]
@@ -104,7 +105,7 @@ def test_letters_that_the_output_does_not_know() -> None:
     [
         (["train", "--seed"], "a whole number"),
         (["sweep", "--seeds"], "a whole number"),
-        (["assure", "x", "--failure-below"], "a number"),
+        packages.of("assurance", ["assure", "x", "--failure-below"], "a number"),
         (["compare", "x", "--certified"], "a whole number"),
     ],
 )

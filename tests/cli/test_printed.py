@@ -29,6 +29,7 @@ from rans.show.progress import TrainingProgress, describe, describe_terms
 from rans.show.tables.layout_text import layout_text
 from rans.table import Table
 from rans.tasks import GoToPose
+from tests.support import packages
 from validation.study.checks import Check, Skipped, Study
 
 
@@ -335,7 +336,7 @@ def test_notes_of_a_comparison_are_printed(
         ["view", "lqr:go-to-pose-2d", "--episodes"],
         ["compare", "lqr:go-to-pose-2d", "--episodes"],
         ["optimal", "go-to-pose", "--episodes"],
-        ["follow", "lqr:track-velocity-2d", "--episodes"],
+        packages.of("assurance", ["follow", "lqr:track-velocity-2d", "--episodes"]),
         ["export", "runs/x", "--output", "y", "--episodes"],
     ],
 )
@@ -385,7 +386,13 @@ COMMANDS = {
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        packages.of("assurance", command) if command.startswith(("faults", "assure")) else command
+        for command in COMMANDS
+    ],
+)
 def test_it_fits(
     command: str,
     tmp_path: Path,
