@@ -45,11 +45,13 @@ def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
         for package in docs.parent.glob("packages/*/docs"):
             if file.is_relative_to(package):
                 file = docs / package.parent.name / file.relative_to(package)
-        within = os.path.relpath(file, page.parent)
-        if file.is_relative_to(docs) and (link["picture"] or file.suffix in (".md", ".rst")):
-            return f"{link['picture']}[{text}]({within}{mark}{part})"
-        # relative to the docs, for `doctree-read` to download
-        return link[0] if link["picture"] else f"{{repository-file}}`{text.strip('`')} <{within}>`"
+        if not link["picture"] and file.suffix in (".md", ".rst") and file.is_relative_to(docs):
+            return f"[{text}]({os.path.relpath(file, page.parent)}{mark}{part})"
+        # From the folder of the docs, because Sphinx would follow the link to a package's folder.
+        within = f"/{os.path.relpath(file, docs)}"
+        if link["picture"]:
+            return f"![{text}]({within}{mark}{part})"
+        return f"{{repository-file}}`{text.strip('`')} <{within}>`"  # downloaded
 
     pieces = []
     end = 0

@@ -1,0 +1,20 @@
+"""Tests of the core that a package of this repository takes part in; the core's own suite runs without it."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+import pytest
+
+
+def needs(package: str) -> pytest.MarkDecorator:
+    """Mark of a test that a package takes part in; it is skipped where the package is not installed."""
+    return pytest.mark.skipif(
+        importlib.util.find_spec(f"rans_{package}") is None, reason=f"needs packages/{package}"
+    )
+
+
+def of(package: str, *values: Any) -> Any:
+    """Parameters of a test with the mark of `needs`."""
+    return pytest.param(*values, marks=needs(package))
