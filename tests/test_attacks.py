@@ -23,6 +23,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import Lock, open_regular, read_json, read_text, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
 from rans.tasks import TASKS
+from tests.support import packages
 from tests.support.engines import NEAR, PLATFORM, SHORT
 from tests.support.training import after, ignore, resumed, tiny_trainer
 
@@ -181,7 +182,7 @@ def test_nothing_is_put_in_the_place_of_a_device(capsys: pytest.CaptureFixture[s
     [
         ["list", "odd.toml"],
         ["evaluate", "lqr:go-to-pose-2d@odd.toml"],
-        ["follow", "lqr:track-velocity-2d", "odd.csv"],
+        packages.of("assurance", ["follow", "lqr:track-velocity-2d", "odd.csv"]),
         ["train", "go-to-pose", "--spacecraft", "odd.toml"],
         ["train", "odd.json"],
         ["train", "go-to-pose", "--conditions", "odd.toml"],

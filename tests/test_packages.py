@@ -16,6 +16,7 @@ from rans.deploy.forms import FORMATS
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.foreign import IMPORTERS
 from rans.tasks import TASKS
+from tests.support import packages
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(file.parent for file in (ROOT / "packages").glob("*/pyproject.toml"))
@@ -46,7 +47,11 @@ def test_packages_do_not_name_one_another() -> None:
             assert not others.search(file.read_text("utf-8")), file
 
 
-@pytest.mark.parametrize("folder", PACKAGES, ids=lambda folder: folder.name)
+@pytest.mark.parametrize(
+    "folder",
+    [packages.of(folder.name, folder) for folder in PACKAGES],
+    ids=lambda folder: folder.name,
+)
 def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Path) -> None:
     points = declared(folder)
     for name in points.get("rans.commands", {}):

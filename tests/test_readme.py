@@ -40,7 +40,7 @@ from rans.randomization.conditions_file import CONDITIONS
 from rans.scenario import scenarios
 from rans.structure import structure
 from rans.tasks import TASKS, GoToPose, observation_columns
-from tests.support import plugins
+from tests.support import packages, plugins
 from tests.support.random_flights import Random
 from tests.support.sources import FOLDERS, sources
 
@@ -141,6 +141,9 @@ def test_the_environments_of_the_page_of_own_tasks_are_made(
     assert tasks == (names["Meet"](),) * 3
 
 
+@packages.needs("assurance")
+@packages.needs("missions")
+@packages.needs("robot")
 def test_the_python_page_has_every_function() -> None:
     told = [
         row[0].strip("`").removeprefix("rans.").partition("(")[0]

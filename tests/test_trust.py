@@ -23,6 +23,7 @@ from rans.files import write_json
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import trust_files
 from rans.tasks import TASKS, GoToPose
+from tests.support import packages
 from tests.support.processes import ROOT
 from tests.support.training import CONFIG, after, ignore, tiny_trainer
 
@@ -67,9 +68,9 @@ COMMANDS = [
     "evaluate run --episodes 2",
     "compare run --with lqr",
     "view run --save page.html",
-    "stress run",
-    "assure run --episodes 2",
-    "follow run",
+    packages.of("assurance", "stress run"),
+    packages.of("assurance", "assure run --episodes 2"),
+    packages.of("assurance", "follow run"),
     "export run --output out",
     "train --resume run",
     "train run/config.json",

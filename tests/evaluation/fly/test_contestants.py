@@ -24,6 +24,7 @@ from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
 from rans.tasks.multi_task import MultiTask
+from tests.support import packages
 from tests.support.training import CONFIG, tiny_trainer
 
 
@@ -131,8 +132,8 @@ def test_results_stay_inside_their_folder() -> None:
     [
         ("lqr:go-to-pose", "floating-platform"),
         ("lqr:go-to-pose@free-flyer", "free-flyer"),
-        ("mission:dock", "afrl-deputy"),
-        ("mission:dock-3d", "afrl-deputy"),
+        packages.of("missions", "mission:dock", "afrl-deputy"),
+        packages.of("missions", "mission:dock-3d", "afrl-deputy"),
         ("rans.optimal.control.lqr:LQR:go-to-pose", "floating-platform"),
     ],
 )
