@@ -73,7 +73,7 @@ API = {
         "pretrained_names"
     ),
     "Flights": (
-        "Scenario Timing Flight fly passive_safety write_ccsds read_opm relative_state improve trust_files run_on"
+        "Scenario Timing Flight fly passive_safety write_ccsds read_opm relative_state trust_files run_on"
     ),
     "Engine and learner": (
         "Engine PPO PPOSettings MemorySettings FilterSettings ScheduleSettings ExplorationSettings SB3VecEnv "
