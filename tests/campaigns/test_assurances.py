@@ -14,7 +14,8 @@ from rans.verdict import Failure
 
 @pytest.mark.slow
 def test_campaigns_become_a_table_and_go_on(tmp_path: Path) -> None:
-    page = tmp_path / "assurance/assurances.md"
+    page = tmp_path / "assurance" / "assurances.md"
+    page.parent.mkdir()
     page.write_text(
         "<!-- table: python -m campaigns.assurances -->\n<!-- end of table -->\n", "utf-8"
     )
