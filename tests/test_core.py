@@ -199,7 +199,6 @@ MISSING = [
         ("pydrake", "validate --quick"),
         ("casadi", "optimal go-to-pose"),
         ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),
-        ("clarabel", "optimal dock"),
         ("numba", "optimal go-to-pose --certify"),
         ("onnx", "export go-to-pose-2d --format onnx --output out"),
         ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
@@ -210,6 +209,7 @@ MISSING = [
     ],
     [
         ("matplotlib", "report ."),
+        ("clarabel", "optimal dock"),
         ("matplotlib", "stress go-to-pose-2d --episodes 2"),
         ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
     ],

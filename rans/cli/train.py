@@ -430,19 +430,22 @@ def _compare(trainer: Trainer) -> None:
 
     This is for trainings that the agent for any craft could replace, once they fly.
     """
-    from rans.evaluation.compare.entrants import contest_of, enlisted
-    from rans.evaluation.compare.run import Comparison
-    from rans.evaluation.measure.statistics import figure
     from rans.policy.timing import flies_to_a_pose
-    from rans.pretrained import FOR_ANY_CRAFT
-    from rans.scenario import TRAINED_SEED
-    from rans.show.tables.comparison_tables import dominations, scoreboard, verdict
 
     config, craft = trainer.config, trainer.engine.craft
     if config.guard or config.conditions.or_none or not flies_to_a_pose(config.settings, craft):
         return
     if not trainer.solved and trainer.steps < _MUCH:
         return
+    if not is_installed("casadi"):  # as for `rans compare`
+        return
+    from rans.evaluation.compare.entrants import contest_of, enlisted
+    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.measure.statistics import figure
+    from rans.pretrained import FOR_ANY_CRAFT
+    from rans.scenario import TRAINED_SEED
+    from rans.show.tables.comparison_tables import dominations, scoreboard, verdict
+
     path = str(trainer.run.path)
     own = inside(trainer.run.path, "spacecraft.toml")
     agent = FOR_ANY_CRAFT[craft.dimension]

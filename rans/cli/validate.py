@@ -49,7 +49,7 @@ class Validate:
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
         if self.judges is not None:
-            return ()
+            return (shlex.join(["rans", "validate", self.craft]),)
         return (shlex.join(["rans", "train", "go-to-pose", "--spacecraft", self.craft]),)
 
     def run(self) -> int:

@@ -59,7 +59,7 @@ def test_help_without_box_characters_has_the_same_lines() -> None:
         check=True,
     )
     starts = {line.split()[0] for line in done.stdout.splitlines() if line.strip()}
-    assert {"--bus", "--robot", "--goal", "--zones", "--trust"} <= starts
+    assert {"--with", "--output", "--goal", "--zones", "--trust"} <= starts
 
 
 def test_help_of_an_option_is_one_paragraph() -> None:

@@ -68,7 +68,7 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
     told = capsys.readouterr()
     assert "flies it without training: 100 % of 32 flights" in told.out.replace("\n", " ")
     assert "3 N" in told.out
-    assert "the others are needed: 4, 5" in told.out.replace("\n", " ")
+    assert "dead: 0, 1, 2, 3; without" in told.out.replace("\n", " ")
     assert "twice" not in told.err
     text = Path("mine.toml").read_text()
     assert text.count("source:") >= 9

@@ -274,7 +274,8 @@ def test_engines_that_disagree_end_with_code_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    disagree = SimpleNamespace(passed=False, table=lambda: "", to_json=dict)
+    table = EngineComparison("title", (), 1.0).table
+    disagree = SimpleNamespace(passed=False, table=table, to_json=dict)
     monkeypatch.setattr("rans.evaluation.measure.agreement.compare_engines", lambda *_: disagree)
     arguments = ["evaluate", "lqr:go-to-pose-2d", "--episodes", "1", "--engine", "both"]
     assert main(arguments) == 1

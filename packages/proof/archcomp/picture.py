@@ -20,7 +20,7 @@ from rans_proof.flights import lowest_margins
 from rans_proof.network import network_of
 from rans_proof.problem import read_problem
 from rans_proof.prove import ClosedLoop
-from run import ROWS, networks
+from run import ROWS, networks  # pyright: ignore[reportMissingImports]  # the file beside it
 
 LOWER, UPPER = (0.9, -0.2), (1.4, 0.6)
 """Starts of the picture: angle (rad) and rate (rad/s)."""
@@ -53,7 +53,8 @@ def draw(folder: Path, picture: Path) -> None:
     mesh = axis.pcolormesh(*edges, verdicts.T, cmap=colors, vmin=0, vmax=2)
     mesh.set_rasterized(True)
     sides = np.subtract(problem.upper, problem.lower)
-    axis.add_patch(Rectangle(problem.lower, *sides, fill=False, edgecolor="black", linewidth=1.5))
+    begin = float(problem.lower[0]), float(problem.lower[1])
+    axis.add_patch(Rectangle(begin, *sides, fill=False, edgecolor="black", linewidth=1.5))
     axis.set_xlabel("angle at the start, rad")
     axis.set_ylabel("rate at the start, rad/s")
     axis.set_title("Proved (green), refuted (red), open (gray)", fontsize=11)

@@ -195,9 +195,7 @@ def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
 
 def tables_of(shown: Any) -> dict[str, list[list[Any]]]:
     return {
-        table.caption: [list(row) for row in table.rows]
-        for s in shown.sections
-        for table in s.tables
+        table.title: [list(row) for row in table.rows] for s in shown.sections for table in s.tables
     }
 
 

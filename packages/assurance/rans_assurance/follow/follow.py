@@ -184,12 +184,12 @@ class Following:
         """A row a quantity."""
         rows = [
             (
-                name,
-                *(f"{x:.3g} {unit}" if math.isfinite(x) else "never" for x in ends),
-                meaning,
+                sample.name,
+                *(f"{x:.3g} {sample.unit}" if math.isfinite(x) else "never" for x in ends),
+                sample.meaning,
             )
-            for _, name, meaning, unit, values, _ in self.quantities()
-            for ends in [(values.mean(), values.max())]
+            for sample in self.quantities()
+            for ends in [(sample.values.mean(), sample.values.max())]
         ]
         return Table(("quantity", "mean", "worst flight", "meaning"), rows, self.title())
 
@@ -199,14 +199,14 @@ class Following:
         flight = self.flight
         rows = [
             {
-                "name": name,
-                "meaning": meaning,
-                "unit": unit,
-                "mean": float(values.mean()),
-                "worst": float(values.max()),
-                "flights": values.tolist(),
+                "name": sample.name,
+                "meaning": sample.meaning,
+                "unit": sample.unit,
+                "mean": float(sample.values.mean()),
+                "worst": float(sample.values.max()),
+                "flights": sample.values.tolist(),
             }
-            for _, name, meaning, unit, values, _ in self.quantities()
+            for sample in self.quantities()
         ]
         return {
             "title": self.title(),
