@@ -310,20 +310,6 @@ def test_the_command_trains_and_evaluates_such_an_agent(
     assert "needs thrusters that are throttled" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_config_of_the_version_before_is_read() -> None:
-    """Every config then had tables of both learners."""
-    table = json.loads(json.dumps(to_table(CONFIG)))
-    del table["learner"]
-    before = table | {"gradient": {"noise": 0.3}, "imitation": {"expert": "lqr"}}
-    assert from_table(before) == CONFIG
-    del table["algorithm"]
-    assert from_table(table) == CONFIG
-    assert CONFIG.algorithm == "ppo"
-    own = from_table(before | {"algorithm": "gradient"})
-    assert own.learner == asdict(GradientSettings(noise=0.3))
-    assert from_table(to_table(own)) == own
-
-
 def test_wrong_settings_are_refused() -> None:
     table = to_table(CONFIG)
     with pytest.raises(ConfigError, match=r"no learner named 'sac'.*examples/plugins"):
