@@ -207,9 +207,9 @@ MISSING = [
         ("rans_agents", "view go-to-pose-2d-robust"),
         ("rans_agents", "list go-to-pose-2d-robust"),
     ],
+    [("clarabel", "optimal dock")],
     [
         ("matplotlib", "report ."),
-        ("clarabel", "optimal dock"),
         ("matplotlib", "stress go-to-pose-2d --episodes 2"),
         ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
     ],
