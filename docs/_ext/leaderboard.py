@@ -196,7 +196,7 @@ def assurance() -> Table:
     return Table(
         "Failure probability",
         "Upper bounds at 99 % confidence, smallest first. Names that end in a scenario fly under it; others fly "
-        "nominally. How to read them: [Assurance](../assurance.md).",
+        "nominally. How to read them: [Assurance](../assurance/assurance.md).",
         ("agent", "flights", "failures", "failure probability at most", "revision"),
         [row for _, row in sorted(rows)],
         "`docs/validation/assurance/*.json`, each with its command",

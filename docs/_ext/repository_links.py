@@ -15,6 +15,7 @@ from typing import Any
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.project import Project
 
 _LINK = re.compile(r"(?P<picture>!?)\[(?P<text>[^\[\]]*)\]\((?P<target>[^)\s]+)\)")
 _FENCE = re.compile(r"^(```|~~~).*?^\1", re.DOTALL | re.MULTILINE)
@@ -34,23 +35,22 @@ def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
         if not path or "://" in path:
             return link[0]
         file = (docs / path[1:] if path.startswith("/") else folder / path).resolve()
-        up = "../" * (len(page.relative_to(docs).parts) - 1)
         if file in (docs.parent / "README.md", docs / "README.md"):
-            return f"[{text}]({up}index.md)"
+            return f"[{text}](/index.md)"
         if file.is_relative_to(docs / "tutorials"):
-            return f"[{text}]({up}learn/{file.stem}.rst)"
+            return f"[{text}](/learn/{file.stem}.rst)"
         if file.is_dir():
             return f"`{text.strip('`')}`"
         # A package's page is in packages/NAME/docs of the repository, and in docs/NAME of the site.
         for package in docs.parent.glob("packages/*/docs"):
             if file.is_relative_to(package):
                 file = docs / package.parent.name / file.relative_to(package)
-        if not link["picture"] and file.suffix in (".md", ".rst") and file.is_relative_to(docs):
-            return f"[{text}]({os.path.relpath(file, page.parent)}{mark}{part})"
         # From the folder of the docs, because Sphinx would follow the link to a package's folder.
         within = f"/{os.path.relpath(file, docs)}"
         if link["picture"]:
             return f"![{text}]({within}{mark}{part})"
+        if file.suffix in (".md", ".rst") and file.is_relative_to(docs):
+            return f"[{text}]({within}{mark}{part})"
         return f"{{repository-file}}`{text.strip('`')} <{within}>`"  # downloaded
 
     pieces = []
@@ -78,8 +78,25 @@ def _file(
     return [node], []
 
 
+class _Linked(Project):
+    """Names the pages of packages by their place in docs: Sphinx resolves symbolic links of targets."""
+
+    def path2doc(self, filename: str | os.PathLike[str]) -> str | None:
+        """Name of the page of a file; None: it is no page."""
+        file = Path(filename)
+        for link in Path(self.srcdir).iterdir():
+            if link.is_symlink() and file.is_relative_to(link.resolve()):
+                file = link / file.relative_to(link.resolve())
+        return super().path2doc(file)
+
+
+def _by_links(app: Sphinx) -> None:
+    app.project.__class__ = _Linked
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Connect to the reading of pages."""
     app.add_role("repository-file", _file)
+    app.connect("builder-inited", _by_links)
     app.connect("source-read", _rewritten)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -25,7 +25,7 @@ class Improve:
     """
 
     group = "Limits"
-    guide = "packages/missions/docs/improve.md"
+    guide = "docs/missions/improve.md"
     examples = (
         "rans improve inspect circumnavigation --episodes 4",
         "rans improve dock least.csv mission convex --rounds 400",
