@@ -64,7 +64,7 @@ class Agent(nn.Module):
         self.critic = network(1, 1.0)
 
     def distribution(self, observation: Tensor) -> torch.distributions.Bernoulli:
-        """Of the commands, to observations (N, 7) in the body frame."""
+        """Distribution of the commands (N, 8) for observations (N, 7) in the body frame."""
         return torch.distributions.Bernoulli(logits=self.actor(observation), validate_args=False)
 
     def forward(self, rows: Tensor) -> Tensor:

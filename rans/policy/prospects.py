@@ -28,13 +28,13 @@ class Prospect(NamedTuple):
     shift: float
     """Largest distance, m, that one thruster moves the craft in a control period after it was open for one."""
     turn: float
-    """The same of the angle, rad."""
+    """Largest angle, rad, that one thruster turns the craft in a control period after it was open for one."""
     sure: float
     """Authority margin from which all flights are expected to settle."""
 
     @classmethod
     def of(cls, craft: Spacecraft, period: float) -> Prospect:
-        """That of a craft which is commanded every ``period`` seconds.
+        """Prospect of a craft which is commanded every ``period`` seconds.
 
         Raises:
             ConfigError: see `rans.policy.any_craft.authority`.

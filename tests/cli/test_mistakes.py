@@ -19,7 +19,7 @@ from rans.fast.learn.member import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure
-from tests.support.installed import needs_command
+from tests.support.packages import needs_command
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import _parse, main
-from tests.support.installed import needs_command
+from tests.support.packages import needs_command
 
 
 @pytest.mark.parametrize("second", [["--certified", "4"], ["--certified=4"]])

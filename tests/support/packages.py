@@ -7,6 +7,9 @@ from typing import Any
 
 import pytest
 
+from rans.abilities import EXTRA_OF
+from rans.cli.commands import COMMANDS
+
 
 def needs(package: str) -> pytest.MarkDecorator:
     """Mark of a test that a package takes part in; it is skipped where the package is not installed."""
@@ -18,3 +21,10 @@ def needs(package: str) -> pytest.MarkDecorator:
 def of(package: str, *values: Any) -> Any:
     """Parameters of a test with the mark of `needs`."""
     return pytest.param(*values, marks=needs(package))
+
+
+def needs_command(line: str) -> None:
+    """Skip the test if the first word of a command line is a command whose package is not installed."""
+    name = line.partition(" ")[0]
+    if name in EXTRA_OF and name not in COMMANDS:
+        pytest.skip(f"needs the package of rans {name}")

@@ -60,7 +60,7 @@ def matrix(rows: tuple[tuple[str, ...], ...]) -> Any:
 
 
 def numbers(rows: tuple[tuple[str, ...], ...]) -> np.ndarray:
-    """The same in double precision."""
+    """Matrix of a mode's rates in double precision, (4, 4)."""
     return np.array(
         [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], *([float(x) for x in row] for row in rows)]
     )

@@ -44,7 +44,8 @@ _SHORT_ROUNDS = 8
 _SHORT_UPDATES = 120
 _SHORT_BATCH = 1024
 _SHORT_PERIODS = 32
-"""The same of an imitation that may be all of a training, which takes a third of the time."""
+"""Rounds, gradient steps after a round, labels of a gradient step, and control periods of a round of an imitation
+that may be all of a training. It takes a third of the time of the longer one."""
 _JUDGED = 4
 """Rounds in which the network flies alone until it is judged, which takes as long as three rounds."""
 _MOST_ROUNDS = 32
