@@ -52,7 +52,11 @@ PAGES = [
     ROOT / "CONTRIBUTING.md",
     *sorted({*(ROOT / "docs").glob("*.md"), *ROOT.glob("packages/*/docs/*.md")}),
 ]
-DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
+DECISIONS = [
+    page
+    for folder in (ROOT / "docs", *sorted(ROOT.glob("packages/*/docs")))
+    for page in sorted(folder.glob("decisions/*.md"))
+]
 CRAFT = load_spacecraft("floating-platform")
 
 
@@ -293,7 +297,7 @@ def test_decisions_are_in_the_index_and_have_one_form(page: Path) -> None:
     head, *sections = re.split(r"^## ", text, flags=re.MULTILINE)
     title = head.split("# ", 1)[1].splitlines()[0]
     index = (ROOT / "docs" / "README.md").read_text("utf-8")
-    assert f"- [{title}](decisions/{page.name})" in index
+    assert f"- [{title}]({os.path.relpath(page, ROOT / 'docs')})" in index
     for target in re.findall(r"\]\(([^)#]+)", text):
         assert (page.parent / target).exists(), target
     assert sections
@@ -326,7 +330,7 @@ def test_what_names_a_decision_leads_to_one() -> None:
         ]
     for file in files:
         for name, heading in named.findall(file.read_text("utf-8")):
-            assert name in anchors, f"{file.relative_to(ROOT)} names docs/decisions/{name}"
+            assert name in anchors, f"{file.relative_to(ROOT)} names decisions/{name}"
             assert not heading or heading in anchors[name], f"{file.relative_to(ROOT)}: #{heading}"
 
 

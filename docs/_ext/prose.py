@@ -71,6 +71,7 @@ def pages() -> list[Path]:
         *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL | {"README.md"}),
         *sorted(ROOT.glob("packages/*/docs/*.md")),
         *sorted(DOCS.glob("decisions/*.md")),
+        *sorted(ROOT.glob("packages/*/docs/decisions/*.md")),
         *sorted(DOCS.glob("tutorials/*.py")),
     ]
 
@@ -120,7 +121,7 @@ def complaints(page: Path) -> Iterator[str]:
     sentences = re.sub(r"^\|.*$", "", text, flags=re.MULTILINE)
     count = len(re.findall(r"\w[\w'.,-]*", sentences))
     if (
-        page.parent in (DOCS, DOCS / "missions", DOCS / "decisions")
+        (page.parent == DOCS or page.parent.name == "decisions")
         and page.name not in REFERENCE
         and count > MOST_WORDS
     ):
