@@ -46,7 +46,7 @@ from rans.model.spacecraft_file import spacecraft_names
 
 
 def stress(docs: Path) -> Table:
-    """The README's table of robustness: what each solves under conditions without a size, in %."""
+    """The table of robustness: what each solves under conditions without a size, in %."""
     found = read_json(docs / "validation" / "stress.json")
     names = [one["spec"].removeprefix("pretrained:") for one in found["contestants"].values()]
     rows = [
@@ -54,7 +54,7 @@ def stress(docs: Path) -> Table:
         for one in found["conditions"].values()
         if one["size"] is None
     ]
-    return Table("../README.md", "rans stress", ("solved, %", *names), rows, "")
+    return Table("assurance/stress.md", "rans stress", ("solved, %", *names), rows, "")
 
 
 def _solved(told: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""The README's table without the rest of its sweep: ``python -m campaigns.named_conditions``.
+"""The table of `rans stress` without the rest of its sweep: ``python -m campaigns.named_conditions``.
 
 `rans stress` flies the agents and controllers of the table under 94 sizes of disturbances too. Here they fly under
 nominal conditions, the sets that come with RANS and failed thrusters alone, from the same starts. The command
@@ -29,7 +29,7 @@ _SETS = ("lab", "roboran", "orbit", "harsh")
 
 @dataclass(frozen=True)
 class NamedConditions:
-    """Fly the contestants of the README's table under conditions without a size."""
+    """Fly the contestants of the page's table under conditions without a size."""
 
     episodes: int = 256
     """Flights of each contestant under each set of conditions."""

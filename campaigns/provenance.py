@@ -1,4 +1,4 @@
-"""Where the tables of README and pages come from: one list, which `campaigns.reproduce` flies again.
+"""Where the tables of the pages come from: one list, which `campaigns.reproduce` flies again.
 
 ``python -m campaigns.provenance`` writes docs/provenance.md from it.
 """
@@ -85,7 +85,7 @@ def _mission(
 SOURCES: dict[str, Source] = {
     "stress": Source(
         tables=("stress",),
-        page="../README.md",
+        page="assurance/stress.md",
         commands=(f"rans stress {_AGENTS} lqr switching --output runs/stress",),
         quick=("python -m campaigns.named_conditions --docs docs --episodes 64",),
         flights=(256, 64),
@@ -455,7 +455,7 @@ SOURCES: dict[str, Source] = {
         needs="vbar, an environment with Python 3.12 and V-BAR (docs/missions/vbar.md)",
     ),
 }
-"""By what is measured, the README's table first."""
+"""By what is measured, the table of robustness first."""
 
 
 PICTURES: dict[str, str] = {
@@ -507,7 +507,7 @@ def page() -> str:
 
 _HEAD = """# Provenance
 
-Where the tables of README and pages come from. `rans reproduce` flies them again in a checkout, and writes a page
+Where the tables of the pages come from. `rans reproduce` flies them again in a checkout, and writes a page
 of differences. This page is made from the same list, `campaigns/provenance.py`.
 
 ![A command writes a JSON file, from which a table of a page is made; two checks compare them]\

@@ -1,4 +1,4 @@
-"""Fly the tables of README and pages again, and write a page of differences: ``rans reproduce``.
+"""Fly the tables of the pages again, and write a page of differences: ``rans reproduce``.
 
 Every row of `campaigns.provenance.SOURCES` runs in a folder with a copy of docs, so that nothing of the checkout
 changes. The cells of its tables are then compared with those of the checkout.
@@ -89,7 +89,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Fly tables of README and pages again and compare them with what is published."""
+    """Fly tables of the pages again and compare them with what is published."""
 
     quick: bool = False
     """Fly fewer flights of every table: minutes instead of hours."""
@@ -198,7 +198,6 @@ def _prepare(folder: Path, source: Source) -> None:
     shutil.copytree(
         ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("pictures", "tutorials", "_*")
     )
-    shutil.copyfile(ROOT / "README.md", folder / "README.md")
     for name in source.evidence:
         evidence = folder / "docs" / "validation" / name
         shutil.rmtree(evidence) if evidence.is_dir() else evidence.unlink()

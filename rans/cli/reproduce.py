@@ -21,7 +21,7 @@ _CHECKOUT = Path(__file__).parents[2]
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Fly the tables of README and pages again, and compare them with what is published.
+    """Fly the tables of the pages again, and compare them with what is published.
 
     Needs a checkout of the sources, which has the list of tables and the evidence. Writes a page of differences,
     with versions, hardware, the time of each table and a hash of each agent; see docs/provenance.md. The exit code
