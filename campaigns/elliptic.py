@@ -135,19 +135,18 @@ class Elliptic:
         yield self._cheapest(name, craft, task, answers)
         # Guidance that takes the orbit for a circle of the same period.
         circular = replace(task, orbit=TargetOrbit())
-        for who, mission, engine, mover, flown in (
-            ("mission guidance", task, "fast", None, starts),
+        for who, mission, mover, flown in (
+            ("mission guidance", task, None, starts),
             (
                 "mission guidance, in two-body gravity",
                 task,
-                "two-body",
                 _two_body(craft, task),
                 few,
             ),
-            ("mission guidance for a circle", circular, "fast", None, starts),
+            ("mission guidance for a circle", circular, None, starts),
         ):
             guidance = MissionGuidance(craft, mission)
-            flight = fly(craft, task, guidance, flown, timing, engine, mover)
+            flight = fly(craft, task, guidance, flown, timing, mover)
             yield Measured(row_of(name, who, flight, impulses(flight), lower), _median(flight))
 
     def _cheapest(self, name: str, craft: Spacecraft, task: Dock, answers: list[Any]) -> Measured:

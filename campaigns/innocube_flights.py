@@ -104,7 +104,7 @@ class InnoCubePD:
 
 
 def simulated(
-    craft: Spacecraft, manoeuvres: Sequence[Manoeuvre], controller: Controller, engine: str = "fast"
+    craft: Spacecraft, manoeuvres: Sequence[Manoeuvre], controller: Controller
 ) -> list[Manoeuvre]:
     """What a controller makes of the manoeuvres, with exact readings of attitude and rates, at the same times."""
     q, w, s = (
@@ -119,7 +119,7 @@ def simulated(
     start = Scenario(replace(start, stores=momenta), _identity(count))
     steps = round(max(one.times[-1] for one in manoeuvres))
     timing = replace(GoToAttitude.timing, episode_steps=steps)
-    flight = fly(craft, GoToAttitude(), controller, start, timing, engine)
+    flight = fly(craft, GoToAttitude(), controller, start, timing)
     states = flight.states
     path = np.stack(leaves(states.attitude), axis=-1)
     rates = np.stack(leaves(states.w), axis=-1)

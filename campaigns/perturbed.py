@@ -141,7 +141,7 @@ class Perturbed:
             # The same positions and deadlines; the angle of the target is drawn besides.
             starts = scenarios(task, craft, self.seed, count)
             pilot = MissionGuidance(craft, knows)
-            flight = fly(craft, task, pilot, starts, timing, "fast", mover)
+            flight = fly(craft, task, pilot, starts, timing, mover)
             assert flight.done is not None
             spent = impulses(flight)
             if not len(calm):

@@ -113,7 +113,7 @@ class Flight(NotebookRepr):
     controller: str
     """Name of the controller."""
     engine: str = "fast"
-    """"fast" (equations of `rans.model.dynamics`) or "drake" (the reference)."""
+    """"fast" (equations of `rans.model.dynamics`), or the ``engine`` of what moved it: "drake" (the reference)."""
     margins: dict[str, np.ndarray] = field(default_factory=dict)
     """Least margin (T, N) of each constraint in every period, by name; infinite after a success."""
     done: np.ndarray | None = None
@@ -308,7 +308,6 @@ def fly(
     controller: Controller,
     starts: Scenario,
     timing: Timing,
-    engine: str = "fast",
     move: Mover | None = None,
     body: Body | None = None,
     conditions: Conditions | None = None,
@@ -402,7 +401,7 @@ def fly(
         starts.goal if stand_still else _stacked(goals),
         np.stack(commands),
         controller.name,
-        engine,
+        "fast" if move is None else getattr(move, "engine", "other"),
         {name: np.stack([margin[name] for margin in margins]) for name in margins[0]},
         won,
         lengths,

@@ -326,6 +326,8 @@ class TwoBodyMover:
         ConfigError: thrusters of the craft turn it.
     """
 
+    engine = "two-body"
+
     def __init__(
         self,
         craft: Spacecraft,

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rans.api.names import load_spacecraft, load_task
+from rans.errors import one_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from rans.episode import Guard, Mover
+    from rans.evaluation.fly.episodes import EngineName
     from rans.flight import Controller, Flight
     from rans.model.body import Body
     from rans.model.spacecraft import Spacecraft
@@ -25,8 +27,7 @@ def fly(
     controller: Controller,
     starts: Scenario,
     timing: Timing,
-    engine: str = "fast",
-    move: Mover | None = None,
+    engine: EngineName | Mover = "fast",
     body: Body | None = None,
     conditions: Conditions | None = None,
     draws: Draws | None = None,
@@ -49,8 +50,8 @@ def fly(
         controller: controller, which receives all N episodes at once.
         starts: scenarios with float64 arrays (N,), as `rans.scenario.scenarios` returns them.
         timing: control period, substeps, checks and number of periods.
-        engine: name of the engine for `Flight.engine`.
-        move: function that moves the spacecraft; None: the equations of `rans.model.dynamics`.
+        engine: what computes the motion: "fast" (RANS's own equations), "drake", or a function that moves the
+            spacecraft, a `rans.episode.Mover`, whose attribute ``engine``, if any, names it in `Flight.engine`.
         body: body of numbers or arrays (N,); None: as designed.
         conditions: domain randomization, disturbances, faults and sensors; None: everything is nominal. Under
             conditions the controller receives measured states.
@@ -58,19 +59,29 @@ def fly(
         guard: safety filter between controller and effectors; None: every command is executed.
 
     Raises:
-        ConfigError: there is no such spacecraft or task, the starts are not a batch of its dimension, the
+        ConfigError: there is no such spacecraft, task or engine, the starts are not a batch of its dimension, the
             controller is not a `Controller` or belongs to another dimension, number of commands or width of
             the observation, or there are conditions without ``draws``.
     """
     from rans import flight
 
+    craft = load_spacecraft(craft)
+    task = load_task(task)
+    if callable(engine):
+        move = engine
+    else:
+        one_of("engine", engine, ("fast", "drake"))
+        move = None
+        if engine == "drake":
+            from rans.reference.flight import DrakeMover
+
+            move = DrakeMover(craft, timing, task.drift)
     return flight.fly(
-        load_spacecraft(craft),
-        load_task(task),
+        craft,
+        task,
         controller,
         starts,
         timing,
-        engine,
         move,
         body,
         conditions,

@@ -59,7 +59,6 @@ def fly_in_drake(
         controller,
         starts,
         timing,
-        "drake",
         DrakeMover(craft, timing, task.drift, max_step),
         body,
         conditions,
@@ -84,6 +83,8 @@ class DrakeMover:
     Raises:
         ConfigError: see `Plant`.
     """
+
+    engine = "drake"
 
     def __init__(
         self, craft: Spacecraft, timing: Timing, drift: Drift = FREE, max_step: float | None = None

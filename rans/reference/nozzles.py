@@ -61,9 +61,10 @@ class Nozzles:
         """Of so many spacecraft with this body; each value is one number or (N,)."""
 
         def columns(values: Sequence[Any]) -> np.ndarray:
-            return np.column_stack(
-                [np.broadcast_to(np.asarray(x, dtype=float).ravel(), count) for x in values]
-            )
+            table = np.empty((count, len(values)))  # without a column for craft of wheels alone
+            for column, value in zip(table.T, values, strict=True):
+                column[:] = np.asarray(value, dtype=float).ravel()
+            return table
 
         usual = 1.0 if craft.thrust_sharing == "split" else 0.0
         supply = np.array([nozzle.supply for nozzle in craft.thrusters])

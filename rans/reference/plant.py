@@ -350,6 +350,10 @@ class Plant:
                 ),
             )
         ]
+        if (
+            not nozzles
+        ):  # wheels alone: one without force, since Drake's Integrator has no output of width 0
+            nozzles = [PropellerInfo(self._bodies[0].index(), thrust_ratio=0.0, moment_ratio=0.0)]
         propeller = Propeller(nozzles)
         thrust = Integrator(len(nozzles))
         builder.AddSystem(propeller)
@@ -614,6 +618,8 @@ class Plant:
         if self._begun:
             thrust = np.hstack([thrust, self._given])
             rate = np.hstack([rate, np.zeros(self._given.shape)])
+        if not thrust.size:
+            thrust = rate = np.zeros(1)
         self._thrust.set_integral_value(self._thrust_context, thrust.ravel())
         self._simulator.get_system().GetInputPort("rate").FixValue(self._context, rate.ravel())
 

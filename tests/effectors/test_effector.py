@@ -77,7 +77,7 @@ def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
     timing = Timing(episode_steps=20, checks=2)
     starts = scenarios(task, craft, 5, 3)
     ours = fly(craft, task, Scripted(craft), starts, timing)
-    drake = fly(craft, task, Scripted(craft), starts, timing, "drake", DrakeMover(craft, timing))
+    drake = fly(craft, task, Scripted(craft), starts, timing, DrakeMover(craft, timing))
     for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=2e-6)
     assert np.ptp(ours.states.stores[0]) > 1.0

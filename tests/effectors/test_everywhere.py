@@ -90,7 +90,7 @@ def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
     starts = scenarios(task, craft, 5, 3)
     random = Scripted(craft)
     ours = fly(craft, task, random, starts, timing)
-    drake = fly(craft, task, random, starts, timing, "drake", DrakeMover(craft, timing))
+    drake = fly(craft, task, random, starts, timing, DrakeMover(craft, timing))
     np.testing.assert_array_equal(ours.commands, drake.commands)
     for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=2e-5)
@@ -109,7 +109,7 @@ def test_drake_flies_alike_under_conditions(effect: str) -> None:
     random = Scripted(BOTH)
     ours = fly(BOTH, task, random, starts, timing, conditions=given[0], draws=given[1])
     mover = DrakeMover(BOTH, timing)
-    drake = fly(BOTH, task, random, starts, timing, "drake", mover, None, given[0], draws=given[1])
+    drake = fly(BOTH, task, random, starts, timing, mover, None, given[0], draws=given[1])
     np.testing.assert_array_equal(ours.commands, drake.commands)
     for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=tolerance)

@@ -79,7 +79,7 @@ def test_drake_lands_alike_and_pays_alike() -> None:
     pilot = Scripted(LANDER)
     ours = fly(LANDER, task, pilot, starts, TIMING)
     mover = DrakeMover(LANDER, TIMING, task.drift)
-    drake = fly(LANDER, task, pilot, starts, TIMING, "drake", mover)
+    drake = fly(LANDER, task, pilot, starts, TIMING, mover)
     np.testing.assert_allclose(ours.states.v.z, drake.states.v.z, rtol=0, atol=1e-6)
     for name, paid in ours.rewards().items():
         np.testing.assert_allclose(paid, drake.rewards()[name], rtol=0, atol=1e-5)

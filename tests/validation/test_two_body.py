@@ -103,7 +103,7 @@ def test_dock_is_won_in_two_body_gravity() -> None:
     starts = scenarios(task, craft, 5, 2)
     timing = replace(task.timing, episode_steps=60)
     flight, other = (
-        fly(craft, task, MissionGuidance(craft, task), starts, timing, "two-body", mover)
+        fly(craft, task, MissionGuidance(craft, task), starts, timing, mover)
         for mover in (None, TwoBodyMover(craft, timing, N))
     )
     assert other.done is not None
@@ -141,7 +141,6 @@ def test_conditions_of_the_craft_are_refused(conditions: Conditions) -> None:
             pilot,
             starts,
             replace(task.timing, episode_steps=1),
-            "two-body",
             mover,
             conditions=conditions,
             draws=draws(5, 2),

@@ -100,7 +100,7 @@ def test_drake_and_two_body_gravity_move_as_the_mission_does() -> None:
         return drake(state, replace(step_inputs, drift=None))
 
     ours, judged, exact, elsewhere = (
-        fly(craft, task, MissionGuidance(craft, task), starts, timing, "other", mover)
+        fly(craft, task, MissionGuidance(craft, task), starts, timing, mover)
         for mover in (None, drake, true, at_the_node)
     )
     # Terms of the second order in k = 1.3e-3: (k n)^2 of 150 m, for 10 s, are 1e-8 m.
