@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import rans
 from rans.errors import ConfigError
+from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.measure.metrics import impulses
 from rans.evaluation.stress.effects import applicable_effects
 from rans.fast.engine import Engine
@@ -60,7 +61,7 @@ def test_a_quarter_turn_by_hand() -> None:
     assert (reward["torque"], reward["thrust"]) == pytest.approx((-0.1, -0.02))
 
 
-def turned(engine: str, steps: int) -> Flight:
+def turned(engine: EngineName, steps: int) -> Flight:
     task = GoToAttitude()
     starts = scenarios(task, INNOCUBE, 3, 3)
     timing = Timing(control_period=1.0, substeps=2, episode_steps=steps)
