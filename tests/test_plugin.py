@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -67,7 +68,7 @@ def rans(place: Path, *commands: str) -> list[str]:
 
 @pytest.mark.slow
 def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place: Path) -> None:
-    listed, task, _, _, _, validated, _, _ = rans(
+    listed, task, _, evaluated, compared, validated, _, _, reported = rans(
         place,
         "list",
         "list keep-distance",
@@ -77,6 +78,7 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
         "validate puck --quick --layer thrusters",
         "export keep --output gift --episodes 8",
         f"view gift {FLIER} --save page.html",
+        "report keep",
     )
     for name in ("keep-distance", "puck", "steer", "workshop"):
         assert f"{name} (of rans-example)" in listed
@@ -90,7 +92,12 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
     summary = json.loads((place / "keep" / "compare.json").read_text())["summary"]
     settled = {row["contestant"]: row for row in summary}
     assert list(settled) == ["keep", "steer"]  # nobody flies twice
+    # A key metric stands in the short tables, and its section adds to what the core says of the file.
+    assert "early duty" in evaluated
+    assert "early duty, %" in compared
+    assert "early_duty" in np.load(place / "keep" / "episodes-workshop.npz")
     assert "2 of 2 checks passed" in validated
+    assert reported
     assert (place / "page.html").stat().st_size > 100_000  # the whole viewer and two flights
 
 
@@ -102,7 +109,9 @@ def test_its_readme_names_what_it_has() -> None:
         ("spacecraft", "puck"),
         ("controllers", "steer"),
         ("conditions", "workshop"),
+        ("metrics", "early-duty"),
+        ("report_sections", '"evaluation*.json"'),
     ):
         assert f'entry-points."rans.{group}"]\n{name} = ' in declared
         assert f"`rans.{group}`" in text
-        assert f"`{name}`" in text
+        assert f"`{name.strip(chr(34))}`" in text

@@ -41,17 +41,6 @@ STARTS = 16, 1
 it on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
 _ALL_STARTS = 128, 4
 """The same for a full comparison, which takes minutes."""
-_FIRST = (
-    "settled",
-    "mission won",
-    "limit broken",
-    "unsafe coasts",
-    "settling time",
-    "time of success",
-    "impulse of",
-    "propellant",
-)
-"""Beginnings of the names of scores that are printed without ``--full``, besides errors."""
 
 
 @dataclass(frozen=True)
@@ -329,7 +318,7 @@ def _without_training(contestants: Sequence[str], contest: Contest) -> str:
 def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> None:
     """Print the most important scores before the slow contestants and the bounds."""
     from rans.evaluation.measure.statistics import figure
-    from rans.show.tables.comparison_tables import scoreboard
+    from rans.show.tables.comparison_tables import DETAILS, scoreboard
 
     if not (board := scoreboard(comparison)):
         return
@@ -337,7 +326,7 @@ def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> 
     rows = [
         (key, *(figure(row[key].value) if key in row else "" for row in board.values()))
         for key in keys
-        if key.startswith(_FIRST)
+        if not key.startswith(DETAILS)
     ]
     so_far = Table(("", *board), rows, f"{comparison.contest.title()}, so far")
     bars.console.print(rendered(so_far))
@@ -354,6 +343,7 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     from rans.show.pages.screen import Screen
     from rans.show.tables import front_tables
     from rans.show.tables.comparison_tables import (
+        DETAILS,
         gap_names,
         gap_rows,
         gaps,
@@ -372,7 +362,12 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
     if sentence := verdict(comparison):
         console.say(sentence)
     if board:
-        _show_scores(console, comparison.contest.title(), board, full)
+        shown = [
+            key
+            for key in dict.fromkeys(key for row in board.values() for key in row)
+            if full or not key.startswith(DETAILS)
+        ]
+        _show_scores(console, comparison.contest.title(), board, shown)
     if full and (ratios := gaps(comparison)):
         starts = counted(len(comparison.certified_starts()), "start")
         console.show(
@@ -407,14 +402,10 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
 
 
 def _show_scores(
-    console: Terminal, title: str, board: Mapping[str, Mapping[str, Estimate]], full: bool
+    console: Terminal, title: str, board: Mapping[str, Mapping[str, Estimate]], keys: Sequence[str]
 ) -> None:
     """Print the scores of all contestants, a column each, with intervals where the terminal is wide enough."""
     from rans.evaluation.measure.statistics import figure
-
-    keys = list(dict.fromkeys(key for row in board.values() for key in row))
-    if not full:
-        keys = [key for key in keys if key.startswith(_FIRST) or " error" in key]
 
     def cells(text: Callable[[Estimate], str]) -> list[tuple[str, ...]]:
         return [(key, *(text(row[key]) for row in board.values())) for key in keys]

@@ -130,8 +130,8 @@ def samples(flight: Flight) -> Iterator[Sample]:
     until = f" before {zone.approach:g} m" if zone.approach else ""
     group = "passive safety"
     coasts = f"flights from which, thrusters shut{until}, an orbit's coast enters {zone.radius:g} m"
-    yield Sample(group, "unsafe coasts", coasts, "%", safety.unsafe, compared=True)
+    yield Sample(group, "unsafe coasts", coasts, "%", safety.unsafe, key=True)
     starts = "starts from which a coast without any thrust enters it"
     yield Sample(group, "unsafe starts", starts, "%", safety.unsafe_start)
     least = "least distance of all coasts of all flights from the target, certified"
-    yield Sample(group, "coast distance", least, "m", safety.distance, np.min)
+    yield Sample(group, "coast distance", least, "m", safety.distance, np.min, key=True)

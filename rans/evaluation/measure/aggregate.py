@@ -34,9 +34,8 @@ COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
 ROOM = 110
 """Width of a terminal, in columns, in which all of these fit without broken words."""
-_FIRST = ("solved", "mission won", "settling time", "failed")
-_LAST = ("impulse", "unsafe coasts", "coast distance", "interventions")
-"""Metrics of a short table, before and after the final errors."""
+_FIRST = ("solved", "settling time", "failed")
+"""Metrics of a short table before the final errors; after them are the impulse and key metrics (`Sample.key`)."""
 _STATES = {2: "x y heading v_x v_y w_z", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
 """Position in W (m), heading (rad) or attitude quaternion R_WB, velocity in W (m/s), spin in B (rad/s)."""
 
@@ -54,6 +53,8 @@ class Metric:
     """Mean over episodes, or their median if the meaning says so; infinite if the event of most never happens."""
     low: float
     high: float
+    key: bool = False
+    """Whether short tables have it, besides those that all tasks have there."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,8 @@ class Metrics(NotebookRepr):
         order = [
             *(name for name in _FIRST),
             *(texts[0] for _, texts in lines if texts[0].endswith(" error")),
-            *(name for name in _LAST),
+            "impulse",
+            *(row.name for row in self.rows if row.key),
             *(texts[0] for group, texts in lines if group == "percentiles"),
         ]
         by_name = {texts[0]: (group, texts) for group, texts in lines}
@@ -133,13 +135,20 @@ class Metrics(NotebookRepr):
         if not full:
             rows = [texts[: len(columns)] for _, texts in self.key_lines()]
             return Table(columns, rows, self.title(), whole=COLUMNS[1:3])
-        rows = []
-        for group, lines in itertools.groupby(self.lines(), lambda line: line[0]):
-            rows.append((group,))
-            rows += [texts[: len(columns)] for _, texts in lines]
+        groups: dict[str, list[tuple[str, ...]]] = {}
+        for group, texts in self.lines():
+            groups.setdefault(group, []).append(texts[: len(columns)])
+        rows = [row for group, lines in groups.items() for row in ((group,), *lines)]
         hint = f"A terminal of {ROOM} columns or more shows what each of them means."
         note = "" if width >= ROOM else hint
         return Table(columns, rows, self.title(), note, whole=COLUMNS[1:3])
+
+
+def estimated(sample: Sample, bootstrap: Bootstrap) -> Estimate:
+    """A metric over all episodes with its 95 % interval, see `measure`."""
+    if sample.values.dtype == bool:
+        return share(sample.values).scaled(100.0)
+    return bootstrap.of(sample.centre, sample.values)
 
 
 def measure(flight: Flight) -> Metrics:
@@ -149,16 +158,9 @@ def measure(flight: Flight) -> Metrics:
     """
     steps, episodes, _ = flight.commands.shape
     bootstrap = Bootstrap(episodes)
-
-    def estimated(sample: Sample) -> Estimate:
-        return (
-            share(sample.values).scaled(100.0)
-            if sample.values.dtype == bool
-            else bootstrap.of(sample.centre, sample.values)
-        )
-
     rows = [
-        Metric(*sample[:4], *dataclasses.astuple(estimated(sample))) for sample in samples(flight)
+        Metric(*sample[:4], *dataclasses.astuple(estimated(sample, bootstrap)), key=sample.key)
+        for sample in samples(flight)
     ]
     return Metrics(
         flight.controller,

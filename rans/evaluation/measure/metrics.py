@@ -43,8 +43,8 @@ class Sample(NamedTuple):
     values: np.ndarray
     """(N,), one per episode; booleans if the metric is the share of episodes of which it is true."""
     centre: Callable[..., Any] = np.mean
-    compared: bool = False
-    """Whether comparisons of missions have it too: the percentage of episodes of which it is true."""
+    key: bool = False
+    """Whether short tables and comparisons have it too."""
 
     @property
     def numbers(self) -> np.ndarray:
@@ -343,6 +343,7 @@ def _guarding(flight: Flight) -> Iterator[Sample]:
     """Interventions of a safety filter."""
     assert flight.guarded is not None
     percentage = 100.0 * flight.guarded.mean(axis=0)
-    yield Sample("guard", "interventions", "control periods with another command", "%", percentage)
+    meaning = "control periods with another command"
+    yield Sample("guard", "interventions", meaning, "%", percentage, key=True)
     ever: Any = flight.guarded.any(axis=0)
     yield Sample("guard", "guarded", "flights with an intervention", "%", ever)

@@ -32,14 +32,14 @@ from rans.table import Table
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
 
-SECTIONS: Registry[Callable[[Path, Any], Section]] = Registry(
+SECTIONS: Registry[Callable[[Path, Any], Section | None]] = Registry(
     kind="section of a report",
     group="rans.report_sections",
     built_in={},
     checked=lambda build: build,
 )
-"""Sections that installed packages add, by the name of a file in a run folder, or by a pattern of names: functions
-of the file and its content."""
+"""Sections that installed packages add, by the name of a JSON file in a run folder, or by a pattern of names:
+functions of the file and its content, which return None where there is nothing to say."""
 
 _ROW = 6
 """Tiles of a row on a wide screen."""
@@ -67,26 +67,25 @@ def report_from_run(run: Path) -> Page:
     a picture does more than to draw.
     """
     evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
-    added = {
-        file.name: partial(build, file)
-        for pattern, build in SECTIONS.items()
-        for file in sorted(run.glob(pattern), key=lambda file: file.stem)
-    }
-    builders: dict[str, Callable[[Any], Section]] = {
-        **{file.name: partial(_evaluation, file) for file in evaluations},
-        "compare.json": comparison_section,
-        **added,
-        "sweep.json": partial(_sweep, inside(run, "sweep.svg")),
-        "metrics.jsonl": training_section,
-        "validation.json": validation_section,
-    }
-    if (run / "sweep.json").is_file():
-        del builders["metrics.jsonl"]  # of all members, one after the other
-    sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
+    # A file may have several sections: a package adds to what the core says of it.
+    builders: list[tuple[str, Callable[[Any], Section | None]]] = [
+        *((file.name, partial(_evaluation, file)) for file in evaluations),
+        ("compare.json", comparison_section),
+        *(
+            (file.name, partial(build, file))
+            for pattern, build in SECTIONS.items()
+            for file in sorted(run.glob(pattern), key=lambda file: file.stem)
+        ),
+        ("sweep.json", partial(_sweep, inside(run, "sweep.svg"))),
+        ("validation.json", validation_section),
+    ]
+    if not (run / "sweep.json").is_file():  # its rows are of all members, one after the other
+        builders.insert(-1, ("metrics.jsonl", training_section))
+    sections = [s for name, build in builders if (s := _read(run / name, build))]
     if not sections:
         missing = f", there is no such folder{meant_file(run)}"
         if run.exists():
-            missing = folders_with(run, [*builders, *SECTIONS])
+            missing = folders_with(run, [*(name for name, _ in builders), *SECTIONS])
             if file := next(iter(sorted(run.glob("*.csv"))), None):
                 missing += (
                     f" (flights of a file are compared first: rans compare mission:dock-3d {file})"

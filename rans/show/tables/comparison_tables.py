@@ -15,6 +15,7 @@ from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.aggregate import estimated
 from rans.evaluation.measure.metrics import further_samples
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
@@ -31,6 +32,14 @@ _IMPULSE = "impulse of the episode, N s"
 
 RETURN = "return, % of relaxed optimum"
 """Heading of the share of what is possible in the task's own reward."""
+DETAILS = (
+    "first in the goal set",
+    "impulse until then",
+    "impulse over the bound",
+    "computing time",
+    RETURN,
+)
+"""Beginnings of the names of scores that short tables leave out."""
 
 
 def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
@@ -82,9 +91,7 @@ def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds |
     result = {"mission won, %": share(entry.won).scaled(100.0)}
     if entry.flight.margins:
         result["limit broken, %"] = share(entry.flight.violated()).scaled(100.0)
-    for sample in further_samples(entry.flight):
-        if sample.compared:
-            result[f"{sample.name}, {sample.unit}"] = share(sample.values).scaled(100.0)
+    result |= _further_scores(entry, bootstrap)
     result["time of success, s"] = bootstrap.median(entry.success)
     spent = entry.thrust[entry.won]
     result["impulse of successes, N s"] = _mean(spent)
@@ -95,6 +102,17 @@ def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds |
         result[f"{mission.spending} over the bound, worst"] = Estimate(worst, worst, worst)
     result[_IMPULSE] = bootstrap.mean(entry.thrust)
     return result
+
+
+def _further_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
+    """Key metrics of installed packages (`rans.evaluation.measure.metrics.FURTHER`)."""
+    return {
+        f"{sample.name}, {sample.unit}" if sample.unit else sample.name: estimated(
+            sample, bootstrap
+        )
+        for sample in further_samples(entry.flight)
+        if sample.key
+    }
 
 
 def _mean(values: np.ndarray) -> Estimate:
@@ -112,7 +130,7 @@ def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
     for name, error in entry.errors.items():
         factor, unit = QUANTITIES[name].display
         result[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
-    return result
+    return result | _further_scores(entry, bootstrap)
 
 
 def scoreboard(comparison: Comparison) -> dict[str, Scores]:
