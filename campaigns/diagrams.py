@@ -280,7 +280,7 @@ def training() -> Figure:
     """The learning curve of go-to-pose, as `rans train` writes it."""
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
-        train("go-to-pose", run=run)
+        train("go-to-pose", output=run)
         return learning_curve(RunFolder(run).metrics())
 
 

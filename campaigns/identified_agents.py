@@ -122,7 +122,7 @@ def _trained(
         conditions=conditions,
         device=device,
         total_timesteps=steps,
-        run=run,
+        output=run,
         progress=False,
     )
     return time.monotonic() - began

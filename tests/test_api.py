@@ -197,7 +197,7 @@ def test_names_do_where_objects_do() -> None:
         ),
         (lambda: rans.train(3), "a task is a name or an object"),  # type: ignore[arg-type]
         (
-            lambda: rans.train(total_timesteps=1.5, run="x"),  # type: ignore[arg-type]
+            lambda: rans.train(total_timesteps=1.5, output="x"),  # type: ignore[arg-type]
             "^total_timesteps must be a whole number >= 1 and < 2.63, got 1.5",
         ),
         (lambda: rans.load_agent(3), "an agent is its name, its run folder, a policy or .*, got 3"),  # type: ignore[arg-type]
@@ -249,7 +249,7 @@ def test_names_do_where_objects_do() -> None:
             "not a dict: rans.Timing",
         ),
         (
-            lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, run="x"),  # type: ignore[arg-type]
+            lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, output="x"),  # type: ignore[arg-type]
             r"ppo takes an object, not a dict: rans.PPOSettings\(n_steps=32\)",
         ),
         (
@@ -372,7 +372,7 @@ def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(
         ppo=settings,
         total_timesteps=32,
         seed=3,
-        run=tmp_path / "mine",
+        output=tmp_path / "mine",
         report=rows.append,
     )
     assert rows[-1]["steps"] == 32

@@ -29,6 +29,7 @@ HEAVY = {
 
 LAYERS: list[set[str]] = [
     {
+        "rans.choices",
         "rans.errors",
         "rans.display",
         "rans.safe_path",

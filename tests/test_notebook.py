@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 NOTEBOOK = Path(__file__).parents[1] / "examples" / "notebook" / "first_agent.ipynb"
-TRAINED = 'rans.train("go-to-pose", run="first")'
+TRAINED = 'rans.train("go-to-pose", output="first")'
 
 
 @pytest.mark.slow

@@ -96,7 +96,7 @@ def test_a_training_and_its_report(name: str, tmp_path: Path) -> None:
     files = []
     for run, switch in ((tmp_path / "a", None), (tmp_path / "b", name)):
         with SWITCHES[switch]() if switch else np.errstate():
-            rans.train("go-to-pose", run=run, total_timesteps=70_000)
+            rans.train("go-to-pose", output=run, total_timesteps=70_000)
             assert rans.report(run).exists()
         files.append((run / "agent.safetensors").read_bytes())
     first, second = (unpack_tensors(content, "an agent") for content in files)

@@ -182,7 +182,7 @@ def test_recipe(here: Path) -> None:
     for _, changed in texts(copy.deepcopy(RECIPE)):
         Path("recipe.toml").write_text(toml(changed))
         call(command("train recipe.toml --set total_timesteps=1 --set ppo.n_envs=1 --output out"))
-        call(lambda: rans.train("recipe.toml", total_timesteps=1, n_envs=1, run="out"))
+        call(lambda: rans.train("recipe.toml", total_timesteps=1, n_envs=1, output="out"))
         shutil.rmtree("out", ignore_errors=True)
 
 

@@ -159,7 +159,7 @@ def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
         device="cpu",
         total_timesteps=CONFIG.ppo.n_envs * CONFIG.ppo.n_steps,
         ppo=CONFIG.ppo,
-        run="own",
+        output="own",
     )
     assert type(agent.task) is Own
     assert type(rans.load_agent("own").task) is Own

@@ -21,7 +21,8 @@ from task_pictures import save_task_picture
 
 import rans
 from rans.cli.commands import COMMANDS
-from rans.cli.options import EVERYWHERE, is_in_help
+from rans.cli.door import texts_of
+from rans.cli.options import EVERYWHERE, is_in_help, option_name
 from rans.display import default, meanings
 from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -137,13 +138,17 @@ def _command(name: str) -> Iterable[str]:
     yield inspect.cleandoc(command.__doc__ or "")
     yield from ("", "```", *command.examples, "```")
     hints = typing.get_type_hints(command, include_extras=True)
-    texts = meanings(command)
+    texts = texts_of(command)
     rows = []
     for field in dataclasses.fields(command):
         if not is_in_help(hints[field.name]):
             continue
         given, positional = _value(field.name, hints[field.name])
-        option = given if positional else f"--{field.name.replace('_', '-')} {given}".rstrip()
+        option = (
+            given
+            if positional
+            else f"{option_name(field.name, hints[field.name])} {given}".rstrip()
+        )
         value = default(field)
         text = texts.get(field.name, "")
         if value not in (None, False, "", (), dataclasses.MISSING):

@@ -20,7 +20,7 @@ import numpy as np
 import rans
 
 folder = Path(tempfile.mkdtemp()) / "first"
-agent = rans.train("go-to-pose", run=folder)
+agent = rans.train("go-to-pose", output=folder)
 agent
 
 # %%

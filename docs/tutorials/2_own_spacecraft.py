@@ -61,7 +61,7 @@ agent = rans.train(
     craft,
     conditions=conditions,
     total_timesteps=500_000,
-    run=folder / "slider6",
+    output=folder / "slider6",
 )
 metrics = agent.evaluate(episodes=256)
 for name in ("solved", "settling time", "impulse", "position error"):

@@ -97,7 +97,9 @@ mission
 
 # %%
 folder = Path(tempfile.mkdtemp())
-agent = rans.train(mission, total_timesteps=700_000, run=folder / "soft-dock")
+agent = rans.train(
+    mission, total_timesteps=700_000, output=folder / "soft-dock"
+)
 flight = agent.fly(64)
 print(
     f"{100 * np.mean(flight.done):.0f} % of 64 docked, in the median after "

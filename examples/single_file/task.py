@@ -75,7 +75,7 @@ class Face(SingleTask):
 
 
 if __name__ == "__main__":
-    agent = rans.train(Face(), run="runs/face", device="cpu", progress=False)
+    agent = rans.train(Face(), output="runs/face", device="cpu", progress=False)
     metrics = agent.evaluate(episodes=256)
     print(
         ", ".join(

@@ -18,7 +18,7 @@ def main(steps: int, episodes: int) -> None:
         agent = rans.train(
             "go-to-pose",
             total_timesteps=steps,
-            run=f"{folder}/run",
+            output=f"{folder}/run",
             progress=False,
             report=rows.append,
         )

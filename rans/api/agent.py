@@ -220,11 +220,11 @@ class Agent(AgentData):
         playground(self.run, seed, episode).write(file)
         return file
 
-    def export(self, output: str | Path, form: Form = "onnx", **options: Any) -> Path:
+    def export(self, output: str | Path, format: Form = "rans", **options: Any) -> Path:
         """Export the agent for other software, and return the folder; options as for `rans.export`."""
         from rans.api.pages import export
 
-        return export(self, output, form, **options)
+        return export(self, output, format, **options)
 
     def report(self) -> Path:
         """Write the page report.html of its run folder, and return the file; see `rans.report`."""

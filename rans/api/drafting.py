@@ -138,22 +138,24 @@ def init_spacecraft(
 
     Args:
         name: name of the spacecraft.
-        base: spacecraft whose values are kept where none is given, or a file of other software: URDF (.urdf), SDF
-            (.sdf) or a table of the simulator 42 (.txt); None: all required values must be given.
-        dimension: 2: the plane; 3: space.
-        mass: mass, kg.
-        inertia: moment of inertia about the centre of mass, kg m^2: one number, or in space three about the axes of
-            the frame G in which positions are given.
-        size: sides of a uniform box, m, from which the inertia is computed if it is not given.
-        centre_of_mass: position of the centre of mass in G, m.
-        thrusters: each a `Thruster` or "POSITION; DIRECTION; FORCE", such as "0.2, 0.1; 1, 0; 1.5".
-        wheels: each a `Wheel` or "AXIS; TORQUE; MOMENTUM; INERTIA".
-        actuators: kind of thrusters: "on-off", "pulsed" or "throttle".
-        counts: number of steps into which pulsed thrusters divide a control period.
+        base: begin from this spacecraft (name or TOML file) and keep its values where you give none; or from a file
+            of other software: URDF (.urdf), SDF (.sdf), or a table of the simulator 42 (.txt).
+        dimension: 2: the plane, 3: space.
+        mass: kg.
+        inertia: kg m^2, about the centre of mass: one number, or in space three about the axes of the frame of the
+            thruster positions.
+        size: sides of a uniform box, m, in place of the inertia.
+        centre_of_mass: m, in the frame of the thruster positions.
+        thrusters: thrusters, each as "position;direction;force": "0.2,0.1;1,0;1.5" is at x 0.2 m and y 0.1 m and
+            pushes along x with 1.5 N.
+        wheels: reaction wheels, each as "axis;torque;momentum;inertia": "0,0,1;0.1;0.7;0.001" in N m, N m s and
+            kg m^2.
+        actuators: on-off, pulsed or throttle.
+        counts: steps into which pulsed valves divide a control period.
         least: shortest pulse in counts, or least level of a throttle as a share of full force.
-        most: largest level of a throttle as a share of full force.
-        radius: outer radius for drawings, m.
-        thrust_sharing: "none" or "split", see `Spacecraft`.
+        most: largest level of a throttle, as a share of full force.
+        radius: m, for drawings.
+        thrust_sharing: none, or split: the open thrusters share the supply of one.
 
     Raises:
         ConfigError: something is missing, wrong or not physical.

@@ -13,6 +13,7 @@ from rans.api.names import (
     load_conditions,
     load_spacecraft,
 )
+from rans.choices import EngineName, ProtocolName
 from rans.errors import ConfigError, brief, one_of, whole
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
@@ -24,8 +25,6 @@ from rans.settled import settled_alone
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.evaluation.fly.episodes import EngineName
-    from rans.evaluation.fly.protocols import ProtocolName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
     from validation.speed.measurement import Measurement
@@ -57,7 +56,7 @@ def flown(
         ConfigError: the engine does not exist, a number is out of its range, or start or goal is no state of the
             craft's dimension.
     """
-    from rans.evaluation.fly.episodes import EngineName, fly_episodes
+    from rans.evaluation.fly.episodes import fly_episodes
     from rans.show.progress import watched
 
     one_of("engine", engine, get_args(EngineName))
@@ -103,6 +102,7 @@ def evaluate(
     start: State | None = None,
     goal: State | None = None,
     zones: Sequence[Sequence[float]] = (),
+    period: float | None = None,
 ) -> Metrics:
     """Fly an agent or a controller from fixed starts, and return metrics with 95 % intervals.
 
@@ -111,34 +111,40 @@ def evaluate(
     (100.0, '%')
 
     Args:
-        agent: an `Agent`, a `Lookahead`, or a name as `load_agent` takes it.
+        agent: a run folder, an agent that comes with RANS, or CONTROLLER:TASK-2d or -3d, with @SPACECRAFT if you
+            like. The file of your own spacecraft alone, mine.toml, is any-craft-2d@mine.toml or
+            any-craft-3d@mine.toml: it flies without training.
         episodes: number of flights.
         seed: random seed of starts and goals; the default is in no training.
-        engine: what computes the motion: "fast" (RANS's own equations), or "drake" as an independent check.
-        conditions: domain randomization, disturbances, faults and sensors: a name, a TOML file or a
-            `Conditions`; None: those of the training.
-        protocol: "own", "paper" or "original", see `rans.evaluation.fly.protocols.under_protocol`.
-        guard: whether to fly behind the safety filter for its spacecraft and task (`rans.safety_filters`).
-        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and a reserve for
-            the conditions' noise.
-        guard_coasts: whether the filter also keeps coasts of the next orbit out of the zone around the target
-            (docs/missions/passive_safety.md).
-        start: start of all episodes, as `rans.state` makes it; None: sampled. Without conditions one episode
-            flies from it, because all would be the same.
-        goal: goal of all episodes, as `rans.state` makes it; None: sampled.
-        zones: keep-out zones that stand still, for tasks that have some: coordinates of the centre, then the
-            radius, of each, m; empty: sampled.
+        engine: what computes the motion: RANS's own equations (fast), or Drake as an independent check.
+        conditions: domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`),
+            perfect (none), or your own TOML file; by default those of the training.
+        protocol: setup of the flights. own: the conditions of the training and the task's evaluation starts.
+            paper: the paper's floating platform, 250 steps, starts 3 to 4 m away, 1 N for each thruster. original:
+            the same with a total of 1 N.
+        guard: whether to fly behind a safety filter, which replaces commands that would violate a constraint
+            (docs/missions/guard.md).
+        guard_slack: least margin that the filter keeps, in the unit of each constraint (m or m/s); by default
+            0.002, and a reserve for the conditions' noise.
+        guard_coasts: whether to have the filter also replace commands after which the coast of the next orbit would
+            enter the zone around the target if all thrusters shut (docs/missions/passive_safety.md).
+        start: your own start in place of sampled ones. Episodes then differ in conditions only; without conditions
+            there is one.
+        goal: your own goal, in the same form; by default that of the scenario.
+        zones: your own keep-out zones, for tasks that have some, such as avoid-2d; m, a radius includes that of the
+            spacecraft. They stand still.
+        period: control period, s, of a controller or of any-craft with a spacecraft; by default the task's, or one
+            for the spacecraft of your file.
 
     Raises:
         ConfigError: one of these does not exist, or a multi-task agent is named without a task: name it
             NAME#TASK.
     """
     from rans.evaluation.fly.contestants import in_protocol
-    from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import measure
 
     one_of("engine", engine, get_args(EngineName))
-    run = in_protocol(agent, protocol)
+    run = in_protocol(agent, protocol, period)
     if first := next(iter(run.task.parts())):
         raise ConfigError(
             f"{run.controller.name} has several tasks: pick one, as in "
@@ -153,18 +159,20 @@ def evaluate(
 def compare(
     *contestants: object,
     beside: str | Sequence[str] | None = None,
-    episodes: int = 16,
-    certified: int = 1,
+    conditions: ConditionsLike | None = None,
+    episodes: int | None = None,
+    certified: int | None = None,
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
-    conditions: ConditionsLike | None = None,
-    trust: bool = False,
-    workers: int | None = None,
     guard: bool = False,
     guard_slack: float | None = None,
     start: State | None = None,
     goal: State | None = None,
     zones: Sequence[Sequence[float]] = (),
+    period: float | None = None,
+    full: bool = False,
+    trust: bool = False,
+    workers: int | None = None,
 ) -> Comparison:
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
@@ -172,24 +180,32 @@ def compare(
     >>> [entry.name for entry in found.entries]
     ['go-to-pose-2d', 'LQR']
 
+    A contestant may be an `Agent` too, and after the first a Stable-Baselines3 model, a controller (`Controller`),
+    or a class or function that makes a controller from spacecraft, task and timing.
+
     Args:
-        *contestants: agents, or names as for `rans compare`; the first sets task, spacecraft and control rate.
-            Others may also be Stable-Baselines3 models, controllers (`Controller`), or a class or function that
-            makes a controller from spacecraft, task and timing.
-        beside: names of controllers that join, and "optimal" for optimal trajectories and certified bounds; a
-            name, or several. None: "lqr", "switching", "mpc" and "optimal", for landings "landing" and "optimal".
-        episodes: number of starts.
-        certified: number of starts whose bounds are certified, half a minute of processor time each.
-        seed: random seed of the starts.
-        engine: what computes the motion, "fast" or "drake".
-        conditions: as for `evaluate`; None: those of the first contestant.
-        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
-        workers: number of processes; None: one per processor.
+        *contestants: run folders, agents that come with RANS, CONTROLLER:TASK-2d (see `rans list`), sb3:FILE.zip,
+            onnx:FILE or python:MODULE:FUNCTION, or FILE.csv with flights that were computed elsewhere
+            (docs/comparison.md). The first sets task, spacecraft and control rate for the others.
+        beside: controllers that join, and optimal: optimal trajectories and certified bounds. By default lqr
+            switching mpc optimal, for landings landing optimal, for inspections circumnavigation visiting optimal.
+        conditions: see `evaluate`.
+        episodes: number of starts; by default 16, of a full comparison 128, and no fewer than those with bounds.
+        certified: starts whose bounds are certified, if optimal joins; by default 1, of a full comparison 4. Each
+            takes half a minute of processor time in the plane, minutes in space with its package
+            (docs/certificate.md), else hull and tube bounds.
+        seed: see `evaluate`.
+        engine: see `evaluate`.
         guard: see `evaluate`.
         guard_slack: see `evaluate`.
         start: see `evaluate`; bounds and optimal trajectories are of this start too.
         goal: see `evaluate`.
         zones: see `evaluate`.
+        period: control period, s, of controllers and of any-craft with a spacecraft; by default the first
+            contestant's.
+        full: whether to compare from more starts, in minutes, with the largest return of the task's reward too.
+        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
+        workers: number of processes; by default one per processor.
 
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
@@ -197,7 +213,6 @@ def compare(
     from rans.evaluation.compare.entrants import contest_of, enlisted, invitations
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.controllers import CONTROLLERS
-    from rans.evaluation.fly.episodes import EngineName
     from rans.show.progress import watched
 
     first, invited = invitations(contestants)
@@ -209,22 +224,41 @@ def compare(
         raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(beside)}.')
     for name in {*(beside or ())} - {"optimal"}:
         CONTROLLERS[typed(name)]  # a wrong name is refused before anybody flies
-    whole("certified", certified, least=0)
+    count, bounded = starts_of(episodes, certified, full)
     contest = contest_of(
         first,
-        whole("episodes", episodes),
+        count,
         seed,
         engine,
         conditions_if_named(_conditions(contestants[0], conditions)),
         trust,
         guard,
         guard_slack,
+        period,
     ).between(own_endpoints(start, goal, zones))
     result = Comparison(contest)
     entrants = enlisted(invited, contest, trust)
     with watched() as stage:
-        result.fly(entrants, beside, certified, stages=stage, workers=workers)
+        result.fly(entrants, beside, bounded, stages=stage, returns=full, workers=workers)
     return result
+
+
+STARTS = 16, 1
+"""Starts by default, and those of them with certified bounds: with MPC and optima 60 s of processor time, most of
+it on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
+_ALL_STARTS = 128, 4
+"""The same for a full comparison, which takes minutes."""
+
+
+def starts_of(episodes: int | None, certified: int | None, full: bool) -> tuple[int, int]:
+    """Number of starts of a comparison, and of those with certified bounds.
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
+    usual = _ALL_STARTS if full else STARTS
+    bounded = whole("certified", usual[1] if certified is None else certified, least=0)
+    return whole("episodes", max(usual[0], bounded) if episodes is None else episodes), bounded
 
 
 def _conditions(first: object, conditions: ConditionsLike | None) -> ConditionsLike | None:
@@ -250,10 +284,12 @@ def validate(
     (True, 2)
 
     Args:
-        spacecraft: a name, a TOML file or a `Spacecraft`.
-        quick: fewer states and flights and no compiler: some seconds instead of some minutes.
-        layer: check this layer only: thrusters, commands, accelerations, period, flights, engine, ...; None: all.
-        conditions: conditions to check under too, each effect alone and all together.
+        spacecraft: name of a spacecraft that comes with RANS, or your own TOML file.
+        quick: whether to use fewer states and flights and no compiler: about 15 s instead of some minutes.
+        layer: check this layer only: thrusters, commands, accelerations, period, flights, engine, draws, readings,
+            onsets, tasks, ...; by default all.
+        conditions: check under these conditions too, each effect alone and all together: a name (see `rans list
+            CONDITIONS`) or your own TOML file.
         seed: random seed of states and commands.
 
     Raises:
@@ -308,11 +344,11 @@ def benchmark(
     True
 
     Args:
-        spacecraft: names, TOML files or objects.
+        spacecraft: names of spacecraft that come with RANS, or your own TOML files.
         task: task to step and to train.
-        device: "cpu" or "cuda"; None: a GPU if there is one.
-        num_envs: batch size, or several; empty: the usual ones for the device.
-        quick: rough figures in seconds.
+        device: cpu or cuda; by default a GPU if there is one.
+        num_envs: batch size, or several; by default the usual ones for the device.
+        quick: whether to measure rough figures in seconds: one small batch, few repeats, nothing compiled on a CPU.
 
     Raises:
         ConfigError: there is no such spacecraft, task or device, or the compiler is missing.

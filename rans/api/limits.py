@@ -11,6 +11,7 @@ import numpy as np
 
 from rans.api.judging import CRAFT, SpacecraftLike
 from rans.api.names import load_spacecraft, load_task
+from rans.choices import ObjectiveName
 from rans.errors import ConfigError, brief, is_finite, one_of, whole
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3
@@ -22,7 +23,6 @@ from rans.tasks import Task
 if TYPE_CHECKING:
     from rans.api.trajectory import CertifiedBound, OptimalTrajectory
     from rans.evaluation.compare.bounds import Kind
-    from rans.optimal.trajectory.objectives import ObjectiveName
 
 StateLike = int | State
 """A start: the number of a scenario, or a state as `state` makes it."""
@@ -90,20 +90,20 @@ def _numbers(what: str, values: Any, count: int | None = None) -> list[float]:
 @settled_alone
 def optimal_trajectory(
     task: str | Task = "go-to-pose",
-    spacecraft: SpacecraftLike = CRAFT,
+    spacecraft: SpacecraftLike | None = None,
     *,
     objective: ObjectiveName = "fuel",
+    ending: Literal["exact", "set"] | None = None,
+    horizon: float | None = None,
     start: StateLike = 0,
     goal: State | None = None,
+    zones: Sequence[Sequence[float]] = (),
     seed: int = EVALUATION_SEED,
-    horizon: float | None = None,
-    ending: Literal["exact", "set"] = "exact",
     control_period: float = 0.2,
     intervals: int = 50,
     guesses: int | None = None,
     most_speed: float | None = None,
     most_spin: float | None = None,
-    zones: Sequence[Sequence[float]] = (),
 ) -> OptimalTrajectory:
     """Compute an optimal trajectory from one start, with thrust between 0 and 1, and fly it in Drake.
 
@@ -114,16 +114,23 @@ def optimal_trajectory(
     >>> own.status, own.x[0, :3].round(6)
     ('solved', array([2., 1., 1.]))
 
+    A start is the number of a scenario of the seed, or a state as `state` makes it; so is a goal. Of zones the
+    coordinates of the centre in W come first, then the radius.
+
     Args:
-        task: a name or a `Task`.
-        spacecraft: a name, a TOML file or a `Spacecraft`.
-        objective: what is minimized: "fuel" (impulse, N s), "time" (s), "energy" (squared thrust), "tracking"
-            (squared distance), or "reward" (minus the task's return).
-        start: number of a scenario of the seed, or a state as `state` makes it.
-        goal: state to arrive at; None: the scenario's.
+        task: task, see `rans list TASKS`.
+        spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task,
+            or floating-platform.
+        objective: what is minimized: impulse (fuel), time, squared thrust (energy), squared distance (tracking), or
+            minus the task's return (reward).
+        ending: arrive exactly, or within the task's tolerances (set); for fuel, time and energy. By default exact,
+            for land set, which is what its success asks for.
+        horizon: length of the trajectory, s: by default 20, for reward 25. For time it is computed. For a mission
+            on an orbit it is the deadline, by default the latest.
+        start: your own start in place of a sampled one.
+        goal: see `rans.api.judging.evaluate`.
+        zones: keep-out zones for the centre of mass, m.
         seed: random seed of the scenarios; the default has the starts that agents are evaluated on.
-        horizon: length of the trajectory, s; None: 20, for "reward" 25.
-        ending: "exact" arrives exactly, "set" within the task's tolerances.
         control_period: time that a command is held, s; for "time" it is computed.
         intervals: number of control periods, for "time".
         guesses: number of initial guesses; the best solution counts, and ``trajectory.agreeing`` says how many
@@ -131,7 +138,6 @@ def optimal_trajectory(
             ``zones``.
         most_speed: largest speed of the trajectory, m/s.
         most_spin: largest angular speed of the trajectory, rad/s.
-        zones: keep-out zones for the centre of mass: the coordinates of the centre in W, then the radius, m.
 
     Raises:
         ConfigError: one of these does not exist, or they do not go together.
@@ -143,8 +149,8 @@ def optimal_trajectory(
     from rans.optimal.trajectory.transcription import usual_guesses
 
     judged = load_task(task).for_evaluation()
-    craft = load_spacecraft(spacecraft)
-    objective_value = objective_of(objective, horizon, control_period, ending, intervals)
+    craft = load_spacecraft(spacecraft or judged.spacecraft or CRAFT)
+    objective_value = objective_of(objective, horizon, control_period, ending or "exact", intervals)
     scenario = _scenario(judged, craft, seed, start, goal)
     if isinstance(zones, str) or not isinstance(zones, Iterable):
         raise ConfigError(

@@ -6,20 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rans.api.agent_data import AgentData
 from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
-from rans.errors import ConfigError, brief, one_of, text_of_name, whole
+from rans.choices import EngineName
+from rans.errors import ConfigError, brief, one_of, require, text_of_name, whole
+from rans.model.dynamics import State
+from rans.pretrained import pretrained_folder, pretrained_names
 from rans.scenario import EVALUATION_SEED
 from rans.settled import settled_alone
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.evaluation.fly.episodes import EngineName
     from rans.flight import Flight
-    from rans.model.dynamics import State
     from rans.show.scene.view import View
     from rans.window import Served
 
@@ -123,25 +124,24 @@ def view(
     >>> replay
     <Replay of go-to-pose-2d, LQR: go-to-pose, floating-platform>
 
-    In a notebook the replay shows itself; ``replay.open()`` opens a browser.
+    In a notebook the replay shows itself; ``replay.open()`` opens a browser. A contestant may be an `Agent` too.
 
     Args:
-        *contestants: agents, or names as `load_agent` takes them; after the first, the name of a controller is
-            enough.
-        conditions: domain randomization, disturbances, faults and sensors; None: those of the trainings.
-        episodes: number of flights of each.
-        episode: number of the first episode.
-        seed: random seed of starts and goals.
-        engine: what computes the motion: "fast" (RANS's own equations), or "drake".
-        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
-        save: HTML file to write the page to; None: none.
-        guard: whether all fly behind the safety filter for their spacecraft and task.
-        guard_slack: least margin that the filter keeps, m or m/s; None: 0.002, and a reserve for
-            the conditions' noise.
-        start: start of all flights, as `rans.state` makes it; None: sampled.
-        goal: goal of all flights, as `rans.state` makes it; None: sampled.
-        zones: keep-out zones that stand still, for tasks that have some: coordinates of the centre, then the
-            radius, of each, m; empty: sampled.
+        *contestants: run folders, agents that come with RANS, or any others, such as CONTROLLER:go-to-pose-3d.
+            After the first, the name of a controller is enough, such as lqr.
+        conditions: see `rans.api.judging.evaluate`.
+        episodes: number of flights of each contestant; contestants of the same task have the same starts.
+        episode: number of the first episode, as in the list of a stress report.
+        seed: see `rans.api.judging.evaluate`.
+        engine: see `rans.api.judging.evaluate`.
+        trust: see `rans.api.judging.compare`.
+        save: file to write the flights to: .html is a page that replays them offline and without RANS, .mp4 or .gif
+            a film of all side by side, .png or .jpg one picture of ten instants of the first.
+        guard: see `rans.api.judging.evaluate`.
+        guard_slack: see `rans.api.judging.evaluate`.
+        start: see `rans.api.judging.evaluate`.
+        goal: see `rans.api.judging.evaluate`.
+        zones: see `rans.api.judging.evaluate`.
 
     Raises:
         ConfigError: there is no such contestant, a number is out of its range, or start or goal is no state of the
@@ -151,14 +151,45 @@ def view(
         raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
+    kind = None if save is None else kind_of_flights(Path(save))
     runs = flyers(contestants, conditions, trust, guard, guard_slack)
     endpoints = own_endpoints(start, goal, zones)
     flights = [flown(run, count, seed, engine, first, endpoints) for run in runs]
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     replay = Replay(flights, title_of(flights, label))
-    if save is not None:
+    if save is not None and kind == "page":
         replay.save(save)
+    elif save is not None and kind == "film":
+        replay.film(save)
+    elif save is not None:
+        from rans.show.scene.frames import save_frames
+
+        save_frames(flights[0], 0, Path(save))
     return replay
+
+
+def kind_of_flights(file: Path) -> Literal["page", "film", "picture"]:
+    """Kind of a file of flights by the ending of its name.
+
+    Raises:
+        ConfigError: the ending is of none.
+    """
+    endings: dict[str, Literal["page", "film", "picture"]] = {
+        ".html": "page",
+        ".mp4": "film",
+        ".gif": "film",
+        ".png": "picture",
+        ".jpg": "picture",
+        ".jpeg": "picture",
+        ".webp": "picture",
+    }
+    kind = endings.get(file.suffix.lower())
+    if kind is None:
+        raise ConfigError(
+            "save writes a page (.html), a film (.mp4 or .gif) or a picture (.png or .jpg), by the ending of "
+            f"the file's name, got {str(file)!r}."
+        )
+    return kind
 
 
 def flyers(
@@ -194,31 +225,31 @@ def title_of(flights: list[Flight], conditions: str | None) -> str:
 
 
 @settled_alone
-def report(run: str | Path | AgentData) -> Path:
+def report(run_folder: str | Path | AgentData) -> Path:
     """Gather the results in a run folder on one offline page, report.html, and return its path.
 
     >>> folder = tempfile.mkdtemp()
-    >>> agent = rans.train("go-to-pose", total_timesteps=8192, run=f"{folder}/mine")
+    >>> agent = rans.train("go-to-pose", total_timesteps=8192, output=f"{folder}/mine")
     >>> rans.report(agent).name
     'report.html'
 
     Args:
-        run: run folder, or the agent of one.
+        run_folder: run folder; parts that it does not have yet are left out.
 
     Raises:
         ConfigError: there is no such folder, or it holds no results.
     """
     from rans.show.pages.report import report_from_run
 
-    if isinstance(run, AgentData):
-        if run.folder is None:
-            raise ConfigError(f"{run.name} has no run folder to report on.")
-        folder = run.folder
-    elif isinstance(run, str | PathLike):
-        folder = Path(run)
+    if isinstance(run_folder, AgentData):
+        if run_folder.folder is None:
+            raise ConfigError(f"{run_folder.name} has no run folder to report on.")
+        folder = run_folder.folder
+    elif isinstance(run_folder, str | PathLike):
+        folder = Path(run_folder)
     else:
         raise ConfigError(
-            f"a run, unless it is a name or a file, must be a rans.Agent, got {brief(run)}."
+            f"a run, unless it is a name or a file, must be a rans.Agent, got {brief(run_folder)}."
         )
     file = folder / "report.html"
     report_from_run(folder).write(file)
@@ -228,8 +259,8 @@ def report(run: str | Path | AgentData) -> Path:
 @settled_alone
 def export(
     agent: str | Path | AgentData,
-    output: str | Path,
-    form: str = "onnx",
+    output: str | Path | None = None,
+    format: str = "rans",
     *,
     episodes: int = 1024,
 ) -> Path:
@@ -241,34 +272,77 @@ def export(
     ['agent.npz', 'agent.py', 'card.json']
 
     Args:
-        agent: a trained agent: an `Agent`, its run folder, or the name of one that comes with RANS; or
-            "onnx:FILE:TASK-2d@SPACECRAFT", a network of another library, as "c", "numpy" or "onnx".
-        output: folder to write; its name becomes the agent's name.
-        form: "onnx" for any ONNX runtime, "numpy" for NumPy alone, "c" for C99, "sb3" for Stable-Baselines3 and
-            RANS, "rans" for RANS alone, or "fmu" for simulators that read FMI 2.0.
-        episodes: number of evaluation flights for the model card.
+        agent: run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported
+            for that craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, exported as it is (c,
+            numpy or onnx).
+        output: folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the
+            agent.
+        format: format of the agent: rans, sb3, onnx, numpy, c or fmu. None has the safety filter, which needs RANS:
+            the contract names it, and `rans fly` on the folder applies it (docs/missions/guard.md).
+        episodes: number of evaluation flights for the model card. A quarter as many fly at each latency, mass and
+            sensor noise around the conditions of the training, from which the contract states the intervals in
+            which the agent solves its task; with fewer than 256 episodes it states none.
 
     Raises:
         ConfigError: this is no trained agent, or the folder is another agent's.
     """
-    from rans.deploy.export import EXPORTERS
-    from rans.deploy.export import write_export as write
-    from rans.deploy.forms import forms
+    folder, _ = exported(agent, output, format, episodes)
+    return folder
+
+
+def exported(
+    agent: str | Path | AgentData, output: str | Path | None, format: str, episodes: int
+) -> tuple[Path, dict[str, Any]]:
+    """Folder and card of an export; see `export`."""
+    from rans.deploy.export import EXPORTERS, write_export
+    from rans.deploy.forms import FORMATS, Form, forms
     from rans.evaluation.fly.contestant_name import ContestantName
 
-    one_of("form", form, forms())
+    count = whole("episodes", episodes)
+    one_of("format", format, forms())
+    if format not in get_args(Form):
+        FORMATS.check_installed(format)
     source: Any = agent.folder if isinstance(agent, AgentData) else agent
     if source is None:
         raise ConfigError(f"{agent!r} is no trained agent with a run folder.")
     name = ContestantName.parse(str(source))
+    is_foreign = name.kind == "policy"
+    source = name.policy_file if is_foreign else name.folder
+    if source is None and name.name.startswith("onnx:"):
+        raise ConfigError(f"there is no file {name.name.removeprefix('onnx:')}.")
+    if source is None:
+        raise ConfigError(
+            f"{brief(name.text)} is no ONNX file, and an export needs the operations of one. Let its own "
+            "library write ONNX, as examples/trainers do by --save FILE, and export onnx:FILE:TASK-2d."
+        )
     if part := name.part:
         raise ConfigError(
-            "an agent is exported whole, with its trade-off input and all its tasks as observations: "
-            f"name it without #{part}."
+            "an agent is exported as a whole, with its trade-off and all its tasks as observations: name "
+            f"it without #{part}."
         )
-    folder = Path(text_of_name("output", output, Path))
-    if name.kind == "policy":
-        EXPORTERS[name.kind](name.text, folder, form, whole("episodes", episodes))
-        return folder
-    write(name.folder, folder, form, whole("episodes", episodes))
-    return folder
+    if format == "rans" and not is_foreign and _comes_with_rans(source):
+        raise ConfigError(f"{source.name} comes with RANS in this format already, in {source}.")
+    # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.
+    margins = count // 4 if count >= 256 else 0
+    # Before minutes of flights.
+    write_policy = EXPORTERS[name.kind] if is_foreign else None
+    if format in _PACKAGES:
+        require(_PACKAGES[format])
+    # The folder of an agent for any craft is named after its craft too.
+    label = source.stem if is_foreign else source.name
+    if name.craft or name.adapts:
+        label = name.output_folder.name
+    default = Path("runs/exports") / label
+    folder = default if output is None else Path(text_of_name("output", output, Path))
+    if write_policy is not None:
+        return folder, write_policy(name.text, folder, format, count, margins=margins)
+    return folder, write_export(source, folder, format, count, margins=margins)
+
+
+_PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
+"""Modules that formats need beside the core."""
+
+
+def _comes_with_rans(folder: Path) -> bool:
+    """Whether a folder is that of a pretrained agent."""
+    return folder.name in pretrained_names() and folder == pretrained_folder(folder.name)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
+from rans.choices import LoggerName, Quality
 from rans.errors import ConfigError, checked, one_of, whole
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, to_toml
@@ -25,8 +26,6 @@ from rans.tasks import TASKS, Task, registered_name
 if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
     from rans.fast.learn.config import PPOSettings, TrainConfig
-    from rans.fast.learn.loggers import LoggerName
-    from rans.fast.learn.recipes import Quality
     from rans.fast.learn.sweep import Sweep
 
 
@@ -35,17 +34,17 @@ def train(
     task: str | Task = "go-to-pose",
     spacecraft: SpacecraftLike | None = None,
     *,
-    seed: int = 0,
-    device: str | None = None,
-    total_timesteps: int | None = None,
     conditions: ConditionsLike | None = None,
+    quality: Quality | None = None,
+    total_timesteps: int | None = None,
+    seed: int | None = None,
+    device: str | None = None,
+    output: str | Path | None = None,
+    log: Sequence[LoggerName] = (),
     ppo: PPOSettings | None = None,
     algorithm: str | None = None,
-    quality: Quality | None = None,
     guard: bool = False,
     plain: bool = False,
-    run: str | Path | None = None,
-    log: Sequence[LoggerName] = (),
     progress: bool | None = None,
     report: Callable[[dict[str, Any]], object] | None = None,
     **settings: Any,
@@ -56,32 +55,34 @@ def train(
 
     >>> folder = tempfile.mkdtemp()
     >>> agent = rans.train("go-to-pose", "floating-platform-shared", total_timesteps=8192,
-    ...                    learning_rate=2e-3, run=f"{folder}/mine")
+    ...                    learning_rate=2e-3, output=f"{folder}/mine")
     >>> agent
     <mine: GoToPose for floating-platform-shared>
 
     Args:
-        task: a name or a `Task`; the name of an agent that comes with RANS, to repeat its training; or the TOML
-            file of a recipe.
-        spacecraft: a name, a TOML file or a `Spacecraft`; None: the task's, or the recipe's.
-        seed: random seed of starts, goals, weights and actions.
-        device: "cpu" or "cuda"; None: a GPU if there is one.
-        total_timesteps: environment steps after which training ends, solved or not; None: the preset's.
-        conditions: domain randomization, disturbances, faults and sensors: a name, a TOML file or a
-            `Conditions`; None: nominal, or the recipe's.
-        ppo: settings of PPO; None: the preset's.
-        algorithm: learner: "ppo", or one of an installed package (docs/learners.md). None: PPO, or the
-            recipe's.
-        quality: length of the training: "quick" (seconds, until the task is solved), "good" (minutes on two
-            cores) or "best" (a GPU, or hours); also for your own spacecraft and conditions. None: quick, or a
-            recipe's own length.
+        task: task to learn (see `rans list TASKS`); the name of an agent that comes with RANS, such as
+            go-to-pose-2d, to repeat its whole training; or a recipe of your own, a .toml file (docs/training.md).
+        spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task or
+            of the recipe, or floating-platform.
+        conditions: domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or
+            your own TOML file; by default everything is nominal, or as in the recipe.
+        quality: length of the training: quick (the default; seconds, until the task is solved), good (minutes on
+            two cores; less impulse and smaller errors) or best (a GPU, or hours); also for your own spacecraft and
+            conditions.
+        total_timesteps: environment steps after which training ends, such as 5e6, solved or not; by default the
+            preset's.
+        seed: random seed; on a CPU the same seed gives the same agent, bit for bit. By default 0.
+        device: device to train on: cpu or cuda; by default a GPU if there is one.
+        ppo: settings of PPO; by default the preset's.
+        algorithm: learner: ppo, or one of an installed package (docs/learners.md); by default PPO, or the recipe's.
         guard: whether the agent learns behind the safety filter for its spacecraft and task
             (docs/missions/guard.md), on a CPU.
         plain: whether to run a task's code without compiling it, so that a breakpoint in it stops; many times
             slower.
-        run: a new run folder; None: one under runs/.
-        log: loggers that also get every row of metrics: "hparams", "wandb" or "mlflow".
-        progress: whether to show progress; None: on a terminal and in a notebook.
+        output: folder for the run; by default a new one under runs/.
+        log: where metrics also go: hparams (TensorBoard's table of hyper-parameters), wandb (Weights & Biases),
+            mlflow.
+        progress: whether to show progress; by default on a terminal and in a notebook.
         report: function that is called with every row of metrics, such as ``print``.
         **settings: any other entry of the config by its name, such as ``learning_rate=1e-3`` or
             ``thrust_weight=0.05``; where a name stands for several, use the dotted name, as in
@@ -125,7 +126,7 @@ def train(
         and not (settings or total_timesteps or conditions or ppo or algorithm or quality)
     ):
         config = from_any_craft(config, craft)
-    folder = Path(run) if run is not None else run_path(config)
+    folder = Path(output) if output is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
     run_folder = RunFolder(folder)
@@ -202,15 +203,16 @@ def sweep(
     <best: GoToPose for floating-platform>
 
     Args:
-        task: as for `train`.
-        spacecraft: name or TOML file; None: the task's, or the recipe's.
+        task: task to learn (see `rans list TASKS`), the name of an agent that comes with RANS, or a recipe of your
+            own, a .toml file.
+        spacecraft: see `train`.
         seeds: number of seeds, counted from 0.
-        device: "cpu" or "cuda"; None: a GPU if there is one.
-        total_timesteps: environment steps after which each member ends, solved or not; None: the preset's.
-        conditions: domain randomization, disturbances, faults and sensors, as for `train`.
-        algorithm: learner: "ppo", or one of an installed package.
-        log: loggers that get the metrics of the best agent at the end: "hparams", "wandb" or "mlflow".
-        output: a new folder for the results; None: one under runs/.
+        device: see `train`.
+        total_timesteps: environment steps after which each member ends, solved or not; by default the preset's.
+        conditions: see `train`.
+        algorithm: learner: ppo, or one of an installed package.
+        log: loggers that also get the metrics of the best agent, at the end.
+        output: folder for the results; by default a new one under runs/.
         **settings: entries of the config by name; a list has the values to combine.
 
     Raises:
@@ -270,7 +272,7 @@ def tune(
     True
 
     Args:
-        controller: name of the controller, or MODULE:NAME.
+        controller: name of the controller (see `rans list`), or MODULE:NAME.
         task: task to tune it for: a name or a `Task`.
         spacecraft: a name, a TOML file or a `Spacecraft`.
         candidates: number of settings to try, the default ones included.
@@ -279,7 +281,8 @@ def tune(
             rest, plus the impulse of the episode times this price.
         seconds: processor time after which no further candidate is flown; use the same for every controller to
             give all an equal budget.
-        conditions: domain randomization, disturbances, faults and sensors to tune under; None: nominal.
+        conditions: conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default
+            none.
         output: file to write the settings to (.json); None: under runs/controllers, where every command looks
             for them, unless the ones there were found on more starts or cost less.
 

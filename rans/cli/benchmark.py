@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
 from rans.api import laboratory
+from rans.api.judging import benchmark
 from rans.api.names import load_spacecraft
+from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.table import Table
@@ -22,8 +24,12 @@ if TYPE_CHECKING:
     from validation.speed.ratios import Ratio
 
 
-@dataclass(frozen=True)
-class Benchmark:
+@command_of(
+    benchmark,
+    without=("task", "device", "num_envs"),
+    spacecraft=word("[SPACECRAFT...]", tuple[str, ...]),
+)
+class Benchmark(Options):
     """Measure the speed of engine, trainer, optimizer and agents on this machine.
 
     Compile time is reported separately. Figures repeat on an idle machine only. Ctrl-C keeps what was
@@ -34,16 +40,9 @@ class Benchmark:
     guide = "docs/speed.md"
     examples = ("rans benchmark --quick",)
 
-    crafts: Annotated[tuple[str, ...], Positional, arg(metavar="[SPACECRAFT...]")] = (
-        "floating-platform",
-        "free-flyer",
-    )
-    """Names of spacecraft that come with RANS, or your own TOML files."""
     peers: bool = False
     """Measure other simulators and trainers too, and say which cannot be measured. Missing ones are installed
     with pip, each into an environment of its own of up to 1.5 GB, in the user's cache (XDG_CACHE_HOME)."""
-    quick: bool = False
-    """Rough figures in seconds: one small batch, few repeats, nothing compiled on a CPU."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """JSON file to write all values to, warm-up times and notes too, with a figure next to it."""
 
@@ -72,7 +71,7 @@ class Benchmark:
     def _measure(self, console: Terminal, device: str, result: list[Measurement]) -> None:
         from rans.api.speed import measured
 
-        crafts = [load_spacecraft(name) for name in self.crafts]
+        crafts = [load_spacecraft(name) for name in self.spacecraft]
         with console.status("measuring ...") as status:
             for measurement in measured(crafts, "go-to-pose", (), device, self.quick):
                 result.append(measurement)

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
-import tyro
+from tyro.conf import arg
 
+from rans.api.judging import compare, starts_of
 from rans.cli import check_count
-from rans.cli.options import Trust
-from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
+from rans.cli.door import Options, command_of, word
+from rans.cli.states import written_endpoints
 from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.registry import typed
-from rans.scenario import EVALUATION_SEED
 from rans.table import Table
 from rans.terminal import Terminal, doing, progress, rendered, stages, writing_at_end
 
@@ -36,19 +35,21 @@ _POSITIONS = 9
 """Positions of a trade-off, with both ends, on the curve of an agent."""
 _SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
-STARTS = 16, 1
-"""Starts by default, and those of them with certified bounds: with MPC and optima 60 s of processor time, most of
-it on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
-_ALL_STARTS = 128, 4
-"""The same for a full comparison, which takes minutes."""
 
 
-@dataclass(frozen=True)
-class Compare:
+@command_of(
+    compare,
+    without=("workers",),
+    contestants=word("RUN...", tuple[str, ...]),
+    beside=Annotated[tuple[str, ...] | None, arg(name="with", metavar="[NAME|optimal ...]")],
+)
+class Compare(Options):
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
-    Writes compare.html and compare.json. All contestants are checked before any flies. If one fails in
-    flight, the others are still compared, and the exit code is 1. docs/protocol.md defines the scores.
+    Writes compare.html and compare.json. The file of a spacecraft alone, mine.toml, is any-craft-2d or any-craft-3d
+    at three values, fast to frugal. Bounds are kept for the next run. --full prints all scores and the certified
+    gaps too; the page always has all scores that were computed. All contestants are checked before any flies. If
+    one fails in flight, the others are still compared, and the exit code is 1. docs/protocol.md defines the scores.
     """
 
     group = "Judge"
@@ -60,58 +61,13 @@ class Compare:
         "rans compare runs/first pretrained:go-to-pose-2d --episodes 16 --certified 2",
     )
 
-    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), any of these after lookahead:,
-    sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION, or FILE.csv with flights that were computed elsewhere
-    (docs/comparison.md). The first sets task, spacecraft and control rate for the others. The file of a spacecraft
-    alone, mine.toml, is any-craft-2d or any-craft-3d at three values, fast to frugal."""
-    beside: Annotated[
-        tuple[str, ...] | None, tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")
-    ] = None
-    """Controllers that join, and optimal: optimal trajectories and certified bounds. By default lqr switching mpc
-    optimal, for landings landing optimal, for inspections circumnavigation visiting optimal."""
-    conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
-    (none), or your own TOML file; by default those that the first contestant was trained in."""
-    episodes: int | None = None
-    """Number of starts; by default 16, with --full 128, and no fewer than --certified."""
-    engine: Literal["fast", "drake"] = "fast"
-    """Engine of the motion: the equations of RANS, or Drake as an independent reference."""
-    guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
-    reserve for the conditions' noise."""
-    certified: int | None = None
-    """Starts whose bounds are certified, if optimal joins; by default 1, with --full 4. Each takes half a minute of
-    processor time in the plane, minutes in space with its package (docs/certificate.md), else hull and tube bounds.
-    They are kept for the next run."""
     front: bool = False
     """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
     front."""
     front_seconds: float = 300.0
     """With --front: processor time for the bounds, s. They are kept for the next run."""
-    period: float | None = None
-    """Control period, s, of controllers and of any-craft with a spacecraft; by default the first contestant's."""
-    seed: int = EVALUATION_SEED
-    """Seed of the starts."""
-    start: OwnState = ()
-    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
-    roll, pitch, yaw; angles are in degrees, or with a unit. Velocities follow by name: v.x=0.1 (m/s), w=0.1
-    (rad/s). Episodes then differ in conditions only; without conditions there is one."""
-    goal: OwnState = ()
-    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
-    zones: OwnZones = ()
-    """Your own keep-out zones, for tasks that have some, such as avoid-2d: centre and radius of each, such as
-    1.5,0.2,0.4, in space x,y,z,r, in m; a radius includes that of the spacecraft. They stand still."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
-    full: bool = False
-    """Compare from more starts, in minutes, with the largest return of the task's reward too, and print all scores
-    and the certified gaps. The page always has all scores that were computed."""
-    trust: Trust = False
-    """Whether code that files name may run, by --trust."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -125,6 +81,7 @@ class Compare:
         from rans.evaluation.fly.contestant_name import ContestantName
 
         self._check()
+        episodes, certified = starts_of(self.episodes, self.certified, self.full)
         named = [
             trade_off_positions(spec, _POSITIONS) if self.front else [spec]
             for text in self.contestants
@@ -133,7 +90,7 @@ class Compare:
         # The first contestant sets task, craft, starts and conditions for all.
         contest = contest_of(
             named[0][0],
-            self._episodes,
+            episodes,
             self.seed,
             self.engine,
             conditions_if_named(self.conditions),
@@ -168,10 +125,10 @@ class Compare:
             shown = stages(bars)
             try:
                 quick, rest = self._quick(contest)
-                comparison.fly(flying, quick, self._certified, cache, stage, returns=self.full)
+                comparison.fly(flying, quick, certified, cache, stage, returns=self.full)
                 if rest:
                     _say_so_far(comparison, bars, rest)
-                    comparison.fly({}, rest, self._certified, cache, stage, returns=self.full)
+                    comparison.fly({}, rest, certified, cache, stage, returns=self.full)
                 if self.front:
                     comparison.trace(between, self.front_seconds, cache, stage)
             except KeyboardInterrupt:
@@ -179,53 +136,28 @@ class Compare:
                     "Interrupted: what there is is written, the page last. Ctrl-C again leaves the page out.",
                     soft_wrap=True,
                 )
-                comparison.notes.insert(0, self._interrupted(comparison, begun))
+                comparison.notes.insert(0, self._interrupted(comparison, begun, certified))
                 raise
         if line := _without_training(self.contestants, contest):
             Terminal().say(line)
         self._suggest(contest.task)
         return 1 if comparison.failures else 0
 
-    @property
-    def _episodes(self) -> int:
-        """Number of starts that are asked for."""
-        usual = _ALL_STARTS if self.full else STARTS
-        return max(usual[0], self._certified) if self.episodes is None else self.episodes
-
-    @property
-    def _certified(self) -> int:
-        """Number of starts whose bounds are asked for."""
-        usual = _ALL_STARTS if self.full else STARTS
-        return usual[1] if self.certified is None else self.certified
-
     def _suggest(self, task: Task) -> None:
         """Print commands that a user may want to run next, with the options of this one."""
         run = self.contestants[0]
         controllers = self._controllers(task)
-        slack = [] if self.guard_slack is None else ["--guard-slack", f"{self.guard_slack:g}"]
-        guard = ["--guard", *slack] if self.guard else []
-        same = [*guard, *as_options(self.start, self.goal, self.zones)]
-        same += self._changed("conditions", "seed", "engine")
+        guard = self.changed("guard", "guard_slack")
+        same = [*guard, *self.changed("start", "goal", "zones", "conditions", "seed", "engine")]
         trust = ["--trust"] if self.trust else []
         same += trust
         view = shlex.join(["rans", "view", run, *controllers, *same])
         stress = shlex.join(["rans", "stress", run, *controllers, *guard, *trust])
         # Only a comparison has opponents, certified bounds and a front.
-        again = self._changed("episodes", "certified", "period", "output")
-        again += [] if self.beside is None else ["--with", *self.beside]
+        again = self.changed("episodes", "certified", "period", "output", "beside")
         again += ["--front", "--front-seconds", f"{self.front_seconds:g}"] if self.front else []
         full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
         Terminal().suggest(*([] if self.full else [full]), view, stress)
-
-    def _changed(self, *names: str) -> list[str]:
-        """Words of a command that repeat those of these options that are not left at their defaults."""
-        values = {name: getattr(self, name) for name in names}
-        return [
-            word
-            for name, value in values.items()
-            if value != getattr(Compare, name)
-            for word in (f"--{name}", str(value))
-        ]
 
     def _quick(self, contest: Contest) -> tuple[list[str], list[str]]:
         """Opponents that answer in seconds, which fly first, and the slow ones after them."""
@@ -237,7 +169,7 @@ class Compare:
             slow = len(names)
         return names[:slow], names[slow:]
 
-    def _interrupted(self, comparison: Comparison, begun: Sequence[str]) -> str:
+    def _interrupted(self, comparison: Comparison, begun: Sequence[str], certified: int) -> str:
         """Sentence about the progress of an interrupted comparison, whose last stage is the interrupted one.
 
         Without a bound it says that none was computed: certification may have been far from its turn.
@@ -247,7 +179,7 @@ class Compare:
         bounded = len(comparison.certified_starts())
         if comparison.mission is not None:
             bounded = len(comparison.mission.lower)
-        asked = min(self._certified, comparison.contest.episodes)
+        asked = min(certified, comparison.contest.episodes)
         bounds = f"bounds were computed from {bounded} of {asked} starts"
         if not bounded:
             bounds = "no bound had been computed"
@@ -270,13 +202,13 @@ class Compare:
                 )
         for name in set(self.beside or ()) - {"optimal"}:
             CONTROLLERS[typed(name)]  # reject a wrong name before the flights
-        if self._certified < 0:
+        check_count("--episodes", self.episodes)
+        if self.certified is not None and self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         if not self.front_seconds >= 0:
             raise ConfigError(f"--front-seconds must be >= 0, got {self.front_seconds}.")
         if not self.front and self.front_seconds != Compare.front_seconds:
             raise ConfigError("--front-seconds needs --front.")
-        check_count("--episodes", self._episodes)
 
 
 _VALUES = 0.0, 0.5, 1.0

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from tyro.conf import Positional, arg
-
+from rans.api.judging import evaluate
 from rans.cli import check_count
+from rans.cli.door import Options, command_of, word
 from rans.cli.options import Trust
-from rans.cli.states import OwnState, OwnZones, as_options, written_endpoints
+from rans.cli.states import written_endpoints
 from rans.errors import is_installed
 from rans.files import (
     command_line,
@@ -25,7 +25,6 @@ from rans.files import (
     write_json,
 )
 from rans.registry import Registry
-from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, doing, progress, stages
 
 if TYPE_CHECKING:
@@ -49,13 +48,15 @@ FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
 folder, whose result says what they are; empty: there are none of such a flight."""
 
 
-@dataclass(frozen=True)
-class Evaluate:
+@command_of(evaluate, agent=word("RUN"), engine=Literal["fast", "drake", "both"])
+class Evaluate(Options):
     """Fly an agent from fixed starts, and print metrics with 95 % intervals.
 
     Writes evaluation.json, episodes.npz, evaluation.svg and episode.svg into the run folder, or for other
     contestants into runs/evaluations/. With a protocol the names end in it, such as evaluation-paper.json;
-    under your own conditions, in a digest of these.
+    under your own conditions, in a digest of these. --engine both flies in both engines, and exits with 1 if they
+    disagree. More than 65,536 flights of an agent are judged while they fly: a million take about a second on a
+    GPU and one or two minutes on two cores. They have a shorter table, written to evaluation-many.json.
     """
 
     group = "Judge"
@@ -69,49 +70,9 @@ class Evaluate:
         "rans evaluate sb3:policy.zip:go-to-pose-2d --trust",
     )
 
-    contestant: Annotated[str, Positional, arg(metavar="RUN")]
-    """A run folder, pretrained:NAME, either of these after lookahead:, or CONTROLLER:TASK-2d or -3d, with
-    @SPACECRAFT if you like. The file of your own spacecraft alone, mine.toml, is any-craft-2d@mine.toml or
-    any-craft-3d@mine.toml: it flies without training."""
-    protocol: Literal["own", "paper", "original"] = "own"
-    """own: the conditions of the training and the task's evaluation starts. paper: the paper's floating
-    platform, 250 steps, starts 3 to 4 m away, 1 N for each thruster. original: the same with a total of 1 N."""
-    conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
-    (none), or your own TOML file; by default those of the training."""
-    episodes: int = 1024
-    """Number of flights. More than 65,536 flights of an agent are judged while they fly: a million take about
-    a second on a GPU and one or two minutes on two cores. They have a shorter table, written to
-    evaluation-many.json without episodes and figures."""
-    period: float | None = None
-    """Control period, s, of a controller or of any-craft with a spacecraft; by default the task's, or one for the
-    spacecraft of your file."""
-    seed: int = EVALUATION_SEED
-    """Seed of starts and goals."""
-    start: OwnState = ()
-    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
-    roll, pitch, yaw; angles are in degrees, or with a unit. Velocities follow by name: v.x=0.1 (m/s), w=0.1
-    (rad/s). Episodes then differ in conditions only; without conditions there is one."""
-    goal: OwnState = ()
-    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
-    zones: OwnZones = ()
-    """Your own keep-out zones, for tasks that have some, such as avoid-2d: centre and radius of each, such as
-    1.5,0.2,0.4, in space x,y,z,r, in m; a radius includes that of the spacecraft. They stand still."""
-    engine: Literal["fast", "drake", "both"] = "fast"
-    """What computes the motion: RANS's own equations (fast), Drake as an independent check, or both; both
-    exits with 1 if they disagree."""
     trajectories: bool = False
     """Also write all states and commands into episodes.npz; for a mission on an orbit also the first 16 flights as
     CCSDS messages into a folder ccsds: OEM of craft and target, AEM of the craft (docs/missions/ccsds.md)."""
-    guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
-    reserve for the conditions' noise."""
-    guard_coasts: bool = False
-    """With --guard: also replace commands after which the coast of the next orbit would enter the zone around the
-    target if all thrusters shut (docs/missions/passive_safety.md)."""
     full: bool = False
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: Trust = False
@@ -119,16 +80,14 @@ class Evaluate:
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "compare", self.contestant]),)
+        return (shlex.join(["rans", "compare", self.agent]),)
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
         from rans.evaluation.fly.contestants import judged_separately
 
         check_count("--episodes", self.episodes)
-        passed = [
-            replace(self, contestant=spec).judge() for spec in judged_separately(self.contestant)
-        ]
+        passed = [replace(self, agent=spec).judge() for spec in judged_separately(self.agent)]
         return 0 if all(passed) else 1
 
     def judge(self) -> bool:
@@ -140,10 +99,10 @@ class Evaluate:
         from rans.evaluation.measure.agreement import compare_engines
         from rans.policy.prospects import doubt
 
-        run = contestant(self.contestant, self.protocol, trust=self.trust, period=self.period)
+        run = contestant(self.agent, self.protocol, trust=self.trust, period=self.period)
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
-        name = ContestantName.parse(self.contestant)
+        name = ContestantName.parse(self.agent)
         if name.unnamed:
             Terminal().say(f"{name.unnamed} flies {run.craft.name} without training.")
         if name.craft and (sentence := doubt(run.craft, run.timing.control_period)):
@@ -175,24 +134,15 @@ class Evaluate:
 
     def _suggest(self) -> None:
         more = [] if self.full else ["--full"]
-        same = ["--guard"] if self.guard else []
-        if self.guard_slack is not None:
-            same += ["--guard-slack", f"{self.guard_slack:g}"]
-        if self.conditions is not None:
-            same += ["--conditions", self.conditions]
-        same += as_options(self.start, self.goal, self.zones)
-        same += ["--seed", str(self.seed)] if self.seed != EVALUATION_SEED else []
+        same = self.changed("guard", "guard_slack", "conditions", "start", "goal", "zones", "seed")
         same += ["--trust"] if self.trust else []
         # Only this command has its protocols, and its number of episodes suits only itself.
-        own = ["--guard-coasts"] if self.guard_coasts else []
-        own += ["--protocol", self.protocol] if self.protocol != "own" else []
-        period = [] if self.period is None else ["--period", f"{self.period:g}"]
-        own += period
-        own += ["--episodes", str(self.episodes)] if self.episodes != Evaluate.episodes else []
+        own = self.changed("guard_coasts", "protocol", "period", "episodes")
+        period = self.changed("period")
         drake = ["--engine", "drake"]
-        engine = ["--engine", self.engine] if self.engine != "fast" else []
-        again = shlex.join(["rans", "evaluate", self.contestant, *same, *own, *engine, *more])
-        judged = shlex.join(["rans", "evaluate", self.contestant, *same, *own, *drake])
+        engine = self.changed("engine")
+        again = shlex.join(["rans", "evaluate", self.agent, *same, *own, *engine, *more])
+        judged = shlex.join(["rans", "evaluate", self.agent, *same, *own, *drake])
         first = [f"{again}   # all metrics"] if more else [] if engine else [judged]
         # Comparisons and pages cannot keep coasts safe: they would fly another filter.
         others = () if self.guard_coasts else ("compare", "view")
@@ -201,7 +151,7 @@ class Evaluate:
             *first,
             *(
                 shlex.join(
-                    ["rans", other, self.contestant, *same, *(period if other == "compare" else [])]
+                    ["rans", other, self.agent, *same, *(period if other == "compare" else [])]
                 )
                 for other in others
             ),
@@ -347,9 +297,9 @@ class Evaluate:
             guard = "guard-coasts"
         endpoints = ""
         if self.start or self.goal or self.zones:
-            own = as_options(self.start, self.goal, self.zones)
+            own = self.changed("start", "goal", "zones")
             endpoints = distinct("own", shlex.join(own))
-        name = ContestantName.parse(self.contestant)
+        name = ContestantName.parse(self.agent)
         period = "" if self.period is None else f"period{self.period:g}"
         names = filter(None, (name.part, protocol, period, conditions, guard, endpoints))
         return name.output_folder, "".join(f"-{part}" for part in names)
@@ -370,7 +320,7 @@ class Evaluate:
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
         """Options under which results are comparable."""
         options: dict[str, Any] = {
-            "contestant": self.contestant,
+            "contestant": self.agent,
             "protocol": self.protocol,
             "episodes": self.episodes,
             "seed": self.seed,

@@ -14,8 +14,8 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from rans.cli.commands import Command
+from rans.cli.door import texts_of
 from rans.cli.options import EVERYWHERE, is_in_help, option_name
-from rans.display import meanings
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
 _QUOTED = re.compile(r"`[^`\n]{1,30}`")
@@ -148,7 +148,7 @@ def _explain(described: type, joined: bool, options: Collection[str]) -> None:
     from tyro.conf import Suppress
 
     hints = get_type_hints(described, include_extras=True)
-    texts = meanings(described)
+    texts = texts_of(described)
     described.__annotations__ = {
         name: Annotated[
             hint,

@@ -6,12 +6,14 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+from rans.api.drafting import init_spacecraft
+from rans.cli.door import Options, argument_texts, command_of
 from rans.errors import ConfigError, brief, meant
 from rans.terminal import Terminal
 
@@ -30,12 +32,22 @@ _KINDS: dict[str, type] = {
 """Kinds of the values of --set, by their keys."""
 
 
-@dataclass(frozen=True)
-class Init:
+@command_of(
+    init_spacecraft,
+    without=("name", *_KINDS),
+    base=Annotated[str | None, arg(name="from", metavar="SPACECRAFT")],
+    thrusters=Annotated[
+        UseAppendAction[tuple[str, ...]], arg(name="thruster", metavar="POSITION;DIRECTION;FORCE")
+    ],
+    wheels=Annotated[
+        UseAppendAction[tuple[str, ...]], arg(name="wheel", metavar="AXIS;TORQUE;MOMENTUM;INERTIA")
+    ],
+)
+class Init(Options):
     """Write the TOML file of a new spacecraft, draw its thrusters, and print its control authority.
 
     It asks for missing values. The authority is the largest force along each axis, and the largest torque
-    about it, while all others are zero. Ctrl-C writes nothing.
+    about it, while all others are zero. --thruster and --wheel are repeated for each. Ctrl-C writes nothing.
     """
 
     group = "Check"
@@ -48,27 +60,7 @@ class Init:
 
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
     """File to write."""
-    base: Annotated[str | None, arg(name="from", metavar="SPACECRAFT")] = None
-    """Begin from this spacecraft (name or TOML file) and keep its values where you give none; or from a file
-    of other software: URDF (.urdf), SDF (.sdf), or a table of the simulator 42 (.txt)."""
-    thruster: Annotated[
-        UseAppendAction[tuple[str, ...]], arg(metavar="POSITION;DIRECTION;FORCE")
-    ] = ()
-    """A thruster as "position;direction;force", repeated for each: "0.2,0.1;1,0;1.5" is at x 0.2 m and y 0.1
-    m and pushes along x with 1.5 N."""
-    wheel: Annotated[
-        UseAppendAction[tuple[str, ...]], arg(metavar="AXIS;TORQUE;MOMENTUM;INERTIA")
-    ] = ()
-    """A reaction wheel as "axis;torque;momentum;inertia", repeated for each: "0,0,1;0.1;0.7;0.001" in N m, N
-    m s and kg m^2."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: dimension
-    (2: the plane, 3: space), mass (kg), inertia (kg m^2, about the centre of mass: one number, or in space
-    three) or size (m, the sides of a uniform box), centre_of_mass (m, in the frame of the thruster positions),
-    name (by default the file's name), actuators (on-off, pulsed or throttle), counts (steps into which pulsed
-    valves divide a control period), least (shortest pulse in counts, or least level of a throttle as a share of
-    full force), most (largest level), radius (m, for drawings), thrust_sharing (none, or split: the open
-    thrusters share the supply of one)."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -122,13 +114,11 @@ class Init:
 
     def _drafted(self, answers: dict[str, Any]) -> Draft:
         """Draft from the options and these answers."""
-        from rans.api.drafting import init_spacecraft
-
         options: dict[str, Any] = {
             "name": self.file.stem,
             "base": self.base,
-            "thrusters": self.thruster,
-            "wheels": self.wheel,
+            "thrusters": self.thrusters,
+            "wheels": self.wheels,
         }
         return init_spacecraft(**options | self._given() | answers)
 
@@ -171,15 +161,15 @@ class Init:
         # Effectors.
         if start is None and "actuators" not in given:
             answers |= _ask_actuators(number, given)
-        if foreign is not None and foreign.nozzles and not self.thruster:
+        if foreign is not None and foreign.nozzles and not self.thrusters:
             answers["thrusters"] = _ask_nozzles(foreign, dimension)
-        elif start is None and not self.thruster:
+        elif start is None and not self.thrusters:
             example = "0.2, 0.1; 1, 0; 1.5" if dimension == 2 else "0.2, 0.1, 0; 1, 0, 0; 1.5"
             print(f"Thrusters: position (m); direction of the force; force (N), such as {example}")
             answers["thrusters"] = _ask_each(
                 "Thruster", lambda text: thruster_of(text, dimension), 1
             )
-        if start is None and foreign is None and not self.wheel:
+        if start is None and foreign is None and not self.wheels:
             print("Reaction wheels: axis; torque (N m); momentum (N m s); inertia (kg m^2)")
             answers["wheels"] = _ask_each("Wheel", wheel_of, 0)
         return self._drafted(answers)
@@ -217,6 +207,14 @@ class Init:
             *([f"rans validate {self.file} --quick"] if steerable else []),
             *([f"rans train go-to-pose --spacecraft {self.file}"] if steerable else []),
         )
+
+
+_MEANINGS = argument_texts(init_spacecraft)
+Init.texts["set"] = (
+    "A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: "
+    + ", ".join(f"{key} ({text.rstrip('.')})" for key, text in _MEANINGS.items() if key in _KINDS)
+    + "."
+)
 
 
 def _ask_actuators(number: Callable[[str], float], given: Collection[str]) -> dict[str, Any]:

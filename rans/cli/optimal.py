@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import shlex
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from rans.api.limits import optimal_trajectory
 from rans.api.names import load_spacecraft
 from rans.cli import check_count
+from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
-from rans.cli.states import OwnState, read_zones, written_endpoints
+from rans.cli.states import read_zones, written_endpoints
 from rans.errors import ConfigError, require
 from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
@@ -31,14 +34,19 @@ if TYPE_CHECKING:
     from rans.optimal.trajectory.limits import PathLimits
     from rans.optimal.trajectory.objectives import Objective
 
-_CONTROL_PERIOD = 0.2
-"""Time that a command is held, s; for a least time it is computed."""
-_INTERVALS = 50
-"""Control periods of a least time: over 10 s they are as long as the others."""
+_CONTROL_PERIOD, _INTERVALS = (
+    inspect.signature(optimal_trajectory).parameters[name].default
+    for name in ("control_period", "intervals")
+)
 
 
-@dataclass(frozen=True)
-class Optimal:
+@command_of(
+    optimal_trajectory,
+    without=("seed", "control_period", "intervals", "guesses", "most_speed", "most_spin"),
+    defaults={"task": inspect.Parameter.empty, "start": None},
+    task=word("TASK"),
+)
+class Optimal(Options):
     """Compute optimal trajectories with partly open thrusters, and fly them in Drake.
 
     The trajectories are references: thrusters may open partly, so they are neither controllers nor
@@ -61,37 +69,14 @@ class Optimal:
         "rans optimal go-to-pose --start 3 1 40deg --goal 0 0 0",
     )
 
-    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
-    """Task, see `rans list TASKS`."""
     contestants: Annotated[
         tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[RUN...]")
     ] = ()
     """Run folders or pretrained:NAME to compare with the bound of a mission on an orbit."""
-    spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
-    floating-platform."""
-    objective: Literal["fuel", "time", "energy", "tracking", "reward"] = "fuel"
-    """What is minimized: impulse (fuel), time, squared thrust (energy), squared distance (tracking), or minus
-    the task's return (reward)."""
-    ending: Literal["exact", "set"] | None = None
-    """Arrive exactly, or within the task's tolerances (set); for fuel, time and energy. By default exact, for land
-    set, which is what its success asks for."""
-    horizon: float | None = None
-    """Length of the trajectory, s: by default 20, for reward 25. For time it is computed. For a mission on an
-    orbit it is the deadline, by default the latest."""
     episodes: int = 16
     """Number of starts."""
-    start: OwnState = ()
-    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
-    roll, pitch, yaw; angles are in degrees, or with a unit, such as 0.7rad. Velocities follow by name: v.x=0.1
-    (m/s), w=0.1 (rad/s). Or a TOML file (docs/optimal.md)."""
-    goal: OwnState = ()
-    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
     limits: Annotated[str, tyro.conf.arg(metavar="speed=M/S,spin=RAD/S")] = ""
     """Largest speed and angular speed of the trajectory; either may be left out."""
-    zones: Annotated[tuple[str, ...], tyro.conf.arg(metavar="X,Y,R...")] = ()
-    """Keep-out zones for the centre of mass: centre and radius of each, such as 1.5,0.2,0.4, in space x,y,z,r, in
-    m."""
     certify: bool = False
     """Also compute what no controller can beat: certified for on/off thrusters where that is possible, else for
     thrusters of any kind and wheels. Craft without optimal trajectories, as with wheels, have bounds only."""

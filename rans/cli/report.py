@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import tyro
-
+from rans.api.pages import report
+from rans.cli.door import Options, command_of, word
 from rans.terminal import Terminal, doing
 
 
-@dataclass(frozen=True)
-class Report:
+@command_of(report, run_folder=word("RUN", Path))
+class Report(Options):
     """Gather checks, training, evaluation, comparison and assurances of a run on one offline page."""
 
     group = "Show"
     guide = "docs/viewing.md"
     examples = ("rans report runs/first",)
-
-    run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """Run folder; parts that it does not have yet are left out."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -33,9 +28,9 @@ class Report:
 
         file = self.run_folder / "report.html"
         with doing(f"writing {file}"):
-            report = report_from_run(self.run_folder)
-            report.write(file)
-        Terminal().table(report.summary())
-        Terminal().say(report.hero)
+            page = report_from_run(self.run_folder)
+            page.write(file)
+        Terminal().table(page.summary())
+        Terminal().say(page.hero)
         Terminal().say(f"The report is {file}.")
         return 0

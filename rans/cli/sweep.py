@@ -7,13 +7,15 @@ import json
 import shlex
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import UseAppendAction, arg
 
+from rans.api.training import sweep
 from rans.cli import STARTED
+from rans.cli.door import Options, command_of, word
 from rans.cli.train import StopGently, Train, compile_in_this_process, trust_option
 from rans.errors import ConfigError, counted
 from rans.files import command_line
@@ -27,8 +29,13 @@ if TYPE_CHECKING:
     from rans.fast.learn.sweep import Sweep as Trainings
 
 
-@dataclass(frozen=True)
-class Sweep:
+@command_of(
+    sweep,
+    without=("spacecraft", "device", "total_timesteps", "conditions", "algorithm"),
+    defaults={"task": None},
+    task=word("[TASK]", str | None),
+)
+class Sweep(Options):
     """Train many agents as one batch, for every seed and every combination of hyper-parameters.
 
     The folder has sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; batches/
@@ -44,20 +51,11 @@ class Sweep:
         "rans sweep go-to-pose --seeds 64 --gpus all",
     )
 
-    task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
-    """Task to learn (see `rans list TASKS`), the name of an agent that comes with RANS, or the config.json of a
-    run."""
-    seeds: int = 8
-    """Number of seeds, counted from 0."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
     """Values of an entry of the config (see `rans list TRAINING`), as in
     `--set ppo.gamma=0.98,0.99`, `--set spacecraft=mine.toml` or `--set conditions=lab`; may be repeated."""
-    output: Path | None = None
-    """Folder for the results; by default a new one under runs/."""
     resume: Path | None = None
     """Continue the sweep in this folder from its last checkpoints."""
-    log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
-    """Loggers that also get the metrics of the best agent, at the end."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

@@ -13,14 +13,17 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import UseAppendAction, arg
 
+from rans.api.training import train
+from rans.choices import LoggerName
 from rans.cli import STARTED
+from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
 from rans.errors import ConfigError, RansError, RansWarning, brief, is_installed, meant_file
 from rans.files import command_line, first_line, inside, write_text
@@ -44,12 +47,19 @@ _GENTLE = 30.0
 """Largest time that an iteration may continue after Ctrl-C, s."""
 
 
-@dataclass(frozen=True)
-class Train:
+@command_of(
+    train,
+    without=("ppo", "algorithm", "guard", "plain", "progress", "report"),
+    defaults={"task": None},
+    task=word("[TASK]", str | None),
+    log=Annotated[tuple[Literal["terms", *get_args(LoggerName)], ...], arg(metavar="NAME...")],
+)
+class Train(Options):
     """Train an agent until it has solved its task.
 
     The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent,
-    agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine.
+    agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine. In
+    place of a task may stand the config.json of another run. --log terms prints the return of each reward term.
     """
 
     group = "Train"
@@ -62,41 +72,14 @@ class Train:
         "rans train go-to-pose --gpus all --output runs/eight",
     )
 
-    task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
-    """Task to learn (see `rans list TASKS`); the name of an agent that comes with RANS, such as
-    go-to-pose-2d, to repeat its whole training; a recipe of your own, a .toml file (docs/training.md); or the
-    config.json of another run."""
-    spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task, or
-    floating-platform."""
-    conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or your own
-    TOML file; by default everything is nominal."""
-    quality: Literal["quick", "good", "best"] | None = None
-    """Length of the training: quick (the default; seconds, until the task is solved), good (minutes on two
-    cores; less impulse and smaller errors) or best (a GPU, or hours); also for your own spacecraft and
-    conditions."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change an entry of the config (see `rans list TRAINING`), as in `--set ppo.gamma=0.98`,
     `--set guard=true` or `--set algorithm=NAME`; may be repeated."""
-    total_timesteps: int | None = None
-    """Environment steps after which training ends, such as 5e6; with --resume those before are counted too."""
-    seed: int | None = None
-    """Random seed; on a CPU the same seed gives the same agent, bit for bit. By default 0."""
-    device: str | None = None
-    """cpu or cuda; by default a GPU if there is one."""
-    output: Path | None = None
-    """Folder for the run; by default a new one under runs/."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or start it if there is none; beyond its
-    steps with `--total-timesteps N`."""
+    steps with `--total-timesteps N`, which counts those before too."""
     view: bool = False
     """Show the newest agent in the browser during the training."""
-    log: Annotated[
-        tuple[Literal["terms", "hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")
-    ] = ()
-    """Where metrics also go: terms (the return of each reward term, in the terminal), hparams (TensorBoard's
-    table of hyper-parameters), wandb (Weights & Biases), mlflow."""
 
     def _trainer(self) -> Trainer:
         """Trainer that is ready to train; a new run folder is created after its config has been checked."""
@@ -271,7 +254,7 @@ class Train:
             return self._train(curve)
 
     def _train(self, curve: Callable[[Rows], str] | None) -> int:
-        from rans.fast.learn.loggers import LoggerName, loggers, require_loggers
+        from rans.fast.learn.loggers import loggers, require_loggers
 
         elsewhere: list[LoggerName] = [name for name in self.log if name != "terms"]
         require_loggers(elsewhere)

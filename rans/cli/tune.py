@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
+import inspect
 import shlex
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from rans.api.training import tune
+from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
 from rans.files import command_line, ready_folder
 from rans.registry import typed
@@ -20,39 +21,32 @@ if TYPE_CHECKING:
     from rans.model.timing import Timing
     from rans.tasks import Task
 
-_CANDIDATES = 300
-"""Settings that fly, unless the time ends before."""
-_STARTS = 256
-"""Starts that each of them flies from."""
-_PRICE = 0.01
-"""Price of impulse, s per N s. The cost of a candidate is the mean of the settling time and the time first in the
-goal set, plus the impulse of the episode times this price."""
+_CANDIDATES, _STARTS, _PRICE = (
+    inspect.signature(tune).parameters[name].default for name in ("candidates", "starts", "price")
+)
 
 
-@dataclass(frozen=True)
-class Tune:
+@command_of(
+    tune,
+    without=("task", "spacecraft", "candidates", "starts", "price", "output"),
+    controller=word("CONTROLLER[:TASK-2d@SPACECRAFT]"),
+)
+class Tune(Options):
     """Search the settings of a controller by random sampling, first anywhere, then near the best.
 
     All candidates fly from the same starts, of a seed that no evaluation uses. Every command in this folder
     then uses the result for this controller, spacecraft, task and control rate. Ctrl-C ends the search and
-    keeps the best so far.
+    keeps the best so far. After the controller may stand task and spacecraft to tune it for, such as
+    lqr:track-velocity-2d@mine.toml; by default go-to-pose and its spacecraft, floating-platform.
     """
 
     group = "Train"
     guide = "docs/controllers.md"
     examples = ("rans tune lqr:go-to-pose-2d@mine.toml",)
 
-    controller: Annotated[str, Positional, arg(metavar="CONTROLLER[:TASK-2d@SPACECRAFT]")]
-    """Name of the controller (see `rans list`), or MODULE:NAME; with task and spacecraft to tune it for, such as
-    lqr:track-velocity-2d@mine.toml. By default go-to-pose and its spacecraft, floating-platform."""
     contestant: Annotated[str | None, Positional, arg(metavar="[CONTESTANT]")] = None
     """Take task, starts, spacecraft and control period from this contestant, such as
     pretrained:go-to-pose-2d-pingu."""
-    conditions: str | None = None
-    """Conditions to tune in: a name (see `rans list CONDITIONS`) or your own TOML file; by default none."""
-    seconds: float = math.inf
-    """Processor time after which no further candidate is flown; use the same for every controller to give all
-    an equal budget."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

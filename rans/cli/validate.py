@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from rich.text import Text
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
 from rans.api import laboratory
+from rans.api.judging import validate
 from rans.api.names import load_conditions, load_spacecraft
+from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError, require
 from rans.files import ready_folder, write_json
 from rans.terminal import Terminal, progress, stages, verdict
 
 
-@dataclass(frozen=True)
-class Validate:
+@command_of(validate, without=("seed",), spacecraft=word("[SPACECRAFT]"))
+class Validate(Options):
     """Check a spacecraft's dynamics against Drake and the laws of mechanics, layer by layer.
 
     The exit code is 1 if a check fails or cannot be made.
@@ -28,16 +29,6 @@ class Validate:
     guide = "docs/verification.md"
     examples = ("rans validate mine.toml --quick", "rans validate --judges")
 
-    craft: Annotated[str, Positional, arg(metavar="[SPACECRAFT]")] = "floating-platform"
-    """Name of a spacecraft that comes with RANS, or your own TOML file."""
-    quick: bool = False
-    """Use fewer states and flights and no compiler: about 15 s instead of some minutes."""
-    layer: str | None = None
-    """Check this layer only: thrusters, commands, accelerations, period, flights, engine, draws, readings,
-    onsets, tasks, ..."""
-    conditions: str | None = None
-    """Check under these conditions too, each effect alone and all together: a name (see `rans list
-    CONDITIONS`) or your own TOML file."""
     full: bool = False
     """Print every check, as with `--layer`, and not one line for each layer."""
     judges: Annotated[tuple[Path, ...] | None, arg(metavar="[FOLDER]")] = None
@@ -49,8 +40,8 @@ class Validate:
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
         if self.judges is not None:
-            return (shlex.join(["rans", "validate", self.craft]),)
-        return (shlex.join(["rans", "train", "go-to-pose", "--spacecraft", self.craft]),)
+            return (shlex.join(["rans", "validate", self.spacecraft]),)
+        return (shlex.join(["rans", "train", "go-to-pose", "--spacecraft", self.spacecraft]),)
 
     def run(self) -> int:
         """Print a table of layers or checks."""
@@ -65,7 +56,7 @@ class Validate:
             ready_folder(self.output)
         with progress() as bars:
             report = study(
-                load_spacecraft(self.craft),
+                load_spacecraft(self.spacecraft),
                 0,
                 self.quick,
                 self.layer,
@@ -88,7 +79,7 @@ class Validate:
             from validation.study.page import page
 
             report.write(self.output / "validation.json")
-            page(report, self.craft, self.conditions).write(self.output / "validation.html")
+            page(report, self.spacecraft, self.conditions).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
         nothing = not total and report.skipped
         if nothing:

@@ -5,17 +5,15 @@ from __future__ import annotations
 import contextlib
 import shlex
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-import tyro
-
+from rans.api.judging import flown
+from rans.api.pages import flyers, kind_of_flights, title_of, view
 from rans.cli import check_count
-from rans.cli.options import Trust
-from rans.cli.states import OwnState, OwnZones, written_endpoints
+from rans.cli.door import Options, command_of, word
+from rans.cli.states import written_endpoints
 from rans.errors import ConfigError
-from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, doing, progress, stages
 
 if TYPE_CHECKING:
@@ -24,12 +22,12 @@ if TYPE_CHECKING:
     from rans.scenario import Endpoints
 
 
-@dataclass(frozen=True)
-class View:
+@command_of(view, contestants=word("RUN...", tuple[str, ...]))
+class View(Options):
     """Replay flights in three dimensions in the browser, in real time; Ctrl-C ends it.
 
     Every contestant has a row and every episode a tile. Open thrusters have orange plumes; the goal is green.
-    A bar has pause, time and speed.
+    A bar has pause, time and speed. Folders of `rans optimal` show their trajectories, in Drake.
     """
 
     group = "Show"
@@ -40,44 +38,10 @@ class View:
         "rans view pretrained:go-to-pose-2d --play --save fly.html",
     )
 
-    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Run folders or any other contestants, such as CONTROLLER:go-to-pose-3d. After the first, the name of a
-    controller is enough, such as lqr. Folders of `rans optimal` show their trajectories, in Drake."""
-    conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect, or
-    your own TOML file; by default those of their training."""
-    episodes: int = 1
-    """Number of flights of each contestant; contestants of the same task have the same starts."""
-    episode: int = 0
-    """Number of the first episode, as in the list of a stress report."""
-    seed: int = EVALUATION_SEED
-    """Seed of starts and goals."""
-    start: OwnState = ()
-    """Your own start in place of scenarios: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps
-    roll, pitch, yaw; angles are in degrees, or with a unit. Velocities follow by name: v.x=0.1 (m/s), w=0.1
-    (rad/s). Episodes then differ in conditions only; without conditions there is one."""
-    goal: OwnState = ()
-    """Your own goal, in the same form; by default that of the scenario, or with --start the origin."""
-    zones: OwnZones = ()
-    """Your own keep-out zones, for tasks that have some, such as avoid-2d: centre and radius of each, such as
-    1.5,0.2,0.4, in space x,y,z,r, in m; a radius includes that of the spacecraft. They stand still."""
-    engine: Literal["fast", "drake"] = "fast"
-    """What computes the motion: RANS's own equations (fast), or Drake."""
-    guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
-    reserve for the conditions' noise."""
-    save: Path | None = None
-    """Write the flights to a file, and return: .html is a page that replays them offline and without RANS, .mp4 or
-    .gif a film of all side by side, .png or .jpg one picture of ten instants of the first. With --play it is a page
-    (.html) in which the agent flies, offline."""
     play: bool = False
     """Fly the first contestant in real time with controls: move the goal, make a thruster dead or stuck, add
-    delay and noise, switch to the next contestant, pause, step, go back."""
-    trust: Trust = False
-    """Whether code that files name may run, by --trust."""
+    delay and noise, switch to the next contestant, pause, step, go back. With --save FILE.html write a page in
+    which the agent flies, offline."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -88,9 +52,6 @@ class View:
 
     def run(self) -> int:
         """Serve the page, or write the requested files."""
-        from rans.api.judging import flown
-        from rans.api.pages import flyers
-
         if not self.contestants:
             raise ConfigError("name at least one contestant, as in `rans view runs/first`.")
         check_count("--episodes", self.episodes)
@@ -99,7 +60,7 @@ class View:
                 f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}."
             )
         # The ending of the file decides what is written.
-        kind = None if self.save is None or self.play else _kind(self.save)
+        kind = None if self.save is None or self.play else kind_of_flights(self.save)
         video = self.save if kind == "film" else None
         frames = self.save if kind == "picture" else None
         page = self.save if self.play else None
@@ -148,7 +109,7 @@ class View:
     def _refuse_unused(self) -> None:
         """Refuse options that change nothing where a person flies: everything is nominal there."""
         options = ("conditions", "episodes", "start", "goal", "zones", "engine")
-        unused = [f"--{name}" for name in options if getattr(self, name) != getattr(View, name)]
+        unused = [each for each in self.changed(*options) if each.startswith("--")]
         if unused:
             raise ConfigError(
                 f"{', '.join(unused)} would change nothing with --play, whose controls set the goal, delay, "
@@ -209,7 +170,6 @@ class View:
         return results
 
     def _show(self, flights: list[Flight]) -> None:
-        from rans.api.pages import title_of
         from rans.show.scene.view import View as Page
         from rans.window import open_browser
 
@@ -239,27 +199,3 @@ class View:
             save_video(flights, file, stages(bars))
         names = dict.fromkeys(flight.controller for flight in flights)
         Terminal().say(f"{file} is a video of {', '.join(names)}.")
-
-
-def _kind(file: Path) -> Literal["page", "film", "picture"]:
-    """Kind of a file of flights by the ending of its name.
-
-    Raises:
-        ConfigError: the ending is of none.
-    """
-    endings: dict[str, Literal["page", "film", "picture"]] = {
-        ".html": "page",
-        ".mp4": "film",
-        ".gif": "film",
-        ".png": "picture",
-        ".jpg": "picture",
-        ".jpeg": "picture",
-        ".webp": "picture",
-    }
-    kind = endings.get(file.suffix.lower())
-    if kind is None:
-        raise ConfigError(
-            "--save writes a page (.html), a film (.mp4 or .gif) or a picture (.png or .jpg), by the ending of "
-            f"the file's name, got {str(file)!r}."
-        )
-    return kind

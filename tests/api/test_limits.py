@@ -133,4 +133,4 @@ def test_an_environment_of_no_dimension() -> None:
 
 def test_an_export_to_nowhere() -> None:
     with pytest.raises(ConfigError, match="output, unless it is a name or a file"):
-        rans.export("go-to-pose-2d", None)  # type: ignore[arg-type]
+        rans.export("go-to-pose-2d", 3, "numpy")  # type: ignore[arg-type]

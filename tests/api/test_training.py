@@ -16,7 +16,7 @@ def test_settings_by_keyword(tmp_path: Path) -> None:
     agent = rans.train(
         "go-to-pose",
         total_timesteps=64,
-        run=tmp_path / "mine",
+        output=tmp_path / "mine",
         n_envs=4,
         n_steps=8,
         batch_size=8,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +9,9 @@ from typing import Any
 
 import pytest
 
-import rans
+from rans.api.judging import starts_of
 from rans.cli import main
-from rans.cli.compare import STARTS, Compare, _without_training, at_values
+from rans.cli.compare import Compare, _without_training, at_values
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
@@ -326,10 +325,7 @@ def test_a_comparison_is_small_unless_it_is_asked_to_be_full(
     options: dict[str, Any], starts: tuple[int, int]
 ) -> None:
     command = Compare(("runs/a",), **options)
-    assert (command._episodes, command._certified) == starts
-    # The function of Python has the same defaults.
-    parameters = inspect.signature(rans.compare).parameters
-    assert (parameters["episodes"].default, parameters["certified"].default) == STARTS
+    assert starts_of(command.episodes, command.certified, command.full) == starts
 
 
 def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path: Path) -> None:

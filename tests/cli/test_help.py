@@ -13,8 +13,8 @@ import pytest
 
 from rans import cli
 from rans.cli.commands import COMMANDS
+from rans.cli.door import texts_of
 from rans.cli.options import is_in_help
-from rans.display import meanings
 from tests.support.command_codes import code_of
 
 
@@ -42,7 +42,7 @@ def test_help_fits_and_keeps_words_whole(
     if command:
         described = COMMANDS[command]
         about = described.__doc__ or ""
-        texts = [about, *meanings(described).values()]
+        texts = [about, *texts_of(described).values()]
     assert " ".join(about.split()[:12]) in " ".join(printed.split())
     for whole in re.findall(r"`rans [^`]{1,20}`", " ".join(texts)):
         assert " ".join(whole.split()) in printed  # not broken at the end of a line
@@ -85,7 +85,7 @@ def test_every_command_explains_its_options(
     described = COMMANDS[command]
     assert f"usage: rans {command}" in printed
     hints = get_type_hints(described, include_extras=True)
-    for field, explanation in meanings(described).items():
+    for field, explanation in texts_of(described).items():
         if is_in_help(hints[field]):
             assert " ".join(explanation.replace("`", "").split()) in printed
 

@@ -118,7 +118,7 @@ def test_the_reverse_and_nothing_is_written(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=HEIGHT):
         rans.evaluate(f"lqr:{DEEP}-2d", episodes=2)
     with pytest.raises(ConfigError, match=HEIGHT):
-        rans.train(DEEP, "atmos", device="cpu", total_timesteps=4096, run=tmp_path / "run")
+        rans.train(DEEP, "atmos", device="cpu", total_timesteps=4096, output=tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 

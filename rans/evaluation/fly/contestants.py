@@ -141,15 +141,20 @@ def text_of(agent: object) -> str:
     )
 
 
-def in_protocol(agent: object, protocol: ProtocolName) -> LoadedRun:
-    """A contestant, given by its text or as an object, in the setup of a protocol.
+def in_protocol(agent: object, protocol: ProtocolName, period: float | None = None) -> LoadedRun:
+    """A contestant, given by its text or as an object, in the setup of a protocol; see `contestant`.
 
     Raises:
         ConfigError: see `contestant`; or the object is a controller for another setup, and must be named.
     """
     run = run_of(agent)
     if run is None:
-        return contestant(text_of(agent), protocol)
+        return contestant(text_of(agent), protocol, period=period)
+    if period not in (None, run.timing.control_period):
+        raise ConfigError(
+            f"{run.controller.name} acts every {run.timing.control_period:g} s; give its name instead "
+            f"of the object for a period of {period:g} s."
+        )
     own = Setup(*run[1:])
     changed = under_protocol(protocol, own)
     if changed is not own and not isinstance(run.controller, Agent):

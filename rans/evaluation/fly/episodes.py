@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rans.choices import EngineName
 from rans.episode import Setup
 from rans.executors import chosen_executor
 from rans.flight import Controller, Flight, fly
@@ -15,8 +16,6 @@ from rans.model.random import Draws
 from rans.processes import Workers
 from rans.progress import Progress, unseen
 from rans.scenario import Endpoints, draws, sampled_scenarios
-
-EngineName = Literal["fast", "drake"]
 
 _SHARE = 64
 """Number of episodes that a process flies at once in Drake: with more an episode takes no less time."""

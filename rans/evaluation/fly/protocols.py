@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
+from rans.choices import ProtocolName
 from rans.episode import Setup
 from rans.errors import ConfigError, one_of
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.model.timing import Timing
 from rans.tasks import Task
-
-ProtocolName = Literal["own", "paper", "original"]
 
 _SPACECRAFT: dict[ProtocolName, str] = {
     "paper": "floating-platform",

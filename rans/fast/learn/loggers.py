@@ -5,15 +5,13 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
+from rans.choices import LoggerName
 from rans.errors import ConfigError, require
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import first_line, inside, inside_for_others
 from rans.structure import entries
-
-LoggerName = Literal["hparams", "wandb", "mlflow"]
-"""TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
 
 
 class Logger(Protocol):

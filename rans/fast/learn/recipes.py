@@ -12,8 +12,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
+from rans.choices import Quality
 from rans.errors import ConfigError, brief, meant, meant_file, one_of
 from rans.fast.device import torch_device
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table
@@ -34,9 +35,6 @@ RECIPES: tuple[str, ...] = tuple(agent_recipes())
 Other files of the folder: ``base-NAME.toml`` (shared values), ``preset-NAME.toml``, and
 ``good-TASK-PLACE.toml`` (trainings of minutes for any spacecraft).
 """
-
-Quality = Literal["quick", "good", "best"]
-"""Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""
 
 
 def recipe(name: str, device: str) -> TrainConfig:

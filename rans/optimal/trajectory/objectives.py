@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from operator import index
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, get_args
 
+from rans.choices import ObjectiveName
 from rans.errors import ConfigError, brief, fits, one_of, require
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -230,7 +231,6 @@ class MinimumTime:
 
 
 Objective = MinimumFuel | MinimumEnergy | QuadraticTracking | MaximumReward | MinimumTime
-ObjectiveName = Literal["fuel", "time", "energy", "tracking", "reward"]
 
 
 def objective_of(

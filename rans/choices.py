@@ -1,0 +1,17 @@
+"""Words among which an argument of a function, and the option of a command of its name, choose.
+
+They need no library, so that the help of a command loads none.
+"""
+
+from typing import Literal
+
+EngineName = Literal["fast", "drake"]
+"""What computes a motion: RANS's own equations, or Drake."""
+ProtocolName = Literal["own", "paper", "original"]
+"""Setups of evaluations, see `rans.evaluation.fly.protocols`."""
+ObjectiveName = Literal["fuel", "time", "energy", "tracking", "reward"]
+"""What an optimal trajectory minimizes, see `rans.optimal.trajectory.objectives`."""
+Quality = Literal["quick", "good", "best"]
+"""Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""
+LoggerName = Literal["hparams", "wandb", "mlflow"]
+"""TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""

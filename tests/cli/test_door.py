@@ -1,0 +1,133 @@
+"""Each argument is declared once: a command has those of its Python function, with the same defaults and texts."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rans
+from rans.cli.commands import COMMANDS
+from rans.cli.door import Options, argument_texts, command_of, texts_of
+from tests.support.command_codes import code_of
+
+DOORS: dict[str, Any] = {
+    name: COMMANDS[name]
+    for name in COMMANDS
+    if COMMANDS.comes_with_rans(name) and issubclass(COMMANDS[name], Options)
+}
+OTHERWISE = {
+    ("train", "task"): "--resume and the config.json of a run stand in its place",
+    ("sweep", "task"): "the same",
+    ("optimal", "task"): "a terminal asks for it",
+    ("optimal", "start"): "Python counts the starts, and the terminal has --episodes",
+}
+"""Arguments whose default differs, with the reason."""
+
+
+def function(length: int, *, width: float = 0.5, trust: bool = False) -> float:
+    """Multiply.
+
+    Args:
+        length: number of rows,
+            counted from 1.
+        width: whether to be wide: a number.
+        trust: see `rans.api.judging.compare`.
+    """
+    return length * width if trust else 0.0
+
+
+def test_every_command_with_a_function_is_a_door() -> None:
+    """The rest has no function: they print what is there, or run a campaign."""
+    named = {name for name in COMMANDS if COMMANDS.comes_with_rans(name)}
+    assert named - {*DOORS} == {"list", "reproduce"}
+    assert all(getattr(rans, each.function.__name__) is each.function for each in DOORS.values())
+
+
+@pytest.mark.parametrize("name", DOORS)
+def test_an_argument_has_one_default_and_one_text(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The page of help has the words of the docstring, which nothing else declares."""
+    monkeypatch.setenv("COLUMNS", "200")
+    door = DOORS[name]
+    declared = inspect.unwrap(door.function)
+    parameters = inspect.signature(declared).parameters
+    shared = {field.name: field for field in dataclasses.fields(door) if field.name in parameters}
+    assert code_of([name, "--help"]) == 0
+    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for option, field in shared.items():
+        if (name, option) not in OTHERWISE:
+            default = parameters[option].default
+            nothing = field.default == () and default is None
+            assert nothing or field.default == default or default is inspect.Parameter.empty
+        if option != "trust":  # which the lines about every command explain
+            text = argument_texts(declared)[option].removeprefix("whether to ")
+            assert text[1:60] in printed, option
+
+
+def test_what_python_declares_cannot_be_declared_again() -> None:
+    """Neither with another default nor under another text."""
+    with pytest.raises(TypeError, match="Twice declares width of its function again"):
+
+        @command_of(function)
+        class Twice(Options):
+            width: float = 0.5
+
+
+def test_an_argument_without_a_text_is_refused() -> None:
+    def silent(length: int = 1) -> int:
+        """Args:
+        width: of another argument.
+        """
+        return length
+
+    with pytest.raises(TypeError, match="the docstring of silent has no text for length"):
+
+        @command_of(silent)
+        class Silent(Options):
+            pass
+
+
+def test_a_command_is_made_of_signature_and_docstring() -> None:
+    @command_of(function, without=("trust",))
+    class Multiply(Options):
+        """Multiply in a terminal."""
+
+        loud: bool = False
+        """Print it."""
+
+    made = Multiply(3)
+    assert (made.length, made.width, made.loud) == (3, 0.5, False)
+    assert [field.name for field in dataclasses.fields(Multiply)] == ["length", "width", "loud"]
+    assert texts_of(Multiply)["length"] == "Number of rows, counted from 1."
+    assert texts_of(Multiply)["width"] == "Be wide: a number."
+    assert argument_texts(function)["trust"] == argument_texts(rans.compare)["trust"]
+    assert Multiply(3, width=2.0, loud=True).changed("loud", "width") == ["--loud", "--width", "2"]
+
+
+@pytest.mark.parametrize("name", DOORS)
+def test_a_command_reads_options_that_it_has(name: str) -> None:
+    """Type checkers do not see options that a function declares: a misspelt one would fail at run time only."""
+    door = DOORS[name]
+    (described,) = (
+        node
+        for node in ast.parse(Path(inspect.getfile(door)).read_text()).body
+        if isinstance(node, ast.ClassDef) and node.name == door.__name__
+    )
+    read = {
+        node.attr
+        for node in ast.walk(described)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "self"
+    }
+    assert sorted(word for word in read if not hasattr(door, word)) == sorted(
+        field.name
+        for field in dataclasses.fields(door)
+        if field.default is dataclasses.MISSING and field.name in read
+    )
