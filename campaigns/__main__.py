@@ -1,7 +1,8 @@
 """Any campaign on an executor: ``python -m campaigns [--executor TEXT] NAME OPTIONS``.
 
-``python -m campaigns --executor dask:tcp://head:8786 optimality`` is ``python -m campaigns.optimality`` whose
-jobs run on the workers of a Dask scheduler. See `rans.executors.run_on` for the texts.
+A campaign is one of `campaigns.table`, or a module of this package that is a command of its own. With
+``--executor dask:tcp://head:8786`` its jobs run on the workers of a Dask scheduler. See `rans.executors.run_on` for
+the texts.
 """
 
 from __future__ import annotations
@@ -12,24 +13,35 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from campaigns.command import ended
+from campaigns.runner import command
+from campaigns.table import CAMPAIGNS
 from rans.errors import ConfigError, meant
 from rans.executors import run_on, without_executor
+from rans.files import read_text
 
 
 def main(arguments: list[str]) -> int:
     """Run one campaign; ConfigError if there is none of this name."""
     arguments, executor = without_executor(arguments)
+    # Modules that are commands of their own.
     names = sorted(
-        file.stem for file in Path(__file__).parent.glob("*.py") if not file.stem.startswith("_")
+        file.stem
+        for file in Path(__file__).parent.glob("[a-z]*.py")
+        if '__name__ == "__main__"' in read_text(file)
     )
-    name = arguments[0].replace("-", "_") if arguments else ""
-    if name not in names:
-        raise ConfigError(
-            f"there is no campaign {name!r}{meant(name, names)}; campaigns are {', '.join(names)}."
-        )
-    sys.argv = [f"campaigns.{name}", *arguments[1:]]
+    measured = {name.replace(" ", "-"): one for name, one in CAMPAIGNS.items() if one.measure}
+    name = arguments[0] if arguments else ""
+    module = name.replace("-", "_")
     with nullcontext() if executor is None else run_on(executor):
-        runpy.run_module(f"campaigns.{name}", run_name="__main__", alter_sys=True)
+        if name in measured:
+            return command(name, measured[name], arguments[1:])
+        if module not in names:
+            known = [*measured, *names]
+            raise ConfigError(
+                f"there is no campaign {name!r}{meant(name, known)}; campaigns are {', '.join(known)}."
+            )
+        sys.argv = [f"campaigns.{module}", *arguments[1:]]
+        runpy.run_module(f"campaigns.{module}", run_name="__main__", alter_sys=True)
     return 0
 
 

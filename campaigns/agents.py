@@ -1,7 +1,6 @@
 """What the agents are worth beside the original system's: three trainings a row, the worst one counts.
 
-``python -m campaigns.agents FOLDER`` judges the runs FOLDER/NAME-seed0, -seed1, ... of every row on 1,024
-episodes and writes the table of docs/agents.md and docs/validation/agents.json.
+``python -m campaigns agents FOLDER`` judges the runs FOLDER/NAME-seed0, -seed1, ... of every row on 1,024 episodes.
 """
 
 from __future__ import annotations
@@ -18,21 +17,14 @@ from rans_assurance.follow.paths import LookAhead, find_path
 from tyro.conf import Positional
 
 from campaigns.agent_rows import ROWS, Goal, Row
-from campaigns.command import ended
-from campaigns.markdown import Table
 from campaigns.time_optimal import time_optimal
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import samples
-from rans.files import environment, read_json, write_json
 from rans.flight import Controller, fly
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.terminal import Terminal
 
-_COMMAND = "python -m campaigns.agents"
-_HEADINGS = ("task, protocol", "what", "original", "target", "ours", "verdict", "command")
-_SOURCE = "The values of every training are in [agents.json](validation/agents.json)."
 _FLIGHTS = 16
 """Along a path."""
 _SPEED = 0.25
@@ -75,7 +67,7 @@ class Line:
         return all(value >= bound if self.at_least else value <= bound for value, bound in pairs)
 
     def cells(self) -> tuple[str, ...]:
-        """Texts under the table's headings; says so where it is not the worst of three trainings."""
+        """Texts of the table; says so where it is not the worst of three trainings."""
         target = f"{'≥' if self.at_least else '≤'} {joined(self.targets)} {self.unit}"
         few = "" if len(self.runs) == 3 else f" (of {len(self.runs)})"
         return (
@@ -91,7 +83,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Agents:
-    """Judge the trainings of every row; write the table and its figures."""
+    """Judge the trainings of every row; it fails where a target is missed."""
 
     folder: Positional[Path]
     """Holds the run folders, NAME-seed0, NAME-seed1 and NAME-seed2 of every row."""
@@ -99,10 +91,8 @@ class Agents:
     """Flights of an agent; along a path it is 16."""
     starts: int = 128
     """So many of them, from the first on, are set beside time-optimal trajectories."""
-    docs: Path = Path("docs")
-    """Where agents.md and validation/agents.json are."""
 
-    def run(self) -> list[Line]:
+    def measured(self) -> dict[str, Any]:
         """The lines of the rows that something was trained for.
 
         Raises:
@@ -118,19 +108,12 @@ class Agents:
             raise ConfigError(
                 f"{self.folder} holds no run named {names}, each followed by -seed0 and so on."
             )
-        write_json(
-            self.docs / "validation" / "agents.json",
-            {
-                "episodes": self.episodes,
-                "seed": EVALUATION_SEED,
-                "environment": environment(),
-                "lines": [
-                    asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines
-                ],
-            },
-        )
-        in_document(self.docs).write(self.docs)
-        return lines
+        told = [asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines]
+        return {"seed": EVALUATION_SEED, "lines": told}
+
+    def failed(self, evidence: Any) -> bool:
+        """Whether a target is missed."""
+        return not all(line["passed"] for line in evidence["lines"])
 
     def _lines(self, row: Row) -> Iterator[Line]:
         runs = sorted(self.folder.glob(f"{row.agent}-seed*"))
@@ -213,21 +196,17 @@ def joined(values: Iterable[float]) -> str:
     return " / ".join(f"{value:.3g}" for value in values)
 
 
-def in_document(docs: Path) -> Table:
-    """The table of agents.md, from agents.json."""
-    found = read_json(docs / "validation" / "agents.json")["lines"]
-    lines = [Line(**{one.name: line[one.name] for one in fields(Line)}) for line in found]
-    return Table("agents.md", _COMMAND, _HEADINGS, [line.cells() for line in lines], _SOURCE)
-
-
-def main() -> int:
-    """Print the table; 1 if a target is missed."""
-    import tyro
-
-    lines = tyro.cli(Agents).run()
-    Terminal().show("", _HEADINGS[:-1], [line.cells()[:-1] for line in lines])
-    return 0 if all(line.passed for line in lines) else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("agents", main))
+def cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table."""
+    for line in evidence["lines"]:
+        found = Line(**{one.name: line[one.name] for one in fields(Line)})
+        yield {
+            **line,
+            **dict(
+                zip(
+                    ("row", "what", "original", "target", "ours", "verdict", "command"),
+                    found.cells(),
+                    strict=True,
+                )
+            ),
+        }

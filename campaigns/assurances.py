@@ -19,7 +19,7 @@ from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.evidence import sha256
 from tyro.conf import Positional
 
-from campaigns.markdown import Table
+from campaigns.table import table
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.agent_files.agent import AGENT
@@ -30,7 +30,6 @@ from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal
 from rans.verdict import Failure
 
-_COMMAND = "python -m campaigns.assurances"
 _HEADINGS = (
     "agent",
     "conditions",
@@ -39,10 +38,6 @@ _HEADINGS = (
     "probability of failure, 99 %",
     "how they fail",
     "flown again: fail again in NumPy, Drake",
-)
-_SOURCE = (
-    "Everything about each is in [validation/assurance](../../../docs/validation/assurance). Earlier weights: the "
-    "agent was trained anew after it had been assured."
 )
 _CONFIDENCE = 0.99
 _WORST = 2
@@ -80,7 +75,7 @@ class Assurances:
         """
         for one in _campaigns(self.agents or pretrained_names()):
             self._assure(*one)
-        found = in_document(self.docs)
+        found = table(self.docs, "assurances")
         found.write(self.docs)
         Terminal(room=120).show("Assurances", _HEADINGS, found.rows)
         return 0
@@ -106,14 +101,14 @@ class Assurances:
         write_json(file, assurance.to_json())
 
 
-def in_document(docs: Path) -> Table:
+def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """The table of assurances.md, from the files of all campaigns that there are."""
     rows = [
         _cells(*one, read_json(file))
         for one in _campaigns(pretrained_names())
         if (file := _file(docs, *one)).exists()
     ]
-    return Table("assurance/assurances.md", _COMMAND, _HEADINGS, rows, _SOURCE)
+    return _HEADINGS, rows
 
 
 def _file(docs: Path, spec: str, conditions: str) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
-from rans.files import environment, write_json
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.verdict import FlightAccumulator, last_fifth
@@ -117,27 +115,22 @@ def loaded(name: str, device: str) -> tuple[Network, Setup]:
     return network, run.judged._replace(conditions=None)
 
 
-def study(
-    agents: Sequence[str],
-    told: Callable[[Network, Setup, str], Rows],
-    episodes: int,
-    seed: int,
-    output: Path,
-    extra: dict[str, Rows] | None = None,
-) -> dict[str, Rows]:
-    """Write what is told of each agent and its setup, on a GPU if there is one, to a JSON file.
+def study(agents: Sequence[str], told: Callable[[Network, Setup, str], Rows]) -> dict[str, Rows]:
+    """What is told of each agent and its setup, on a GPU if there is one.
 
     Args:
         agents: run folders, or ``pretrained:NAME``.
         told: of a network, what it is judged in and a device, what is said.
-        episodes: a row, for the file.
-        seed: of the starts, for the file.
-        output: the file.
-        extra: what is said of others.
     """
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    result = {name: told(*loaded(name, device), device) for name in agents} | (extra or {})
-    write_json(
-        output, {"episodes": episodes, "seed": seed, "agents": result, "environment": environment()}
-    )
-    return result
+    return {name: told(*loaded(name, device), device) for name in agents}
+
+
+def printed(evidence: Any) -> list[dict[str, Any]]:
+    """What is told of all agents, a row each; bounds are not known of all rows."""
+    none = {"over least": None, "over certified": None}
+    return [
+        {**none, "agent": agent, "row": row, **told}
+        for agent, rows in evidence["agents"].items()
+        for row, told in rows.items()
+    ]

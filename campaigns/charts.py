@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from rans_assurance.assure.bounds import lower, upper
 from scipy.spatial import ConvexHull
 
-from campaigns.standings import MISSIONS, in_document
+from campaigns.standings import MISSIONS, rows
 from rans.api.agent import load_agent
 from rans.evaluation.measure.metrics import arrival_times, impulses, settling_times
 from rans.files import read_json, read_text
@@ -108,7 +108,7 @@ def missions() -> Figure:
     names = []
     for mission in MISSIONS:
         # The best of each kind.
-        known = [(row[0], row[4]) for row in in_document(_DOCS, mission).rows if row[4] != "-"]
+        known = [(row[0], row[4]) for row in rows(_DOCS, mission)[1] if row[4] != "-"]
         ratios = {
             kind: min(float(ratio) for one, ratio in known if one == kind)
             for kind, _ in kinds
@@ -336,18 +336,19 @@ def settled_gate() -> Figure:
 @styled
 def failed_thrusters() -> Figure:
     """Success of RAFT's protocol by the number of thrusters that fail during the flight."""
-    rows = _record("raft")["rows"]
+    rows = [
+        row for row in _record("raft")["rows"] if row["spacecraft"] == "floating-platform-shared"
+    ]
     figure = Figure(figsize=(7.2, 3.6), layout="constrained")
     axes = figure.add_subplot()
-    named = [name for name in rows if name.startswith("floating-platform-shared: ")]
-    for k, name in enumerate(named):
+    for k, row in enumerate(rows):
         shares = []
         for count in range(5):
-            cells = rows[name]["0 start" if count == 0 else f"{count} flight"]
+            cells = row["cells"]["0 start" if count == 0 else f"{count} flight"]
             wins = sum(cell[0] for cell in cells.values())
             shares.append(100.0 * wins / sum(cell[2] for cell in cells.values()))
         colour, marker = series_style(k)
-        axes.plot(range(5), shares, marker=marker, color=colour, label=name.partition(": ")[2])
+        axes.plot(range(5), shares, marker=marker, color=colour, label=row["who"])
     axes.set_xticks(range(5))
     axes.set(xlabel="thrusters that fail in flight", ylabel="success, %", ylim=(0.0, 102.0))
     axes.legend(loc="lower left")
@@ -379,7 +380,7 @@ def margins() -> Figure:
 @styled
 def vbar_scores() -> Figure:
     """V-BAR's composite score of guidance of RANS and of V-BAR's own controller, by scenario."""
-    scenarios = _record("vbar")["scenarios"]
+    scenarios = {row["scenario"]: row for row in _record("vbar")["rows"]}
     names = [name for name, row in scenarios.items() if row["pd"]]
     figure = Figure(figsize=(7.4, 0.26 * len(names) + 1.1), layout="constrained")
     axes = figure.add_subplot()
@@ -474,11 +475,35 @@ def pareto_front() -> Figure:
     return figure
 
 
+@styled
+def error_sources() -> Figure:
+    """Impulse that each error adds, in the mean and of 99.7 % of the flights."""
+    rows = _record("error-sources")["rows"]
+    missions = [*dict.fromkeys(row["mission"] for row in rows)]
+    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    panels = figure.subplots(1, len(missions), squeeze=False)[0]
+    for axes, mission in zip(panels, missions, strict=True):
+        base, *own = (row for row in rows if row["mission"] == mission)
+        mean = [100.0 * (row["mean impulse"] / base["mean impulse"] - 1.0) for row in own]
+        largest = [100.0 * (row["impulse"][-1] / base["impulse"][-1] - 1.0) for row in own]
+        where = np.arange(len(own))
+        axes.barh(where - 0.2, mean, 0.4, label="mean", color=BLUE)
+        axes.barh(where + 0.2, largest, 0.4, label="99.7 % of the flights", color=ORANGE)
+        axes.set_yticks(where, [row["error"] for row in own])
+        axes.invert_yaxis()
+        axes.set_xlabel("impulse added, %")
+        axes.set_title(mission)
+        axes.axvline(0.0, color=INK, linewidth=0.8)
+    figure.axes[0].legend()
+    return figure
+
+
 CHARTS: dict[str, Callable[[], Figure]] = {
     figure.__name__.replace("_", "-"): figure
     for figure in (
         any_craft_adaptive,
         elliptic,
+        error_sources,
         events,
         failed_thrusters,
         failure_bounds,

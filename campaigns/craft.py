@@ -1,25 +1,21 @@
 """Real spacecraft: their authority, the faults they bear, and the agent of each beside what is possible.
 
-``python -m campaigns.craft`` computes authority, single faults and bounds, flies the agent of each in
-Drake too, and writes docs/validation/craft.json and the tables of docs/craft.md. Names after it measure those
-anew and keep the others; ``--drake 0`` leaves Drake's flights as they were.
+``python -m campaigns craft`` computes authority, single faults and bounds, and flies the agent of each in Drake
+too.
 """
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tyro.conf import Positional
 
-from campaigns.markdown import Table
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
-from rans.files import read_json, write_json, write_text
 from rans.model.authority import authorities, authority_rows
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -31,7 +27,6 @@ from rans.randomization.faults import fault_sets
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose, Task
 
-COMMAND = "python -m campaigns.craft"
 CRAFTS = {
     "pingu": "2d",
     "atmos": "2d",
@@ -48,7 +43,6 @@ CRAFTS = {
     "cubesat-6u": "3d",
 }
 """Real craft, and where they fly."""
-_FILE = "validation/craft.json"
 _STARTS = 256
 """Of which bounds are averaged: the first of an evaluation."""
 
@@ -149,113 +143,44 @@ def drake_facts(agent: str, episodes: int) -> dict[str, Any]:
 class Craft:
     """Measure real craft and their agents."""
 
-    names: Positional[tuple[str, ...]] = ()
-    """Names of craft; by default all."""
+    only: Positional[tuple[str, ...]] = ()
+    """Names of craft; by default all. The others stay as they are in the evidence."""
     drake: int = 64
     """Flights of each agent in Drake; 0: none."""
 
-    def run(self) -> int:
-        """Write the file and the tables."""
-        docs = Path("docs")
-        file = docs / _FILE
-        found = read_json(file) if file.exists() else {}
-        for name in self.names or CRAFTS:
-            before = found.get(name, {})
-            found[name] = facts(name)
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Authority, single faults, and the agent of each craft."""
+        for name in self.only or CRAFTS:
+            row = {"name": name, **facts(name)}
             agent = f"go-to-pose-{CRAFTS[name]}-{name}"
             if agent in pretrained_names():
-                found[name] |= agent_facts(agent)
+                row |= agent_facts(agent)
                 if self.drake:
-                    found[name]["drake"] = drake_facts(agent, self.drake)
-                elif "drake" in before:
-                    found[name]["drake"] = before["drake"]
-            write_json(file, {one: found[one] for one in CRAFTS if one in found})
-            draw(name, docs / "pictures/craft")
-        for make in (authority_table, agent_table):
-            make(docs).write(docs)
-        return 0
+                    row["drake"] = drake_facts(agent, self.drake)
+            yield row
 
 
-def draw(name: str, folder: Path) -> None:
-    """A small picture of a craft's thrusters: text as text, and coordinates to a tenth of a point."""
-    from matplotlib import rc_context
-
-    from rans.drawing import draw_layout, save_picture
-
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}.svg"
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        save_picture(draw_layout(load_spacecraft(name)), file)
-    text = file.read_text("utf-8")
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r"-?\d+\.\d{2,}", lambda found: f"{float(found[0]):.1f}", text)
-    write_text(file, text)
-
-
-def authority_table(docs: Path) -> Table:
-    """Authority and single faults of every craft."""
-    rows = []
-    for name, one in read_json(docs / _FILE).items():
+def authority(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table of authority and single faults."""
+    for one in evidence["rows"]:
         forces = [row for row in one["authority"] if row[0].startswith("force")]
         torques = [row for row in one["authority"] if row[0].startswith("torque")]
-        count = one["thrusters"]
-        rows.append(
-            (
-                f"`{name}`",
-                f"{one['mass']:,.0f}" if one["mass"] >= 1000.0 else f"{one['mass']:.4g}",
-                _axes(forces),
-                _axes(torques),
-                _accelerations(forces),
-                _accelerations(torques),
-                f"{one['bearable']['dead']} and {one['bearable']['stuck-open']} of {count}",
-            )
-        )
-    headings = (
-        "spacecraft",
-        "mass, kg",
-        "force, N",
-        "torque, N m",
-        "m/s²",
-        "rad/s²",
-        "dead, stuck open",
-    )
-    return Table("craft.md", COMMAND, headings, rows, "")
+        yield {
+            **one,
+            "mass": f"{one['mass']:,.0f}" if one["mass"] >= 1000.0 else f"{one['mass']:.4g}",
+            "force": _axes(forces),
+            "torque": _axes(torques),
+            "m/s²": _accelerations(forces),
+            "rad/s²": _accelerations(torques),
+        }
 
 
-def agent_table(docs: Path) -> Table:
-    """The agent of every craft beside Drake and the bound."""
-    rows = []
-    for name, one in read_json(docs / _FILE).items():
-        if "agent" not in one:
-            rows.append((f"`{name}`", "none yet", *[""] * 6))
-            continue
+def agent_cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table of agents; text of flights in Drake, empty where none flew."""
+    for one in evidence["rows"]:
         drake = one.get("drake")
-        value, low, _ = one["settled"]
-        rows.append(
-            (
-                f"`{one['agent']}`",
-                f"{one['period']:g} s, {one['seconds']:g} s",
-                f"{one['distance'][0]:g} to {one['distance'][1]:g} m",
-                f"{value:.1f} % (≥ {low:.1f})",
-                f"{one['settling time']:.1f} s",
-                f"{one['bound']:.1f} s",
-                f"{one['position error']:.2f} cm, {one['attitude error']:.2f}°",
-                ""
-                if drake is None
-                else f"{drake['settled']:.1f} %, {drake['settling time']:.1f} s",
-            )
-        )
-    headings = (
-        "agent",
-        "period, flight",
-        "starts",
-        "settled",
-        "median time",
-        "no sooner than",
-        "errors",
-        "in Drake",
-    )
-    return Table("craft.md", f"{COMMAND}, agents", headings, rows, "")
+        there = "" if drake is None else f"{drake['settled']:.1f} %, {drake['settling time']:.1f} s"
+        yield {**one, "there": there}
 
 
 def _axes(rows: list[list[str]]) -> str:
@@ -270,16 +195,3 @@ def _axes(rows: list[list[str]]) -> str:
 def _accelerations(rows: list[list[str]]) -> str:
     values = [row[3].split()[0] for row in rows]
     return values[0] if len(set(values)) == 1 else " / ".join(values)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Parse and run."""
-    import tyro
-
-    return tyro.cli(Craft, args=arguments).run()
-
-
-if __name__ == "__main__":
-    from campaigns.command import ended
-
-    raise SystemExit(ended("python -m campaigns.craft", main))

@@ -1,17 +1,16 @@
 """Real spacecraft: bounds of least time and least impulse of a transfer to rest, beside the best flight known.
 
-``python -m campaigns.craft_bounds`` writes docs/validation/craft-bounds.json and the table of docs/certificate.md.
-Names after it measure those craft anew and keep the others; with ``--no-flights`` only the bounds are computed
-anew. Conditions are nominal. The best flight is that of
-optimal control, within the same tolerances; its wheels are couples of thrusters without a price, and it counts only
-if wheels can give their torques, with the gyroscopic torque of their own momentum.
+``python -m campaigns craft-bounds`` measures; with ``--no-flights`` only the bounds are computed anew. Conditions
+are nominal. The best flight is that of optimal control, within the same tolerances; its wheels are couples of
+thrusters without a price, and it counts only if wheels can give their torques, with the gyroscopic torque of their
+own momentum.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,8 @@ import numpy as np
 from tyro.conf import Positional
 
 from campaigns.craft import CRAFTS
-from campaigns.markdown import Table
 from rans.evaluation.compare.bounds import goal_set
-from rans.files import read_json, write_json
+from rans.files import read_json
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
@@ -33,8 +31,6 @@ from rans.optimal.trajectory.transcription import Trajectory, Transcription, usu
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
 from rans.tasks import GoToPose
 
-COMMAND = "python -m campaigns.craft_bounds"
-_FILE = "validation/craft-bounds.json"
 _ARM = 1000.0
 """Arm of the couples that stand for wheels, m, so long that their forces are as good as none."""
 _SHARES = 1.0, 0.6, 0.3, 0.15, 0.075, 0.07
@@ -169,63 +165,55 @@ def _hull_time(craft: Spacecraft, within: GoalSet, one: Scenario) -> float:
 class CraftBounds:
     """Bound transfers of real craft to rest."""
 
-    names: Positional[tuple[str, ...]] = ()
-    """Names of craft; by default all."""
+    only: Positional[tuple[str, ...]] = ()
+    """Names of craft; by default all. The others stay as they are in the evidence."""
     starts: int = 2
     """Starts of each."""
     guesses: int = 0
     """Guesses of optimal control; 0: as usual, 3 for least times in space."""
     flights: bool = True
-    """Whether flights are computed anew; else those of the file stay."""
+    """Whether flights are computed anew; else those of the evidence stay."""
 
-    def run(self) -> int:
-        """Write the file and the table; 1 if a flight is below its bound."""
-        docs = Path("docs")
-        file = docs / _FILE
-        distances = read_json(docs / "validation/craft.json")
-        failed = 0
-        for name in self.names or CRAFTS:
-            found = read_json(file) if file.exists() else {}
-            before = None if self.flights else found[name]
-            result = measured(name, self.starts, distances[name]["distance"], self.guesses, before)
-            for row in result["starts"]:
-                for kind in ("time", "impulse"):
-                    failed += row[f"best {kind}"] < row[f"least {kind}"] * (1.0 - 1e-6)
-            found[name] = result
-            write_json(file, {one: found[one] for one in CRAFTS if one in found})
-            table(docs).write(docs)
-        return int(failed > 0)
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Bounds and best flights of each craft."""
+        distances = _evidence("craft.json")
+        known = {} if self.flights else _evidence("craft-bounds.json")
+        for name in self.only or CRAFTS:
+            distance = distances[name]["distance"]
+            found = measured(name, self.starts, distance, self.guesses, known.get(name))
+            yield {"name": name, **found}
+
+    def failed(self, evidence: Any) -> bool:
+        """Whether a flight is below its bound."""
+        return any(
+            float(row[f"best {kind}"]) < row[f"least {kind}"] * (1.0 - 1e-6)
+            for one in evidence["rows"]
+            for row in one["starts"]
+            for kind in ("time", "impulse")
+        )
 
 
-def table(docs: Path) -> Table:
-    """Bounds over best flights of every craft, the mean and the lowest of its starts."""
-    rows = []
-    for name, one in read_json(docs / _FILE).items():
-        cells = [_ratio(one["starts"], *pair) for pair in _PAIRS]
+def _evidence(name: str) -> dict[str, Any]:
+    """Rows of evidence by the names of craft."""
+    return {row["name"]: row for row in read_json(Path("docs/validation") / name)["rows"]}
+
+
+def cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table: bounds over best flights of every craft, the mean and the lowest of its starts."""
+    for one in evidence["rows"]:
+        hull_time, tube_time, tube_impulse = (_ratio(one["starts"], *pair) for pair in _PAIRS)
         times = [_mean(one["starts"], key) for key in ("least time", "best time")]
         spent = [_mean(one["starts"], key) for key in ("least impulse", "best impulse")]
-        rows.append(
-            (
-                f"`{name}`",
-                str(len(one["starts"])),
-                f"{times[0]:.1f}, {times[1]:.1f} s".replace("inf s", "none"),
-                *cells[:2],
-                f"{one['horizon']:g} s: {spent[0]:.3g}, {spent[1]:.3g} N s".replace(
-                    "inf N s", "none"
-                ),
-                cells[2],
-            )
-        )
-    headings = (
-        "spacecraft",
-        "starts",
-        "least time: bound, best flight",
-        "hull bound over best",
-        "tube bound over best",
-        "least impulse: bound, best flight",
-        "tube bound over best (impulse)",
-    )
-    return Table("certificate.md", COMMAND, headings, rows, "")
+        impulse = f"{one['horizon']:g} s: {spent[0]:.3g}, {spent[1]:.3g} N s"
+        yield {
+            "name": one["name"],
+            "starts": len(one["starts"]),
+            "time": f"{times[0]:.1f}, {times[1]:.1f} s".replace("inf s", "none"),
+            "hull": hull_time,
+            "tube": tube_time,
+            "impulse": impulse.replace("inf N s", "none"),
+            "tube impulse": tube_impulse,
+        }
 
 
 _PAIRS = (
@@ -245,16 +233,3 @@ def _ratio(rows: Sequence[dict[str, float]], bound: str, flight: str) -> str:
 def _mean(rows: Sequence[dict[str, float]], key: str) -> float:
     """Mean of the starts; files have infinite numbers as text."""
     return float(np.mean([float(row[key]) for row in rows]))
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Parse and run."""
-    import tyro
-
-    return tyro.cli(CraftBounds, args=arguments).run()
-
-
-if __name__ == "__main__":
-    from campaigns.command import ended
-
-    raise SystemExit(ended(COMMAND, main))

@@ -1,30 +1,25 @@
 """Real spacecraft: controllers without training beside the agent of each, from the same starts.
 
-``python -m campaigns.craft_rivals`` flies the agent of every craft, LQR and switching at the agent's period and
-with its conditions, and writes docs/validation/craft_rivals.json and the table of docs/craft.md. Names after it
-measure those craft anew and keep the others.
+``python -m campaigns craft-rivals`` flies the agent of every craft, LQR and switching at the agent's period and
+with its conditions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from tyro.conf import Positional
 
 from campaigns.craft import CRAFTS
-from campaigns.markdown import Table
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.aggregate import measure
-from rans.files import read_json, write_json
 from rans.scenario import EVALUATION_SEED
 
-COMMAND = "python -m campaigns.craft_rivals"
 CONTROLLERS = ("lqr", "switching")
-_FILE = "validation/craft_rivals.json"
 
 
 def measured(name: str, episodes: int) -> dict[str, Any]:
@@ -49,37 +44,23 @@ def measured(name: str, episodes: int) -> dict[str, Any]:
 class Rivals:
     """Fly real craft by agents and by controllers."""
 
-    names: Positional[tuple[str, ...]] = ()
-    """Names of craft; by default all."""
+    only: Positional[tuple[str, ...]] = ()
+    """Names of craft; by default all. The others stay as they are in the evidence."""
     episodes: int = 64
     """Flights of each."""
 
-    def run(self) -> int:
-        """Write the file and the table."""
-        docs = Path("docs")
-        file = docs / _FILE
-        for name in self.names or CRAFTS:
-            result = measured(name, self.episodes)
-            # Read after the flights: another process may have measured other craft meanwhile.
-            found = read_json(file) if file.exists() else {}
-            found[name] = result
-            write_json(file, {one: found[one] for one in CRAFTS if one in found})
-            table(docs).write(docs)
-        return 0
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Every contestant's flights of each craft."""
+        for name in self.only or CRAFTS:
+            yield {"name": name, **measured(name, self.episodes)}
 
 
-def table(docs: Path) -> Table:
-    """Settled share, median time and mean impulse of each contestant."""
-    kinds = ("agent", *CONTROLLERS)
-    rows = []
-    for name, one in read_json(docs / _FILE).items():
-        cells = [_cells(one[kind]) for kind in kinds]
-        rows.append(
-            (f"`{name}`", str(one["episodes"]), *(" / ".join(x) for x in zip(*cells, strict=True)))
-        )
-    order = ", ".join(kinds)
-    headings = ("spacecraft", "flights", f"settled, %: {order}", "median time, s", "impulse, N s")
-    return Table("craft.md", COMMAND, headings, rows, "")
+def cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table: settled share, median time and mean impulse of each contestant."""
+    for one in evidence["rows"]:
+        texts = zip(*(_cells(one[kind]) for kind in ("agent", *CONTROLLERS)), strict=True)
+        settled, time, impulse = (" / ".join(three) for three in texts)
+        yield {**one, "settled": settled, "time": time, "impulse": impulse}
 
 
 def _cells(one: dict[str, Any]) -> tuple[str, str, str]:
@@ -89,16 +70,3 @@ def _cells(one: dict[str, Any]) -> tuple[str, str, str]:
         "none" if time is None else f"{time:.1f}",
         f"{one['impulse']:.3g}" if one["impulse"] < 1000.0 else f"{one['impulse']:,.0f}",
     )
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Parse and run."""
-    import tyro
-
-    return tyro.cli(Rivals, args=arguments).run()
-
-
-if __name__ == "__main__":
-    from campaigns.command import ended
-
-    raise SystemExit(ended(COMMAND, main))

@@ -1,26 +1,21 @@
-"""How mission guidance docks with errors of sensors and thrusters: ``python -m campaigns.dock_errors``.
+"""How mission guidance docks with errors of sensors and thrusters: ``python -m campaigns dock-with-errors``.
 
 All flights begin at the same held-out starts. The lower bounds of the first of them are those of a perfect world.
-With ``--docs docs`` the command writes docs/validation/dock-errors.json and its table in docs/missions/dock.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
-import tyro
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock
 
-from campaigns.command import ended
-from campaigns.markdown import Table
-from campaigns.missions import Row, row_of
+from campaigns.missions import row_of
 from rans.evaluation.measure.metrics import impulses
-from rans.files import environment, read_json, write_json
 from rans.flight import fly
 from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
@@ -31,7 +26,6 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.terminal import Terminal
 
 _DEADLINES = (1000.0,)
 """s"""
@@ -53,12 +47,11 @@ _WORLDS = {
     "pulses, delay, thrust and noise": (_ALL, _PULSED),
 }
 """Conditions and valves by what the table calls them; valves None: throttles."""
-_HEADINGS = ("", "errors", "docked, %", "limit broken, %", "over the bound", "worst", "spent")
 
 
 @dataclass(frozen=True)
 class DockErrors:
-    """Fly every world, write the evidence, and print the table."""
+    """Fly every world."""
 
     episodes: int = 1024
     """Held-out starts."""
@@ -66,26 +59,9 @@ class DockErrors:
     """The first of them, whose bounds are found."""
     seed: int = EVALUATION_SEED
     """Of the starts and of the errors."""
-    docs: Path | None = None
-    """Folder of the documents whose table and evidence are written; by default nothing is."""
 
-    def run(self) -> int:
-        """Print and write."""
-        rows = [*self._rows()]
-        Terminal().show(f"dock, seed {self.seed}", _HEADINGS, [_cells(row) for row in rows])
-        if self.docs is not None:
-            evidence = {
-                "seed": self.seed,
-                "episodes": self.episodes,
-                "bounded": self.bounded,
-                "environment": environment(),
-                "rows": [vars(row) for row in rows],
-            }
-            write_json(self.docs / "validation" / "dock-errors.json", evidence)
-            in_document(self.docs).write(self.docs)
-        return 0
-
-    def _rows(self) -> Iterator[Row]:
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """A row of each world."""
         craft = load_spacecraft("afrl-deputy")
         for deadline in _DEADLINES:
             task = Dock(deadline=(deadline, deadline)).for_evaluation()
@@ -110,26 +86,3 @@ class DockErrors:
                     draws=drawn if conditions.or_none else None,
                 )
                 yield row_of(f"{deadline:,.0f} s", name, flight, impulses(flight), lower)
-
-
-def _cells(row: Row) -> list[str]:
-    """Without the number of starts, which is the same everywhere."""
-    cells = row.cells("N s")
-    return cells[:2] + cells[3:]
-
-
-def in_document(docs: Path) -> Table:
-    """The table of dock's page, of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "dock-errors.json")
-    return Table(
-        "missions/dock.md",
-        "python -m campaigns.dock_errors --docs docs",
-        _HEADINGS,
-        [_cells(Row.of(row, evidence)) for row in evidence["rows"]],
-        f"Each row has {evidence['episodes']:,} starts; bounds are those of the first {evidence['bounded']}. "
-        "The values are in [dock-errors.json](../../../docs/validation/dock-errors.json).",
-    )
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("dock errors", lambda: tyro.cli(DockErrors).run()))

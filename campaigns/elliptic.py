@@ -1,36 +1,29 @@
-"""Docking with a target on elliptic orbits, beside two-body gravity: ``python -m campaigns.elliptic``.
+"""Docking with a target on elliptic orbits, beside two-body gravity: ``python -m campaigns dock-on-ellipses``.
 
 Every orbit has its perigee at an altitude of 400 km, and flights begin anywhere on it. The lower bound and the
-cheapest known flight are those of a conic program. With ``--docs docs`` the command writes
-docs/validation/elliptic.json and its tables in docs/missions/elliptic.md.
+cheapest known flight are those of a conic program.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import tyro
 from rans_missions.bounds.transfers import optimum, transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, TargetOrbit
 
-from campaigns.command import ended
-from campaigns.markdown import Table
-from campaigns.missions import Row, row_of
+from campaigns.missions import row, row_of
 from rans.evaluation.measure.metrics import impulses
-from rans.files import environment, read_json, write_json
 from rans.flight import Flight, fly
 from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, mean_anomaly
 from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.terminal import Terminal
 from validation.two_body import TwoBodyMover, relative_motion
 
 _ECCENTRICITIES = (0.1, 0.3, 0.5, 0.7)
@@ -41,37 +34,11 @@ _DEADLINE = 1000.0
 """s"""
 _COAST = 150.0
 """Distance from the target at which coasts begin, m, as the farthest starts of dock."""
-_HEADINGS = (
-    "eccentricity",
-    "who",
-    "starts",
-    "docked, %",
-    "limit broken, %",
-    "over the bound",
-    "spent",
-    "median time, s",
-)
-_ERROR_HEADINGS = (
-    "eccentricity",
-    "Clohessy-Wiltshire, m",
-    "largest, m",
-    "ellipse, m",
-    "largest, m",
-)
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A contestant on an orbit."""
-
-    row: Row
-    median: float
-    """Median time until the docking, s, of those that docked."""
 
 
 @dataclass(frozen=True)
 class Elliptic:
-    """Fly every orbit, write the evidence, and print the tables."""
+    """Fly every orbit."""
 
     episodes: int = 64
     """Held-out starts of guidance."""
@@ -83,45 +50,14 @@ class Elliptic:
     """Seed of the starts of guidance and of the coasts."""
     only: float | None = None
     """Measure one eccentricity. Other rows are kept as they are in the evidence."""
-    docs: Path | None = None
-    """Folder of the documents whose tables and evidence are written; by default nothing is."""
 
-    def run(self) -> int:
-        """Print and write."""
-        measured: list[Any] = []
-        if self.only is not None and self.docs is not None:
-            measured = [
-                x
-                for x in read_json(self.docs / "validation" / "elliptic.json")["rows"]
-                if x["row"]["condition"] != f"{self.only:g}"
-            ]
+    def measured(self) -> dict[str, Any]:
+        """Rows of flights, and errors of coasts."""
         asked = _ECCENTRICITIES if self.only is None else (self.only,)
-        measured += [asdict(x) for e in asked for x in self._flown(e)]
-        # Sorted by the orbit alone, which keeps the order of its rows.
-        measured.sort(key=lambda x: float(x["row"]["condition"]))
-        errors = [self._errors(e) for e in _ECCENTRICITIES]
-        terminal = Terminal()
-        flown = {"episodes": self.episodes, "bounded": self.bounded}
-        cells = [_cells(Row.of(x["row"], flown), x["median"]) for x in measured]
-        terminal.show(f"dock, seed {self.seed}", _HEADINGS, cells)
-        rows = [_error_cells(x) for x in errors]
-        terminal.show("coasts against two-body gravity", _ERROR_HEADINGS, rows)
-        if self.docs is not None:
-            evidence = {
-                "seed": self.seed,
-                "episodes": self.episodes,
-                "bounded": self.bounded,
-                "coasts": self.coasts,
-                "environment": environment(),
-                "rows": measured,
-                "errors": errors,
-            }
-            write_json(self.docs / "validation" / "elliptic.json", evidence)
-            in_document(self.docs).write(self.docs)
-            errors_in_document(self.docs).write(self.docs)
-        return 0
+        rows = [row for e in asked for row in self._flown(e)]
+        return {"rows": rows, "errors": [self._errors(e) for e in _ECCENTRICITIES]}
 
-    def _flown(self, eccentricity: float) -> Iterator[Measured]:
+    def _flown(self, eccentricity: float) -> Iterator[dict[str, Any]]:
         craft = load_spacecraft("afrl-deputy")
         timing = replace(Dock.timing, episode_steps=round(_DEADLINE / Dock.timing.control_period))
         task = Dock(deadline=(_DEADLINE, _DEADLINE), orbit=_orbit(eccentricity)).for_evaluation()
@@ -147,27 +83,27 @@ class Elliptic:
         ):
             guidance = MissionGuidance(craft, mission)
             flight = fly(craft, task, guidance, flown, timing, mover)
-            yield Measured(row_of(name, who, flight, impulses(flight), lower), _median(flight))
+            found = row_of(name, who, flight, impulses(flight), lower)
+            yield {**found, "median": _median(flight)}
 
-    def _cheapest(self, name: str, craft: Spacecraft, task: Dock, answers: list[Any]) -> Measured:
+    def _cheapest(
+        self, name: str, craft: Spacecraft, task: Dock, answers: list[Any]
+    ) -> dict[str, Any]:
         """Flights of the conic program, which engine and Drake replay."""
         few = scenarios(task, craft, self.seed, self.bounded)
         replayed = optimum(craft, task, few, answers)
         won = replayed.docked
         ratios = (replayed.impulse / [answer.lower for answer in answers])[won]
         checks = [answer.transfer.check for answer in answers if answer.transfer is not None]
-        row = Row(
+        found = row(
             name,
             "cheapest known (conic program)",
-            len(won),
-            float(won.mean()),
-            float(replayed.violated.mean()),
-            float(ratios.mean()),
-            float(ratios.max()),
-            float(replayed.impulse[won].mean()),
-            len(ratios),
+            won,
+            np.asarray(replayed.violated),
+            replayed.impulse,
+            ratios,
         )
-        return Measured(row, float(np.median(checks)))
+        return {**found, "median": float(np.median(checks))}
 
     def _errors(self, eccentricity: float) -> dict[str, Any]:
         """Median and largest error of both equations after coasts of `_DEADLINE`, m."""
@@ -211,43 +147,3 @@ def _median(flight: Flight) -> float:
     assert flight.lengths is not None
     times = flight.lengths[flight.done & ~flight.violated()] * flight.timing.control_period
     return float(np.median(times)) if len(times) else float("nan")
-
-
-def _cells(row: Row, median: float) -> list[str]:
-    """Without the worst ratio."""
-    cells = row.cells("N s")
-    return [*cells[:6], cells[7], f"{median:,.0f}" if np.isfinite(median) else "-"]
-
-
-def _error_cells(errors: Any) -> list[str]:
-    numbers = [f"{float(f'{x:.2g}'):g}" for x in (*errors["circle"], *errors["ellipse"])]
-    return [f"{errors['eccentricity']:g}", *numbers]
-
-
-def in_document(docs: Path) -> Table:
-    """The table of flights, of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "elliptic.json")
-    return Table(
-        "missions/elliptic.md",
-        "python -m campaigns.elliptic --docs docs",
-        _HEADINGS,
-        [_cells(Row.of(x["row"], evidence), x["median"]) for x in evidence["rows"]],
-        f"The deadline is {_DEADLINE:,.0f} s. "
-        "The values are in [elliptic.json](../../../docs/validation/elliptic.json).",
-    )
-
-
-def errors_in_document(docs: Path) -> Table:
-    """The table of coasts, of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "elliptic.json")
-    return Table(
-        "missions/elliptic.md",
-        "python -m campaigns.elliptic --docs docs, coasts",
-        _ERROR_HEADINGS,
-        [_error_cells(x) for x in evidence["errors"]],
-        f"{evidence['coasts']:,} coasts of {_DEADLINE:,.0f} s from {_COAST:g} m, median and largest error.",
-    )
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("elliptic orbits", lambda: tyro.cli(Elliptic).run()))

@@ -1,30 +1,26 @@
-"""What each error of a spacecraft costs a mission: ``python -m campaigns.error_sources``.
+"""What each error of a spacecraft costs a mission: ``python -m campaigns error-sources``.
 
 Guidance flies the same evaluation starts without errors, with each error alone and with all of them. Percentiles of
 arrival, impulse and margin stand beside each other, and what each error adds. A craft that LQR keeps at the hold
-point is compared with linear covariance (`campaigns.linear_covariance`). With ``--docs docs`` the command writes
-docs/validation/error-sources.json, the tables of docs/missions/errors.md and its figure.
+point is compared with linear covariance (`campaigns.linear_covariance`).
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Hold
 
-from campaigns.command import ended
 from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
-from campaigns.markdown import Table
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
 from rans.evaluation.measure.statistics import figure as rounded
-from rans.files import environment, number, read_json, write_json, write_text
+from rans.files import number
 from rans.flight import fly
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
@@ -43,12 +39,7 @@ from rans.randomization.conditions import (
 )
 from rans.scenario import EVALUATION_SEED, Scenario, draws, scenarios
 from rans.tasks import TASKS
-from rans.terminal import Terminal
 
-_FILE = "error-sources.json"
-_PAGE = "missions/errors.md"
-_PICTURE = "pictures/missions/error-sources.svg"
-_COMMAND = "python -m campaigns.error_sources --docs docs"
 _JOB = 512
 """Number of starts that a process flies together."""
 
@@ -114,7 +105,7 @@ def sources(errors: Errors) -> dict[str, Conditions]:
 
 @dataclass(frozen=True)
 class ErrorSources:
-    """Fly all errors of all missions, and print the tables."""
+    """Fly all errors of all missions."""
 
     only: str = ""
     """Measure one mission alone, or "linear", and keep the others as they are in the evidence."""
@@ -126,39 +117,15 @@ class ErrorSources:
     """Number of processes; None: one per processor."""
     seed: int = EVALUATION_SEED
     """Seed of starts and errors."""
-    docs: Path | None = None
-    """Folder of the documents whose tables, evidence and figure are written; None: they are not."""
 
-    def run(self) -> int:
-        """Fly, print and write."""
-        file = None if self.docs is None else self.docs / "validation" / _FILE
-        known = read_json(file) if self.only and file and file.exists() else {}
-        missions: dict[str, Any] = known.get("missions", {})
-        for mission in SIZES:
-            if self.only in ("", mission):
-                missions[mission] = self._mission(mission)
-        linear = known.get("linear")
-        if linear is None or self.only in ("", "linear"):
-            linear = beside_flights(self.flights, self.seed, self.workers)
-        evidence = {
-            "seed": self.seed,
-            "environment": environment(),
-            "missions": missions,
-            "linear": linear,
-        }
-        for mission, rows in missions.items():
-            Terminal().show(mission, _headings(mission), _cells(rows))
-            Terminal().show(f"{mission}, sensitivity", _SENSITIVITY, _costs(rows))
-        Terminal().show("linear covariance", _LINEAR, _linear_cells(linear))
-        if self.docs is not None and file is not None:
-            write_json(file, evidence)
-            for table in tables(self.docs).values():
-                table.write(self.docs)
-            if missions:
-                write_text(self.docs / _PICTURE, picture(missions))
-        return 0
+    def measured(self) -> dict[str, Any]:
+        """Rows of missions and errors, and the comparison with linear covariance."""
+        rows = [x for one in SIZES if self.only in ("", one) for x in self._mission(one)]
+        if self.only not in ("", "linear"):
+            return {"rows": rows}
+        return {"rows": rows, "linear": beside_flights(self.flights, self.seed, self.workers)}
 
-    def _mission(self, mission: str) -> dict[str, Any]:
+    def _mission(self, mission: str) -> Iterator[dict[str, Any]]:
         """The rows of one mission, by error."""
         names = [*sources(SIZES[mission])]
         firsts = range(0, self.episodes, _JOB)
@@ -168,11 +135,10 @@ class ErrorSources:
             for first in firsts
         ]
         parts = [*Workers(int, (), self.workers, "flew starts").ordered(flown, jobs)]
-        rows = {}
         for k, name in enumerate(names):
             mine = parts[k * len(firsts) : (k + 1) * len(firsts)]
-            rows[name] = _row(*(np.concatenate(values) for values in zip(*mine, strict=True)))
-        return rows
+            found = _row(*(np.concatenate(values) for values in zip(*mine, strict=True)))
+            yield {"mission": mission, "error": name, **found}
 
 
 def flown(_: int, mission: str, name: str, seed: int, first: int, count: int) -> tuple[Any, ...]:
@@ -297,147 +263,40 @@ def _commands(law: LQR, goal: Any, states: np.ndarray) -> np.ndarray:
     return law.act(state, goals, np.zeros((len(states), 0)))
 
 
-_SENSITIVITY = (
-    "error",
-    "impulse, mean",
-    "impulse, 99.7 %",
-    "arrival, 99.7 %",
-    "margin lost, 99.7 %",
-    "flights lost, %",
-)
-_LINEAR = ("error", "position, linear", "flights", "ratio", "velocity, linear", "flights", "ratio")
-_UNITS = {"dock": "m/s", "hold": "m"}
-"""Units of the margins of the missions' limits."""
-
-
-def _headings(mission: str) -> tuple[str, ...]:
-    return (
-        "error",
-        "won, %",
-        "limit broken, %",
-        "arrival, s",
-        "impulse, N s",
-        f"margin, {_UNITS[mission]}",
-    )
-
-
-def _cells(rows: dict[str, Any]) -> list[list[str]]:
-    """Percentiles of a mission, in the order of `PERCENTILES`."""
-    return [
-        [
-            name,
-            f"{100.0 * row['won']:.1f}",
-            f"{100.0 * row['broken']:.1f}",
-            *(
-                " / ".join(rounded(number(x)) for x in row[what])
+def of_mission(evidence: Any, mission: str) -> Iterator[dict[str, Any]]:
+    """Rows of a mission, with percentiles in the order of `PERCENTILES` as text."""
+    for row in evidence["rows"]:
+        if row["mission"] == mission:
+            quantiles = {
+                what: " / ".join(rounded(number(x)) for x in row[what])
                 for what in ("arrival", "impulse", "margin")
-            ),
-        ]
-        for name, row in rows.items()
-    ]
+            }
+            yield {**row, **quantiles}
 
 
-def _costs(rows: dict[str, Any]) -> list[list[str]]:
-    """What each error adds to the flights without errors, the largest impulse first."""
-    base = rows[_NONE]
+def costs(evidence: Any, mission: str) -> list[dict[str, Any]]:
+    """What each error adds to the flights of a mission without errors, the largest impulse first."""
+    rows = {row["error"]: row for row in evidence["rows"] if row["mission"] == mission}
+    base = rows.pop(_NONE)
     cells = []
     for name, row in rows.items():
-        if name == _NONE:
-            continue
-        mean = row["mean impulse"] / base["mean impulse"] - 1.0
-        spent = row["impulse"][-1] / base["impulse"][-1] - 1.0
         later = number(row["arrival"][-1]) - number(base["arrival"][-1])
-        less = base["margin"][-1] - row["margin"][-1]
-        lost = base["won"] - row["won"]
         cells.append(
-            (
-                mean,
-                [
-                    name,
-                    f"{100.0 * mean:+.1f} %",
-                    f"{100.0 * spent:+.1f} %",
-                    f"{later:+.0f} s" if np.isfinite(later) else "never",
-                    f"{less:.2g}",
-                    f"{100.0 * lost:.1f}",
-                ],
-            )
+            {
+                "error": name,
+                "mean": row["mean impulse"] / base["mean impulse"] - 1.0,
+                "spent": row["impulse"][-1] / base["impulse"][-1] - 1.0,
+                "later": f"{later:+.0f} s" if np.isfinite(later) else "never",
+                "less": base["margin"][-1] - row["margin"][-1],
+                "lost": base["won"] - row["won"],
+            }
         )
-    cells.sort(key=lambda one: -one[0])
-    return [row for _, row in cells]
+    return sorted(cells, key=lambda one: -one["mean"])
 
 
-def _linear_cells(linear: dict[str, Any]) -> list[list[str]]:
-    cells = []
-    for name, row in linear["rows"].items():
-        line = [name]
-        for of_law, of_flights, unit, scale in zip(
-            row["linear"], row["flights"], ("cm", "mm/s"), (100.0, 1000.0), strict=True
-        ):
-            line += [
-                f"{scale * of_law:.3g} {unit}",
-                f"{scale * of_flights:.3g} {unit}",
-                f"{of_law / of_flights:.3f}",
-            ]
-        cells.append(line)
-    return cells
-
-
-def picture(missions: dict[str, Any]) -> str:
-    """Figure (SVG) of the impulse that each error adds, in the mean and of 99.7 % of the flights."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    from rans.show.figures.panels import BLUE, INK, ORANGE, STYLE
-    from rans.show.figures.svg import svg
-
-    with rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 3.2), layout="constrained")
-        panels = figure.subplots(1, len(missions), squeeze=False)[0]
-        for axes, (mission, rows) in zip(panels, missions.items(), strict=True):
-            names = [name for name in rows if name != _NONE]
-            base = rows[_NONE]
-            mean = [100.0 * (rows[x]["mean impulse"] / base["mean impulse"] - 1.0) for x in names]
-            most = [100.0 * (rows[x]["impulse"][-1] / base["impulse"][-1] - 1.0) for x in names]
-            where = np.arange(len(names))
-            axes.barh(where - 0.2, mean, 0.4, label="mean", color=BLUE)
-            axes.barh(where + 0.2, most, 0.4, label="99.7 % of the flights", color=ORANGE)
-            axes.set_yticks(where, names)
-            axes.invert_yaxis()
-            axes.set_xlabel("impulse added, %")
-            axes.set_title(mission)
-            axes.axvline(0.0, color=INK, linewidth=0.8)
-        figure.axes[0].legend()
-        return svg(figure)
-
-
-def tables(docs: Path) -> dict[str, Table]:
-    """All tables of the page, by the end of their command."""
-    evidence = read_json(docs / "validation" / _FILE)
-    source = f"The values are in [{_FILE}](../../../docs/validation/{_FILE})."
-    result = {}
-    for mission, rows in evidence["missions"].items():
-        result[mission] = Table(
-            _PAGE, f"{_COMMAND}, {mission}", _headings(mission), _cells(rows), ""
-        )
-        result[f"sensitivity of {mission}"] = Table(
-            _PAGE, f"{_COMMAND}, sensitivity of {mission}", _SENSITIVITY, _costs(rows), ""
-        )
-    linear = evidence["linear"]
-    result["linear"] = Table(_PAGE, f"{_COMMAND}, linear", _LINEAR, _linear_cells(linear), source)
-    return result
-
-
-TABLE_NAMES = (*SIZES, *(f"sensitivity of {mission}" for mission in SIZES), "linear")
-"""Names of `tables`."""
-
-
-def in_document(docs: Path, table: str) -> Table:
-    """One table of the page."""
-    return tables(docs)[table]
-
-
-if __name__ == "__main__":
-    # Jobs of other processes are in the module of its own name.
-    from campaigns import error_sources
-
-    raise SystemExit(ended("error sources", lambda: tyro.cli(error_sources.ErrorSources).run()))
+def linear(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of linear covariance beside flights: position in cm, velocity in mm/s."""
+    for name, row in evidence["linear"]["rows"].items():
+        pairs = zip(row["linear"], row["flights"], (100.0, 1000.0), strict=True)
+        found = [(scale * law, scale * flights, law / flights) for law, flights, scale in pairs]
+        yield {"error": name, "position": found[0], "velocity": found[1]}

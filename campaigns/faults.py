@@ -1,8 +1,6 @@
 """What agents hold when thrusters fail, by class of fault, and how far they drift where no controller could.
 
-``python -m campaigns.faults AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a row,
-on a GPU if there is one, prints the table and writes docs/validation/faults.json. ``python -m
-campaigns.figures`` then writes the table of docs/robustness.md.
+``python -m campaigns faults`` flies run folders and ``pretrained:NAME``, on a GPU if there is one.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ import numpy as np
 from tyro.conf import Positional
 
 from campaigns.batch import Rows, flown, study
-from campaigns.markdown import Table
 from rans.episode import Episode, Setup, World
 from rans.evaluation.compare.bounds import Amounts, Event
 from rans.files import read_json
@@ -34,7 +31,6 @@ from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
 from rans.scenario import EVALUATION_SEED, Scenario, draws, each, scenarios
-from rans.terminal import Terminal
 
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows."""
@@ -42,8 +38,6 @@ _SETTLING = Event("settling")
 _EFFORT = SearchEffort(work=2.0, nozzle_work=0.3, levels=1)
 """Nearly all certificates are then exact."""
 
-
-_COMMAND = "python -m campaigns.faults"
 _CELLS = "by 15 s", "any moment", "over the hull's"
 _HEADINGS = (
     "recoverable fault (how many; in space)",
@@ -151,7 +145,7 @@ def _certified(_: None, setup: Setup, scenario: Scenario, health: Health) -> flo
 
 @dataclass(frozen=True)
 class Faults:
-    """Fly agents with every class of fault; write the table."""
+    """Fly agents with every class of fault."""
 
     agents: Positional[tuple[str, ...]]
     """Run folders, or pretrained:NAME; all of one spacecraft, and going to a pose."""
@@ -161,9 +155,8 @@ class Faults:
     certified: int = 0
     """Of so many first episodes of each class the certified least time, ten seconds each, in the plane."""
     seed: int = EVALUATION_SEED
-    output: Path = Path("docs/validation/faults.json")
 
-    def run(self) -> dict[str, Rows]:
+    def measured(self) -> dict[str, Any]:
         """By agent and row.
 
         Raises:
@@ -177,7 +170,7 @@ class Faults:
                 for row in rows(setup.craft, duration)
             }
 
-        return study(self.agents, told, self.episodes, self.seed, self.output)
+        return {"agents": study(self.agents, told)}
 
     def _said(self, network: Network, setup: Setup, row: Row, device: str) -> dict[str, Any]:
         found = flown(
@@ -209,7 +202,7 @@ class Faults:
         return said
 
 
-def in_document(docs: Path) -> Table:
+def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """The table of robustness.md: of one agent in the plane, one in space, what may be recovered from."""
     plane, space = (
         next(iter(read_json(docs / "validation" / f"{name}.json")["agents"].values()))
@@ -225,7 +218,7 @@ def in_document(docs: Path) -> Table:
         )
         for here, there in zip(*names, strict=True)
     ]
-    return Table("robustness.md", _COMMAND, _HEADINGS, rows, "")
+    return _HEADINGS, rows
 
 
 def _told(plane: str, space: str) -> str:
@@ -247,46 +240,3 @@ def _cells(found: Rows, name: str) -> tuple[str, ...]:
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
-
-
-def main() -> None:
-    """Print the table, medians and 95 % quantiles of where unheld ones end."""
-    import tyro
-
-    for name, found in tyro.cli(Faults).run().items():
-        rows = []
-        for row, x in found.items():
-            held = x["held"]
-            ends = (
-                f"{low:.2g}, {high:.2g}" for low, high in (x["distance"], x["speed"], x["spin"])
-            )
-            rows.append(
-                (
-                    row,
-                    f"{held['value']:.2f} ({held['low']:.2f} to {held['high']:.2f})",
-                    f"{x['settling time']:.1f}",
-                    _number(x.get("over least")),
-                    _number(x.get("over certified")),
-                    f"{x['lost']:.1f}",
-                    *ends,
-                )
-            )
-        Terminal(room=150).show(
-            name,
-            (
-                "fault",
-                "solved, %",
-                "settling, s",
-                "over its bound",
-                "certified",
-                "lost, %",
-                "distance, m",
-                "speed, m/s",
-                "spin, rad/s",
-            ),
-            rows,
-        )
-
-
-if __name__ == "__main__":
-    main()

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import tyro
 
-from campaigns.markdown import Table
+from campaigns.ports import least_to_dock_at
+from campaigns.zones import least_to_stay
 from rans.api.limits import optimal_trajectory
-from rans.files import number, read_json, write_json
+from rans.files import number
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, Scenario, scenario
@@ -21,60 +22,61 @@ from rans.tasks import TASKS
 _CRAFT = "floating-platform"
 
 
+_LEAST: dict[str, Callable[[Spacecraft, Any, Scenario, float], float]] = {
+    "avoid": lambda craft, task, one, time: least_to_stay(craft, task, one, task.timing, time),
+    "dock-port": lambda craft, task, one, time: least_to_dock_at(
+        craft, task, one, task.timing, time
+    ),
+}
+"""Bound on the impulse, N s, of craft, task, start and time, s, by the name of the task."""
+
+
 @dataclass(frozen=True)
 class Front:
-    """Where the front of a mission is written, and its bound."""
+    """Impulse against time: bound, and the best of optimal trajectories; it fails where one is below it."""
 
-    mission: str
-    """Name of the task, of the page docs/missions/MISSION.md and of docs/validation/MISSION-front.json."""
-    command: str
-    """What measures it."""
-    when: str
-    """What the page calls the time."""
-    least: Callable[[Spacecraft, Any, Scenario, float], float]
-    """Bound on the impulse, N s, of craft, task, start and time, s."""
+    mission: Annotated[Literal["avoid", "dock-port"], tyro.conf.Positional]
+    """Name of the task."""
+    times: tuple[float, ...]
+    """Lengths of the trajectories, s."""
+    starts: int = 4
+    """The first starts of the evaluation."""
+    guesses: int = 8
+    """Guesses of each trajectory; the best counts."""
 
-    def measure(self, docs: Path, times: Sequence[float], starts: int, guesses: int) -> int:
-        """Write the evidence and the table; 1 if a trajectory is below its bound.
-
-        Args:
-            docs: folder of the documents.
-            times: lengths of the trajectories, s.
-            starts: number of starts, the first of the evaluation.
-            guesses: guesses of each trajectory; the best counts.
-        """
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Bound and trajectory of every time and start."""
         task = TASKS[self.mission]().for_evaluation()
         craft = load_spacecraft(_CRAFT)
-        rows = []
-        for time in times:
-            for k in range(starts):
+        for time in self.times:
+            for k in range(self.starts):
                 one = scenario(task, craft.dimension, EVALUATION_SEED, k)
                 found = optimal_trajectory(
-                    self.mission, craft, start=k, horizon=time, guesses=guesses
+                    self.mission, craft, start=k, horizon=time, guesses=self.guesses
                 )
                 spent = found.trajectory.cost if found.trajectory.solved else math.inf
-                bound = self.least(craft, task, one, time)
-                rows.append({"time": time, "start": k, "bound": bound, "flight": spent})
-        write_json(docs / self._file, {"rows": rows})
-        self.in_document(docs).write(docs)
-        return int(any(row["flight"] < row["bound"] for row in rows))
+                bound = _LEAST[self.mission](craft, task, one, time)
+                yield {"time": time, "start": k, "bound": bound, "flight": spent}
 
-    def in_document(self, docs: Path) -> Table:
-        """Means over the starts that have a trajectory."""
-        found: dict[float, list[tuple[float, float]]] = {}
-        for row in read_json(docs / self._file)["rows"]:
-            found.setdefault(row["time"], []).append((row["bound"], number(row["flight"])))
-        lines = []
-        for time, pairs in found.items():
-            solved = np.array([pair for pair in pairs if math.isfinite(pair[1])])
-            bound, flight = solved.mean(axis=0)
-            least = (solved[:, 0] / solved[:, 1]).min()
-            cells = f"{bound:.2f} N s", f"{flight:.2f} N s", f"{bound / flight:.2f} (≥ {least:.2f})"
-            lines.append([f"{time:g} s", f"{len(solved)} of {len(pairs)}", *cells])
-        headings = self.when, "starts", "proven bound", "optimal trajectory", "bound over it"
-        return Table(f"missions/{self.mission}.md", self.command, headings, lines, "")
+    def failed(self, evidence: Any) -> bool:
+        """Whether a trajectory is below its bound."""
+        return any(row["flight"] < row["bound"] for row in evidence["rows"])
 
-    @property
-    def _file(self) -> str:
-        """The evidence, from docs."""
-        return f"validation/{self.mission}-front.json"
+
+def means(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table: means over the starts that have a trajectory."""
+    found: dict[float, list[tuple[float, float]]] = {}
+    for row in evidence["rows"]:
+        found.setdefault(row["time"], []).append((row["bound"], number(row["flight"])))
+    for time, pairs in found.items():
+        solved = np.array([pair for pair in pairs if math.isfinite(pair[1])])
+        bound, flight = solved.mean(axis=0)
+        yield {
+            "time": time,
+            "solved": len(solved),
+            "starts": len(pairs),
+            "bound": bound,
+            "flight": flight,
+            "mean": bound / flight,
+            "least": (solved[:, 0] / solved[:, 1]).min(),
+        }

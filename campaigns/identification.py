@@ -1,9 +1,8 @@
-"""How well flights identify a hidden spacecraft: ``python -m campaigns.identification``.
+"""How well flights identify a hidden spacecraft: ``python -m campaigns identification``.
 
 Each hidden craft has thrusters, inertia, centre of mass, delays and disturbances drawn from the ranges of the
 conditions ``lab``. It is flown in our engine for 60 s by random commands that keep it in a room, and read with
-lab's noise. `rans.identify` begins from the data sheet. The mass is weighed: motion does not determine it. With
-``--docs docs`` the command writes docs/validation/identification.json and its table in docs/robot/identify.md.
+lab's noise. `rans.identify` begins from the data sheet. The mass is weighed: motion does not determine it.
 """
 
 from __future__ import annotations
@@ -11,19 +10,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from rans_robot.identify.fit import fit, parameters_of
 from rans_robot.identify.log import FlightLog
 from rans_robot.identify.result import SPREAD, Identification
 
-from campaigns.command import ended
-from campaigns.markdown import Table
 from rans.episode import Setup, World, step
-from rans.files import environment, read_json, write_json
 from rans.model.actuators import Wheel
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
@@ -34,7 +28,7 @@ from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import draws
 from rans.tasks.go_to_pose import GoToPose
-from rans.terminal import Terminal, progress, stages
+from rans.terminal import progress, stages
 
 _OPEN = 0.25
 """Probability that a thruster is open."""
@@ -44,16 +38,8 @@ _SHEET = (0.75, 1.25)
 """Factors on forces and inertia of hidden craft, and on torque and inertia of their wheels: those of `lab`."""
 _ENCODER = 0.1
 """rad/s: noise of wheel speeds, one revolution a minute."""
-_EVIDENCE = ("identification.json", "identification-space.json")
-"""Files of the values for craft in the plane and in space."""
 _HELD = 2
 """Control periods for which a random command is held, so that speeds and angles are told apart from noise."""
-_HEADINGS = (
-    "quantity",
-    "median error",
-    "95 % of errors below",
-    "intervals of 95 % that hold the truth",
-)
 
 
 def hidden_flights(
@@ -203,7 +189,7 @@ def _identified(
 
 @dataclass(frozen=True)
 class Hidden:
-    """Identify hidden craft, write the evidence, and print the table."""
+    """Identify hidden craft."""
 
     spacecraft: str = "floating-platform"
     """Data sheet."""
@@ -215,10 +201,8 @@ class Hidden:
     """Control period, s."""
     seed: int = 2026
     """Seed of the hidden craft and of their commands."""
-    docs: Path | None = None
-    """Documentation of a checkout to write into."""
 
-    def run(self) -> int:
+    def measured(self) -> dict[str, Any]:
         """Fly, identify and compare."""
         craft = load_spacecraft(self.spacecraft)
         logs, truth = hidden_flights(craft, self.count, self.seconds, self.period, self.seed)
@@ -230,24 +214,10 @@ class Hidden:
                 found.append(one)
                 stage(1)
         values, deviations, delays, spent = map(np.array, zip(*found, strict=True))
-        rows = [*self._rows(craft, values, deviations, delays, truth)]
-        Terminal().show("Identified from one flight", _HEADINGS, rows)
-        Terminal().say(f"A fit takes {np.median(spent):.1f} s of a processor in the median.")
-        if self.docs is not None:
-            evidence = {
-                "spacecraft": self.spacecraft,
-                "count": self.count,
-                "period": self.period,
-                "seconds": self.seconds,
-                "seed": self.seed,
-                "environment": environment(),
-                "rows": rows,
-                "median seconds of a fit": float(np.median(spent)),
-            }
-            space = craft.dimension == 3
-            write_json(self.docs / "validation" / _EVIDENCE[space], evidence)
-            in_document(self.docs, space).write(self.docs)
-        return 0
+        return {
+            "rows": [*self._rows(craft, values, deviations, delays, truth)],
+            "median seconds of a fit": float(np.median(spent)),
+        }
 
     def _rows(
         self,
@@ -295,21 +265,3 @@ class Hidden:
             f"{np.quantile(errors, 0.95):.2g} {unit}",
             f"{100.0 * held.mean():.1f} %",
         ]
-
-
-def in_document(docs: Path, space: bool = False) -> Table:
-    """The table of the page, of the evidence in docs/validation: of craft in the plane or in space."""
-    name = _EVIDENCE[space]
-    evidence = read_json(docs / "validation" / name)
-    other = "--spacecraft cubesat-6u --period 0.5 " if space else ""
-    return Table(
-        "robot/identify.md",
-        f"python -m campaigns.identification {other}--docs docs",
-        _HEADINGS,
-        evidence["rows"],
-        f"The values are in [{name}](../../../docs/validation/{name}).",
-    )
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("identification", lambda: tyro.cli(Hidden).run()))

@@ -3,15 +3,14 @@
 ``python -m campaigns.identified_agents prepare FOLDER`` draws hidden craft whose forces and moments of inertia
 are up to 20 % off the data sheet, flies and identifies each (`campaigns.identification`); ``train FOLDER`` trains
 an agent on each identified spacecraft and its conditions, one on the data sheet as it is, and one on it with ranges
-that hold every hidden craft; ``fly FOLDER --docs docs`` flies all of them on the hidden craft, and writes
-docs/validation/identified-agents.json and its table in docs/robot/identified_agents.md. Trainings run side by side,
-one a process.
+that hold every hidden craft. Trainings run side by side, one a process. Then
+``python -m campaigns identified-agents FOLDER`` flies all of them on the hidden craft.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from tyro.conf import Positional
 
 from campaigns.command import ended
 from campaigns.identification import hidden_flights
-from campaigns.markdown import Table
 from rans.api.training import train
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
@@ -38,18 +36,10 @@ from rans.randomization.conditions_file import conditions_text, load_conditions
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress, stages
 
-COMMAND = "python -m campaigns.identified_agents fly runs/identified --docs docs"
-_FILE = "validation/identified-agents.json"
 _SHEET = "floating-platform"
 _RECIPE = "go-to-pose-2d-robust"
 _OFF = (0.8, 1.2)
 """Forces and moments of inertia of hidden craft over those of the data sheet."""
-_HEADINGS = (
-    "agent trained on",
-    "solved, mean of craft",
-    "worst craft",
-    "craft with 97 % and more",
-)
 _ASKED = 97.0
 """%: part of the flights that an agent is asked to solve."""
 _NAMES = {
@@ -205,11 +195,9 @@ class Fly:
     """Folder of the identified craft and of the agents that were trained for them."""
     episodes: int = 1024
     """Flights of an agent on each craft."""
-    docs: Path | None = None
-    """Documentation of a checkout to write into."""
 
-    def run(self) -> int:
-        """Print the table, and write it into the documentation."""
+    def measured(self) -> dict[str, Any]:
+        """Flights that are solved, %, by what the agents were trained on."""
         folders = _hidden_folders(self.folder)
         agents = {
             "identified": [own / "agent" for own in folders],
@@ -225,17 +213,12 @@ class Fly:
             _done(f"{len(jobs)} agents and craft", "flown agents", _solved, jobs),
             (len(agents), -1),
         )
-        found = {
+        return {
             "craft": len(folders),
             "flights": self.episodes,
             "solved": {name: list(row) for name, row in zip(agents, solved, strict=True)},
             "trainings": read_json(self.folder / "trainings.json"),
         }
-        Terminal().show("On hidden craft", _HEADINGS, _rows(found))
-        if self.docs is not None:
-            write_json(self.docs / _FILE, found)
-            in_document(self.docs).write(self.docs)
-        return 0
 
 
 def _done(
@@ -255,32 +238,16 @@ def _done(
     return answers
 
 
-def _rows(found: dict[str, Any]) -> list[list[str]]:
-    """Rows of the table, of the evidence."""
-    rows = []
-    for name, solved in found["solved"].items():
-        enough = sum(x >= _ASKED for x in solved)
-        rows.append(
-            [
-                _NAMES[name],
-                f"{np.mean(solved):.1f} %",
-                f"{min(solved):.1f} %",
-                f"{enough} of {len(solved)}",
-            ]
-        )
-    return rows
-
-
-def in_document(docs: Path) -> Table:
-    """The table of the page, of the evidence in docs/validation."""
-    found = read_json(docs / _FILE)
-    return Table(
-        "robot/identified_agents.md",
-        COMMAND,
-        _HEADINGS,
-        _rows(found),
-        "The values are in [identified-agents.json](../../../docs/validation/identified-agents.json).",
-    )
+def cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table."""
+    for name, solved in evidence["solved"].items():
+        yield {
+            "trained": _NAMES[name],
+            "mean": np.mean(solved),
+            "least": min(solved),
+            "enough": sum(x >= _ASKED for x in solved),
+            "craft": len(solved),
+        }
 
 
 if __name__ == "__main__":
@@ -288,6 +255,6 @@ if __name__ == "__main__":
     raise SystemExit(
         ended(
             "identified_agents",
-            lambda: commands({"prepare": Prepare, "train": Train, "fly": Fly}).run(),
+            lambda: commands({"prepare": Prepare, "train": Train}).run(),
         )
     )

@@ -1,8 +1,7 @@
-"""What a mission's agents and opponents are worth: ``python -m campaigns.missions MISSION``.
+"""What a mission's agents and opponents are worth: ``python -m campaigns MISSION``.
 
 MISSION is one of dock, hold, rendezvous, land, avoid, dock-port. All contestants fly from the same held-out starts.
-Proven bounds of the first of these starts stand beside them, ratio by ratio. With ``--docs docs`` the command
-writes docs/validation/mission-MISSION.json and the table of docs/missions/MISSION.md.
+Proven bounds of the first of these starts stand beside them, ratio by ratio.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
@@ -27,16 +25,11 @@ from rans_missions.tasks import Avoid, DockPort
 from rans_missions.tasks.land import Land
 from rans_missions.tasks.orbital import OrbitalMission
 
-from campaigns import standings
-from campaigns.command import ended
-from campaigns.markdown import Table
 from campaigns.ports import least_to_dock
-from campaigns.standings import compared, of_starts
 from campaigns.zones import least_to_stay
-from rans.errors import ConfigError, SolverFailed
+from rans.errors import SolverFailed
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
-from rans.files import environment, read_json, write_json
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
 from rans.model.fields import map_leaves
@@ -48,7 +41,6 @@ from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
 from rans.tasks import TASKS, Task
-from rans.terminal import Terminal
 
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]
 
@@ -58,7 +50,6 @@ _DEADLINES = {
     "rendezvous": (4000.0, 5000.0, 7000.0),
 }
 """By which missions on an orbit are to be won, s."""
-_HEADINGS = ("", "who", "starts", "won, %", "limit broken, %", "over the bound", "worst", "spent")
 _VARIED: dict[str, dict[str, dict[str, Any]]] = {
     "avoid": {
         "default zones": {},
@@ -95,54 +86,11 @@ _LANDED: dict[str, dict[str, Any]] = {
 
 _DEAD = "one engine dead"
 """What the table calls landings without one engine."""
-_NUMBERS = ("won", "violated", "ratio", "worst", "spent")
-"""Fields of a row that a file may not know: "nan" there."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """What one contestant is worth under one condition."""
-
-    condition: str
-    who: str
-    starts: int
-    won: float
-    """Share."""
-    violated: float
-    """Share that broke a limit before the end."""
-    ratio: float
-    """Mean of what was spent over the bound of the same start, of those that won; NaN: no bound is known."""
-    worst: float
-    """The largest of these ratios."""
-    spent: float
-    """Mean of those that won: N s, of landings kg."""
-    compared: int
-    """Number of starts of these ratios."""
-
-    @classmethod
-    def of(cls, row: dict[str, Any], evidence: dict[str, Any]) -> Row:
-        """A row of evidence in docs/validation."""
-        numbers = {key: float("nan" if row[key] is None else row[key]) for key in _NUMBERS}
-        return cls(**{**row, **numbers, "compared": compared(row, evidence)})
-
-    def cells(self, unit: str) -> list[str]:
-        """As text."""
-        known = np.isfinite(self.ratio)
-        return [
-            self.condition,
-            self.who,
-            f"{self.starts:,}",
-            f"{100.0 * self.won:.1f}",
-            f"{100.0 * self.violated:.1f}",
-            of_starts(self.ratio, self.compared, self.starts) if known else "-",
-            f"{self.worst:.3f}" if known else "-",
-            f"{float(f'{self.spent:.3g}'):,g} {unit}" if np.isfinite(self.spent) else "-",
-        ]
 
 
 @dataclass(frozen=True)
 class Missions:
-    """Fly everybody, write the evidence, and print the table."""
+    """Fly everybody."""
 
     mission: Annotated[Mission, tyro.conf.Positional]
     """Which mission."""
@@ -158,43 +106,9 @@ class Missions:
     """Deadlines of a mission on an orbit, s; by default all of the page."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
-    only: str = ""
-    """Measure the rows of one condition of land alone, "one engine dead". Others are kept as they are in the
-    evidence."""
-    docs: Path | None = None
-    """Folder of the documents whose table and evidence are written; by default nothing is."""
 
-    def run(self) -> int:
-        """Print and write."""
-        rows = [*self._rows()]
-        cells = [row.cells(_unit(self.mission)) for row in rows]
-        Terminal().show(f"{self.mission}, seed {self.seed}", _HEADINGS, cells)
-        if self.docs is not None:
-            evidence = {
-                "mission": self.mission,
-                "seed": self.seed,
-                "episodes": self.episodes,
-                "bounded": self.bounded,
-                "drake": self.drake,
-                "environment": environment(),
-                "rows": [vars(row) for row in rows],
-            }
-            file = self.docs / "validation" / f"mission-{self.mission}.json"
-            if self.only:
-                before = read_json(file)
-                others = [r for r in before["rows"] if not r["condition"].startswith(self.only)]
-                evidence = before | {"rows": [*others, *evidence["rows"]]}
-            write_json(file, evidence)
-            in_document(self.docs, self.mission).write(self.docs)
-            standings.in_document(self.docs, self.mission).write(self.docs)
-        return 0
-
-    def _rows(self) -> Iterator[Row]:
-        """Rows of all conditions, or of the one that is to be measured alone."""
-        if self.only:
-            if (self.mission, self.only) != ("land", _DEAD):
-                raise ConfigError(f"only takes {_DEAD!r}, of land, got {self.only!r}.")
-            return self._with_a_dead_engine(Land())
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Rows of all conditions."""
         return self._orbital() if self.mission in _DEADLINES else self._others()
 
     def _specs(self) -> list[str]:
@@ -202,7 +116,7 @@ class Missions:
         ours = [name for name in pretrained_names() if _mission_of(name) == self.mission]
         return [*(f"pretrained:{name}" for name in ours), *self.agents]
 
-    def _orbital(self) -> Iterator[Row]:
+    def _orbital(self) -> Iterator[dict[str, Any]]:
         """Missions on an orbit: every deadline, everybody."""
         mission = TASKS[self.mission]().for_evaluation()
         assert isinstance(mission, OrbitalMission)
@@ -254,7 +168,7 @@ class Missions:
         agent: Controller,
         starts: Scenario,
         lower: np.ndarray,
-    ) -> Iterator[Row]:
+    ) -> Iterator[dict[str, Any]]:
         """An agent in our engine, and in Drake where that is asked for."""
         flight = fly(craft, task, agent, starts, task.timing)
         yield row_of(condition, who, flight, _spent(flight), lower)
@@ -263,7 +177,7 @@ class Missions:
             flight = fly_in_drake(craft, task, agent, few, task.timing)
             yield row_of(condition, f"{who}, in Drake", flight, _spent(flight), lower)
 
-    def _others(self) -> Iterator[Row]:
+    def _others(self) -> Iterator[dict[str, Any]]:
         """Missions without a deadline: every variant of the task, every agent."""
         known: np.ndarray | None = None
         for spec in self._specs():
@@ -294,7 +208,7 @@ class Missions:
                 yield from self._guided(condition, Land(**settings), None if settings else known)
             yield from self._with_a_dead_engine(Land())
 
-    def _without_training(self) -> Iterator[Row]:
+    def _without_training(self) -> Iterator[dict[str, Any]]:
         """Controllers that keep the limits of a mission without training, in the plane."""
         condition = next(iter(_VARIED[self.mission]))
         for who, spec, filtered, count in (
@@ -312,7 +226,9 @@ class Missions:
             lower = _least_impulse(craft, task, timing, self.seed, self.bounded)
             yield row_of(condition, who, flight, _spent(flight), lower)
 
-    def _guided(self, condition: str, task: Land, known: np.ndarray | None) -> Iterator[Row]:
+    def _guided(
+        self, condition: str, task: Land, known: np.ndarray | None
+    ) -> Iterator[dict[str, Any]]:
         """Landing guidance from the first starts, whose bounds may be known."""
         assert task.spacecraft is not None
         craft = load_spacecraft(task.spacecraft)
@@ -327,7 +243,7 @@ class Missions:
                 flight = flying(craft, task, guidance, starts, task.timing)
                 yield row_of(condition, who, flight, _spent(flight), lower)
 
-    def _with_a_dead_engine(self, task: Land) -> Iterator[Row]:
+    def _with_a_dead_engine(self, task: Land) -> Iterator[dict[str, Any]]:
         """Landing guidance from those of the first starts that may have a landing without the first engine.
 
         From starts without one nothing lands, however the others are throttled.
@@ -380,36 +296,6 @@ class Missions:
         return np.array(found)
 
 
-def in_document(docs: Path, mission: str) -> Table:
-    """The table of a mission's page, of the evidence in docs/validation."""
-    name = f"mission-{mission}.json"
-    evidence = read_json(docs / "validation" / name)
-    rows = [Row.of(row, evidence) for row in evidence["rows"]]
-    return Table(
-        f"missions/{mission}.md",
-        _command(mission, evidence),
-        _HEADINGS,
-        [row.cells(_unit(mission)) for row in rows],
-        f"The values are in [{name}](../../../docs/validation/{name}).",
-    )
-
-
-def _command(mission: str, evidence: dict[str, Any]) -> str:
-    """What measured it, with the options that were not left at their defaults."""
-    usual = Missions(mission=cast(Mission, mission))
-    options = [
-        f" --{name} {evidence[name]}"
-        for name in ("episodes", "bounded", "drake")
-        if evidence.get(name, getattr(usual, name)) != getattr(usual, name)
-    ]
-    return f"python -m campaigns.missions {mission} --docs docs{''.join(options)}"
-
-
-def _unit(mission: str) -> str:
-    """Unit of what a mission spends."""
-    return "kg" if mission == "land" else "N s"
-
-
 def _mission_of(name: str) -> str:
     """The mission of an agent that comes with RANS, from its name such as dock-port-2d-atmos."""
     return name.partition("-2d")[0].partition("-3d")[0]
@@ -439,24 +325,46 @@ def _spent(flight: Flight) -> np.ndarray:
     return left[0] - left[lengths, np.arange(left.shape[1])]
 
 
-def row_of(condition: str, who: str, flight: Flight, spent: np.ndarray, lower: np.ndarray) -> Row:
-    """A flight's row, beside the bounds that are known of its starts."""
+def row_of(
+    condition: str, who: str, flight: Flight, spent: np.ndarray, lower: np.ndarray
+) -> dict[str, Any]:
+    """A flight's row, beside the bounds that are known of its starts.
+
+    Numbers that are not known, such as a ratio without a bound, are NaN.
+    """
     violated = flight.violated()
     won = solved(flight) & ~violated
-    ratios = (spent / lower[: len(spent)])[won]
+    return row(condition, who, won, violated, spent, (spent / lower[: len(spent)])[won])
+
+
+def row(
+    condition: str,
+    who: str,
+    won: np.ndarray,
+    violated: np.ndarray,
+    spent: np.ndarray,
+    ratios: np.ndarray,
+) -> dict[str, Any]:
+    """What one contestant is worth under one condition, of N starts.
+
+    Args:
+        condition: what varies, by the name that the table has for it.
+        who: the contestant.
+        won: (N,)
+        violated: (N,) which broke a limit before the end.
+        spent: (N,) N s, of landings kg.
+        ratios: what those that won spent over the bound of the same start; NaN: no bound is known.
+    """
     ratios = ratios[np.isfinite(ratios)]
-    return Row(
-        condition,
-        who,
-        len(won),
-        float(won.mean()),
-        float(violated.mean()),
-        float(ratios.mean()) if len(ratios) else float("nan"),
-        float(ratios.max()) if len(ratios) else float("nan"),
-        float(spent[won].mean()) if won.any() else float("nan"),
-        len(ratios),
-    )
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("missions", lambda: tyro.cli(Missions).run()))
+    return {
+        "condition": condition,
+        "who": who,
+        "starts": len(won),
+        "won": float(won.mean()),
+        "violated": float(violated.mean()),
+        "ratio": float(ratios.mean()) if len(ratios) else math.nan,
+        "worst": float(ratios.max()) if len(ratios) else math.nan,
+        "spent": float(spent[won].mean()) if won.any() else math.nan,
+        # Number of starts of these ratios.
+        "compared": len(ratios),
+    }

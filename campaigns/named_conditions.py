@@ -15,7 +15,7 @@ from rans_assurance.pages.stress_page import StressReport
 from rans_assurance.stress.run import prepared
 
 from campaigns.command import ended
-from campaigns.figures import stress
+from campaigns.table import table
 from rans.evaluation.compare.entrants import contest_of
 from rans.files import write_json
 from rans.randomization.conditions_file import load_conditions
@@ -47,8 +47,8 @@ class NamedConditions:
         planned.fly()
         report = StressReport(planned, Path(), 0, "python -m campaigns.named_conditions")
         write_json(self.docs / "validation" / "stress.json", report.to_json())
-        table = stress(self.docs)
-        Terminal().show("solved, %", table.headings, table.rows)
+        found = table(self.docs, "stress")
+        Terminal().show("solved, %", found.headings, found.rows)
         return 0
 
 

@@ -1,36 +1,29 @@
-"""Holding a point near a target around the oblate Earth, with drag: ``python -m campaigns.perturbed``.
+"""Holding a point near a target around the oblate Earth, with drag: ``python -m campaigns hold-with-J2-and-drag``.
 
 Mission guidance flies the same starts of hold around a sphere and around the oblate Earth with drag, once with an
 orbit that it knows and once with the circle around a sphere in its place. The flights are repeated in two-body
-gravity with J2 and an atmosphere, and coasts are compared with it. With ``--docs docs`` the command writes
-docs/validation/perturbed.json and its tables in docs/missions/perturbed.md.
+gravity with J2 and an atmosphere, and coasts are compared with it.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import TargetOrbit
 from rans_missions.tasks.hold import Hold
 
-from campaigns.command import ended
-from campaigns.markdown import Table
 from rans.evaluation.measure.metrics import impulses
-from rans.files import environment, read_json, write_json
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.terminal import Terminal
 from validation.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
 _DEADLINE = 1000.0
@@ -50,27 +43,11 @@ _DISTANCES = 100.0, 300.0, 1000.0
 """Distances from the target at which coasts begin at rest, m."""
 _COASTS = 64
 """Number of coasts from each distance, in random directions and from anywhere on the orbit."""
-_COAST_HEADINGS = (
-    "distance, m",
-    "coasts",
-    "these equations: median, worst error, m",
-    "a circle: median, worst error, m",
-)
-_HEADINGS = (
-    "who",
-    "flown in",
-    "starts",
-    "won, %",
-    "limit broken, %",
-    "mean spent, N s",
-    "over the sphere, %",
-    "worst, %",
-)
 
 
 @dataclass(frozen=True)
 class Perturbed:
-    """Fly all rows, print them, and write the evidence."""
+    """Fly all rows."""
 
     episodes: int = 64
     """Held-out starts."""
@@ -80,30 +57,10 @@ class Perturbed:
     """Number of starts, the first ones, whose bounds are computed."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
-    docs: Path | None = None
-    """Folder of the documents whose table and evidence are written; by default nothing is."""
 
-    def run(self) -> int:
-        """Print and write."""
-        rows = self._flown()
-        errors = _coast_errors(self.seed)
-        Terminal().show(f"hold by {_DEADLINE:,.0f} s, seed {self.seed}", _HEADINGS, _cells(rows))
-        Terminal().show(f"coasts of {_COAST:,.0f} s", _COAST_HEADINGS, _coast_cells(errors))
-        if self.docs is not None:
-            evidence = {
-                "seed": self.seed,
-                "episodes": self.episodes,
-                "true": self.true,
-                "environment": environment(),
-                "rows": rows,
-                "known": self._known(),
-                "coasts": errors,
-            }
-            write_json(self.docs / "validation" / "perturbed.json", evidence)
-            in_document(self.docs).write(self.docs)
-            known_in_document(self.docs).write(self.docs)
-            coasts_in_document(self.docs).write(self.docs)
-        return 0
+    def measured(self) -> dict[str, Any]:
+        """Flights, bounds and errors of coasts."""
+        return {"rows": self._flown(), "known": self._known(), "coasts": _coast_errors(self.seed)}
 
     def _known(self) -> dict[str, Any]:
         """Bounds with J2 and drag, N s, beside what mission guidance spends from the same starts."""
@@ -211,81 +168,27 @@ def _coast_errors(seed: int) -> list[dict[str, Any]]:
     return rows
 
 
-def _coast_cells(rows: list[Any]) -> list[list[str]]:
-    """Rows of the table of coasts."""
+def known(evidence: Any) -> list[dict[str, Any]]:
+    """Rows of the table of proven bound, cheapest known flight and agent."""
+    found = evidence["known"]
+    bounds, spent = (np.array(found[name], dtype=float) for name in ("bounds", "spent"))
+    none = {"starts": "-", "won": "-", "ratio": "-", "spent": "-"}
+    of_starts = {**none, "starts": len(bounds)}
     return [
-        [
-            f"{row['distance']:,.0f}",
-            str(row["coasts"]),
-            *(f"{row[name][0]:.2f}, {row[name][1]:.2f}" for name in ("these equations", "circle")),
-        ]
-        for row in rows
+        {
+            **of_starts,
+            "what": "proven bound",
+            "who": "any flight",
+            "ratio": "1",
+            "spent": f"{bounds.mean():.0f}",
+        },
+        {
+            **of_starts,
+            "what": "cheapest known",
+            "who": "mission guidance",
+            "won": f"{100.0 * np.mean(found['won']):.1f}",
+            "ratio": f"{np.mean(spent / bounds):.3f}",
+            "spent": f"{spent.mean():.0f}",
+        },
+        {**none, "what": "agent", "who": "none"},
     ]
-
-
-def _cells(rows: list[Any]) -> list[list[str]]:
-    """Rows of the table."""
-    return [
-        [
-            row["who"],
-            row["flown in"],
-            f"{row['starts']:,}",
-            f"{row['won']:.1f}",
-            f"{row['broken']:.1f}",
-            f"{row['spent']:.0f}",
-            f"{row['more']:+.1f}",
-            f"{row['worst']:+.1f}",
-        ]
-        for row in rows
-    ]
-
-
-def in_document(docs: Path) -> Table:
-    """The table of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "perturbed.json")
-    return Table(
-        "missions/perturbed.md",
-        "python -m campaigns.perturbed --docs docs",
-        _HEADINGS,
-        _cells(evidence["rows"]),
-        f"The deadline is {_DEADLINE:,.0f} s. "
-        "The values are in [perturbed.json](../../../docs/validation/perturbed.json).",
-    )
-
-
-def known_in_document(docs: Path) -> Table:
-    """Proven bound, cheapest known flight and agent, of the evidence in docs/validation."""
-    known = read_json(docs / "validation" / "perturbed.json")["known"]
-    bounds, spent = (np.array(known[name], dtype=float) for name in ("bounds", "spent"))
-    count = str(len(bounds))
-    won = f"{100.0 * np.mean(known['won']):.1f}"
-    ratio = f"{np.mean(spent / bounds):.3f}"
-    rows = [
-        ["proven bound", "any flight", count, "-", "1", f"{bounds.mean():.0f}"],
-        ["cheapest known", "mission guidance", count, won, ratio, f"{spent.mean():.0f}"],
-        ["agent", "none", *"----"],
-    ]
-    headings = ("", "who", "starts", "won, %", "over the bound", "mean spent, N s")
-    return Table(
-        "missions/perturbed.md",
-        "python -m campaigns.perturbed --docs docs, known",
-        headings,
-        rows,
-        "",
-    )
-
-
-def coasts_in_document(docs: Path) -> Table:
-    """The table of coasts of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "perturbed.json")
-    return Table(
-        "missions/perturbed.md",
-        "python -m campaigns.perturbed --docs docs, coasts",
-        _COAST_HEADINGS,
-        _coast_cells(evidence["coasts"]),
-        "",
-    )
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("perturbed orbits", lambda: tyro.cli(Perturbed).run()))

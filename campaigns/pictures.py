@@ -2,7 +2,7 @@
 
 Those of missions are of flights from held-out starts by guidance or by the agent that comes with RANS, and are
 written to docs/pictures/missions/MISSION.svg. Those of `campaigns.diagrams`, `campaigns.schemes` and
-`campaigns.charts` go into docs/pictures/diagrams.
+`campaigns.charts` go into docs/pictures/diagrams, and thrusters of real craft into docs/pictures/craft.
 """
 
 from __future__ import annotations
@@ -17,13 +17,16 @@ import tyro
 from matplotlib.figure import Figure
 
 from campaigns.charts import CHARTS
+from campaigns.craft import CRAFTS
 from campaigns.diagrams import DIAGRAMS
 from campaigns.schemes import SCHEMES
+from rans.drawing import draw_layout, save_picture
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.files import write_text
+from rans.files import read_text, write_text
 from rans.flight import Flight
+from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED
 from rans.show.figures.flight_paths import paths_figure
 from rans.show.figures.svg import svg
@@ -93,12 +96,21 @@ def _rounded(path: str) -> str:
     return " ".join(" ".join(point) for point in (*kept, points[-1]))
 
 
+def draw_craft(name: str, file: Path) -> None:
+    """A small picture of a craft's thrusters: text as text, and coordinates to a tenth of a point."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        save_picture(draw_layout(load_spacecraft(name)), file)
+    text = re.sub(r"<metadata>.*?</metadata>", "", read_text(file), flags=re.DOTALL)
+    write_text(file, re.sub(r"-?\d+\.\d{2,}", lambda found: f"{float(found[0]):.1f}", text))
+
+
 @dataclass(frozen=True)
 class Pictures:
     """Write pictures of pages."""
 
-    names: Annotated[tuple[str, ...], tyro.conf.Positional] = (*SUBJECTS, *DRAWN)
-    """Missions and diagrams; by default all."""
+    names: Annotated[tuple[str, ...], tyro.conf.Positional] = (*SUBJECTS, *DRAWN, *CRAFTS)
+    """Missions, diagrams and craft; by default all."""
     folder: Path = Path("docs/pictures")
     """Folder of the pictures."""
 
@@ -109,6 +121,9 @@ class Pictures:
             ConfigError: there is no such picture.
         """
         for name in self.names:
+            if name in CRAFTS:
+                draw_craft(name, self.folder / "craft" / f"{name}.svg")
+                continue
             if name in DRAWN:
                 file = self.folder / "diagrams" / f"{name}.svg"
                 figure = DRAWN[name]()
@@ -116,7 +131,7 @@ class Pictures:
                 file = self.folder / "missions" / f"{name}.svg"
                 figure = paths_figure(flown(SUBJECTS[name]))
             else:
-                known = ", ".join((*SUBJECTS, *DRAWN))
+                known = ", ".join((*SUBJECTS, *DRAWN, *CRAFTS))
                 raise ConfigError(f"there is no picture {name!r}; known are {known}.")
             file.parent.mkdir(parents=True, exist_ok=True)
             write_text(file, picture(figure))

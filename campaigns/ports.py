@@ -1,21 +1,17 @@
 """Impulse below which no flight docks at a port: through the mouth of its cone, by a cone program.
 
-``python -m campaigns.ports`` holds optimal trajectories against it, by when they dock.
+``python -m campaigns impulse-to-the-port`` holds optimal trajectories against it, by when they dock.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rans_missions.convex import waypoints
 from rans_missions.tasks import DockPort
 
-from campaigns.command import ended
-from campaigns.front import Front
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -137,37 +133,3 @@ def port_waypoints(
         mouths.append(waypoints.Waypoint(first, last, middle * out, rim, out, middle - plane))
         ports.append(waypoints.Waypoint(first, last, place, near))
     return mouths, ports
-
-
-def _least_at(craft: Spacecraft, task: DockPort, one: Scenario, time: float) -> float:
-    return least_to_dock_at(craft, task, one, task.timing, time)
-
-
-FRONT = Front("dock-port", "python -m campaigns.ports", "docks at", _least_at)
-
-
-@dataclass(frozen=True)
-class Ports:
-    """Impulse against time of docking: bound, and the best of optimal trajectories that dock exactly."""
-
-    times: tuple[float, ...] = (14.0, 20.0, 30.0)
-    """When the flight docks, s."""
-    starts: int = 4
-    """The first starts of the evaluation."""
-    guesses: int = 8
-    """Guesses of each trajectory."""
-
-    def run(self) -> int:
-        """Write the file and the table; 1 if a trajectory is below its bound."""
-        return FRONT.measure(Path("docs"), self.times, self.starts, self.guesses)
-
-
-def main() -> int:
-    """Parse and run."""
-    import tyro
-
-    return tyro.cli(Ports).run()
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("ports", main))

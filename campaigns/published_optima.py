@@ -1,24 +1,19 @@
-"""Least time, impulse and energy beside published optima: ``python -m campaigns.published_optima``.
+"""Least time, impulse and energy beside published optima: ``python -m campaigns published-optima``.
 
 Turns, a straight way and an ascent, whose optima are in the literature or follow from it in closed form. Nothing of
-RANS is in the second column. With ``--docs docs`` the command writes the evidence and the table in docs/optimal.md.
+RANS is in the second column.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 from scipy.optimize import fsolve
 
-from campaigns.command import ended
-from campaigns.markdown import Table
-from rans.files import environment, read_json, write_json
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
@@ -26,7 +21,6 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.optimal.trajectory.objectives import MinimumEnergy, MinimumFuel, MinimumTime, Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, usual_guesses
 from rans.tasks import GoToPose, GoToPosition, Task
-from rans.terminal import Terminal
 
 _MASS = 12.0
 _FORCE = 1.0
@@ -218,81 +212,27 @@ def problems() -> list[Published]:
     ]
 
 
-_HEADINGS = ("problem", "published", "RANS", "difference, %", "guesses", "optima", "source")
-
-
-@dataclass(frozen=True)
-class Row:
-    """A published optimum and what RANS finds."""
-
-    problem: str
-    unit: str
-    published: float
-    cost: float
-    agreeing: int
-    """Guesses that led to this cost."""
-    guesses: int
-    optima: int
-    """Different costs that the guesses led to."""
-    source: str
-
-    def cells(self) -> list[str]:
-        """Texts of a table's row."""
-        return [
-            self.problem,
-            f"{self.published:.4f} {self.unit}",
-            f"{self.cost:.4f}",
-            f"{100.0 * (self.cost / self.published - 1.0):.2f}",
-            f"{self.agreeing} of {self.guesses}",
-            str(self.optima),
-            self.source,
-        ]
-
-
-def _row(one: Published) -> Row:
-    cost, path = one.solved()
-    return Row(
-        one.name,
-        one.unit,
-        one.optimum,
-        cost,
-        path.agreeing,
-        path.attempts,
-        path.optima,
-        one.source,
-    )
-
-
 @dataclass(frozen=True)
 class PublishedOptima:
-    """Solve problems whose optima are in the literature, and print both."""
+    """Solve problems whose optima are in the literature."""
 
-    docs: Path | None = None
-    """Folder of the documents whose table and evidence are written; by default nothing is."""
-
-    def run(self) -> int:
-        """Solve every problem, print and write."""
-        rows = [_row(one) for one in problems()]
-        Terminal().show("Published optima", _HEADINGS, [row.cells() for row in rows])
-        if self.docs is not None:
-            evidence = {"environment": environment(), "rows": [asdict(row) for row in rows]}
-            write_json(self.docs / "validation" / "published-optima.json", evidence)
-            in_document(self.docs).write(self.docs)
-        return 0
-
-
-def in_document(docs: Path) -> Table:
-    """The table of optimal.md, of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "published-optima.json")
-    return Table(
-        "optimal.md",
-        "python -m campaigns.published_optima --docs docs",
-        _HEADINGS,
-        [Row(**row).cells() for row in evidence["rows"]],
-        "Guesses: those that led to this cost, of all; optima: different costs that they led to. The values are in "
-        "[published-optima.json](validation/published-optima.json).",
-    )
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """A published optimum and what RANS finds, of every problem."""
+        for one in problems():
+            cost, path = one.solved()
+            yield {
+                "problem": one.name,
+                "unit": one.unit,
+                "published": one.optimum,
+                "cost": cost,
+                # Guesses that led to this cost, all guesses, and different costs that they led to.
+                "agreeing": path.agreeing,
+                "guesses": path.attempts,
+                "optima": path.optima,
+                "source": one.source,
+            }
 
 
-if __name__ == "__main__":
-    raise SystemExit(ended("published optima", lambda: tyro.cli(PublishedOptima).run()))
+def difference(row: Any) -> str:
+    """Cell of how much more RANS needs than published, %."""
+    return f"{100.0 * (row['cost'] / row['published'] - 1.0):.2f}"

@@ -8,25 +8,24 @@ pictures only. Here episodes are split by what is possible (`possible`).
 
 ``rans train campaigns/raft_recipes/filters.toml --output runs/raft/filters`` trains a contestant, and so do the
 other recipes; agents whose name ends in -wheel need ``--spacecraft roboran-platform`` too. Then
-``python -m campaigns.raft`` flies all, 512 episodes of each cell and of ten seeds, and writes
-docs/validation/raft.json and the tables of docs/robot/raft.md; ``--quick`` flies 32 and writes nothing.
+``python -m campaigns RAFT`` flies all, 512 episodes of each cell and of ten seeds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from campaigns.markdown import Table
 from campaigns.raft_oracle import Oracle, balanced_reach, effects
 from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.statistics import share
-from rans.files import environment, read_json, write_json
+from rans.files import environment
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft, controls_every_direction, wrenches_either_way
@@ -35,9 +34,7 @@ from rans.model.timing import Timing
 from rans.processes import Workers, nothing
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPosition
-from rans.terminal import Terminal
 
-COMMAND = "python -m campaigns.raft"
 MODES = ("degraded", "dead", "stuck")
 ODDS = (0.33, 0.33, 0.34)
 TOLERANCE = 0.05
@@ -316,19 +313,9 @@ class Raft:
     """What contestants fly, see `Contestant.spec`; by default all. Others keep their figures."""
     workers: int | None = None
     """Number of processes that fly; by default one per processor."""
-    quick: bool = False
-    """32 episodes of one seed, and nothing is written."""
-    docs: Path = Path("docs")
-    """Where the table goes."""
 
-    def run(self) -> int:
-        """Fly, and write counts and tables."""
-        file = self.docs / _FILE
-        found: dict[str, Any] = {"episodes": self.episodes, "seeds": list(self.seeds)}
-        before = read_json(file) if file.exists() and not self.quick else {}
-        found["environments"] = before.get("environments", {})
-        found["rows"] = before.get("rows", {})
-        console = Terminal()
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Counts of every cell of each contestant."""
         flying = [who for who in CONTESTANTS if not self.only or who.spec in self.only]
         workers = Workers(nothing, count=self.workers, work="flew episodes")
         flown_cells: dict[int | None, list[Cell]] = {}
@@ -349,27 +336,18 @@ class Raft:
             row: dict[str, Any] = {}
             for cell in flown_cells[who.most]:
                 row[cell.name] = _added(row.get(cell.name), next(results))
-            name = f"{who.spacecraft}: {who.name}"
-            found["rows"][name] = row
-            found["environments"][name] = environment()
-            console.say(f"{who.spacecraft}, {who.name}: flown")
-            if not self.quick:
-                write_json(file, found)
-        for spacecraft in (PLATFORM, WHEELED):
-            headings, *lines = rows(found, spacecraft)
-            console.show(f"RAFT's protocol: held, %, {spacecraft}", headings, lines)
-        if not self.quick:
-            for spacecraft in (PLATFORM, WHEELED):
-                in_document(self.docs, spacecraft).write(self.docs)
-        return 0
+            yield {
+                "spacecraft": who.spacecraft,
+                "who": who.name,
+                "environment": environment(),
+                "cells": row,
+            }
 
     def _cells(self, most: int | None) -> list[Cell]:
         """What a contestant flies that flies at most so many episodes of a cell."""
-        episodes = 32 if self.quick else self.episodes
-        seeds = self.seeds[:1] if self.quick else self.seeds
         if most is None:
-            return cells(episodes, seeds)
-        return cells(min(most, episodes), seeds[:1])
+            return cells(self.episodes, self.seeds)
+        return cells(min(most, self.episodes), self.seeds[:1])
 
 
 def _added(
@@ -381,7 +359,6 @@ def _added(
     return {name: np.add(before[name], more[name]).tolist() for name in more}
 
 
-_FILE = "validation/raft.json"
 _CELLS = [
     f"{k} {moment}" for k in range(5) for moment in ("start", "flight") if k or moment == "start"
 ]
@@ -396,24 +373,17 @@ _LINES = (
 )
 
 
-def in_document(docs: Path, spacecraft: str) -> Table:
-    """The table of a spacecraft in docs/robot/raft.md, of the evidence in docs/validation."""
-    evidence = read_json(docs / _FILE)
-    headings, *lines = rows(evidence, spacecraft)
-    return Table("robot/raft.md", f"{COMMAND}, {spacecraft}", headings, lines, "")
-
-
-def rows(found: dict[str, Any], spacecraft: str) -> list[tuple[str, ...]]:
-    """Headings, which are the contestants, and a row of each cell and of each summary.
+def rows(found: Any, spacecraft: str) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings, which are the contestants of a spacecraft, and a row of each cell and of each summary.
 
     A cell has the share of recoverable episodes that are held. The summaries are this share of all cells before
     the sweep, the lower end of its 95 % interval, and of all other episodes the shares held, and held or near.
     """
     columns: list[tuple[str, ...]] = [("faults", *_LINES)]
-    for name, by_cell in found["rows"].items():
-        flies, _, who = name.partition(": ")
-        if flies != spacecraft:
+    for one in found["rows"]:
+        if one["spacecraft"] != spacecraft:
             continue
+        who, by_cell = one["who"], one["cells"]
         texts = [_share(*by_cell[cell]["still"][::2]) for cell in by_cell]
         failed = [by_cell[cell] for cell in _CELLS]
         total = np.sum([cell["still"] for cell in failed], axis=0)
@@ -424,21 +394,9 @@ def rows(found: dict[str, Any], spacecraft: str) -> list[tuple[str, ...]]:
         columns.append(
             (who, *texts, all_of_them, f"{100.0 * low:.2f}", _share(others[0], others[2]), near)
         )
-    return list(zip(*columns, strict=True))
+    headings, *lines = zip(*columns, strict=True)
+    return headings, lines
 
 
 def _share(part: int, whole: int) -> str:
     return "–" if whole == 0 else f"{100.0 * part / whole:.1f}"  # noqa: RUF001
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Parse and run."""
-    import tyro
-
-    return tyro.cli(Raft, args=arguments).run()
-
-
-if __name__ == "__main__":
-    from campaigns.command import ended
-
-    raise SystemExit(ended("python -m campaigns.raft", main))

@@ -1,6 +1,6 @@
 """Fly the tables of the pages again, and write a page of differences: ``rans reproduce``.
 
-Every row of `campaigns.provenance.SOURCES` runs in a folder with a copy of docs, so that nothing of the checkout
+Every row of `campaigns.table.ROWS` runs in a folder with a copy of docs, so that nothing of the checkout
 changes. The cells of its tables are then compared with those of the checkout.
 """
 
@@ -24,9 +24,9 @@ from typing import Annotated, NamedTuple
 import tyro
 
 from campaigns.command import ended
-from campaigns.figures import TABLES
 from campaigns.markdown import Table
-from campaigns.provenance import SOURCES, Source, quick_seconds
+from campaigns.runner import Campaign
+from campaigns.table import ROWS
 from rans.errors import ConfigError, RansError, counted, meant
 from rans.executors import answers, chosen_executor
 from rans.files import environment, read_bytes, read_json, write_text
@@ -101,15 +101,15 @@ class Reproduce:
     def run(self) -> int:
         """Run the rows; 1 if a cell differs or a command failed."""
         for name in self.only:
-            if name not in SOURCES:
+            if name not in ROWS:
                 raise ConfigError(
-                    f"--only must be of {', '.join(SOURCES)}; got {name!r}{meant(name, SOURCES)}."
+                    f"--only must be of {', '.join(ROWS)}; got {name!r}{meant(name, ROWS)}."
                 )
         terminal = Terminal()
         results: list[Result] = []
         begun = time.monotonic()
-        rows = {name: SOURCES[name] for name in self.only or SOURCES}
-        planned = [_planned(source, self.quick) for source in rows.values()]
+        rows = {name: ROWS[name] for name in self.only or ROWS}
+        planned = [source.time(self.quick) for source in rows.values()]
         measured = sum(1 for seconds in planned if seconds)
         before = f"; {measured} of them took {sum(planned):.0f} s of one processor before"
         terminal.say(f"{counted(len(rows), 'row')}{before if measured else ''}.")
@@ -129,15 +129,11 @@ class Reproduce:
         return int(any(one.beyond or _is_failure(one) for one in results))
 
 
-def _planned(source: Source, quick: bool) -> float:
-    return quick_seconds(source) if quick else source.seconds
-
-
 def _is_failure(result: Result) -> bool:
     return bool(result.failed) and not result.failed.startswith("left out")
 
 
-def _row(_: None, name: str, source: Source, quick: bool, output: Path) -> Result:
+def _row(_: None, name: str, source: Campaign, quick: bool, output: Path) -> Result:
     """`reproduced` as a job of an executor."""
     return reproduced(name, source, quick, output)
 
@@ -149,7 +145,7 @@ def _lost(name: str, *_: object) -> Result:
     )
 
 
-def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
+def reproduced(name: str, source: Campaign, quick: bool, output: Path) -> Result:
     """Run one row in a folder of its own below ``output``, and compare its tables."""
     result = Result(name)
     trainings = source.needs.partition(",")[0]
@@ -161,7 +157,7 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
     begun = time.monotonic()
     log = folder / "log.txt"
     with log.open("a", encoding="utf-8") as file:
-        for command in (source.quick if quick else ()) or source.commands:
+        for command in source.measured_by(name, quick):
             # Codes of commands say whether targets were met, or that the page has the mark of another number of
             # flights; evidence that is missing is seen below.
             process = subprocess.Popen(
@@ -177,11 +173,11 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
     bitwise = result.same_machine and source.deterministic and not quick
     for table in source.tables:
         try:
-            found = TABLES[table](folder / "docs")
+            found = source.table(folder / "docs", table)
         except (OSError, RansError, LookupError) as error:
             result.failed = f"no evidence of {table}, see {log}: {type(error).__name__}: {error}"
             return result
-        published = TABLES[table](ROOT / "docs")
+        published = source.table(ROOT / "docs", table)
         for difference, count in compared(published, found, source, quick, bitwise):
             result.cells += count
             if difference is not None:
@@ -191,7 +187,7 @@ def reproduced(name: str, source: Source, quick: bool, output: Path) -> Result:
     return result
 
 
-def _prepare(folder: Path, source: Source) -> None:
+def _prepare(folder: Path, source: Campaign) -> None:
     """A fresh copy of the pages and of the evidence of others; trainings are those of the checkout."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -219,7 +215,7 @@ def _environment() -> dict[str, str]:
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
-def _is_same_machine(source: Source, docs: Path) -> bool:
+def _is_same_machine(source: Campaign, docs: Path) -> bool:
     """Whether all evidence says the processor and versions that the new one says."""
     found = False
     for name in source.evidence:
@@ -236,7 +232,7 @@ def _is_same_machine(source: Source, docs: Path) -> bool:
 
 
 def compared(
-    published: Table, found: Table, source: Source, quick: bool, bitwise: bool
+    published: Table, found: Table, source: Campaign, quick: bool, bitwise: bool
 ) -> Iterator[tuple[Difference | None, int]]:
     """Compare every cell of two tables: a difference, or None, and 1 for each cell that counts.
 
@@ -278,7 +274,7 @@ def _label(row: Sequence[str]) -> str:
 
 
 def _flights(
-    headings: Sequence[str], before: Sequence[str], now: Sequence[str] | None, source: Source
+    headings: Sequence[str], before: Sequence[str], now: Sequence[str] | None, source: Campaign
 ) -> tuple[float, float]:
     """Flights behind the shares of a row: those that it says, or those of the list."""
     for name in ("starts", "flights"):
@@ -344,7 +340,7 @@ def report(results: Sequence[Result], quick: bool, seconds: float) -> str:
         "|---|---|---|---|---|---|",
     ]
     for one in results:
-        page = SOURCES[one.name].page.removeprefix("../")
+        page = ROWS[one.name].page.removeprefix("../")
         lines.append(
             f"| {one.name} | {page} | {one.verdict()} | {one.seconds:.0f} | "
             f"{one.processor_seconds:.0f} | "

@@ -1,7 +1,7 @@
 """What agents do when they are there: how often valves move, whether commands repeat, what is wasted.
 
-``python -m campaigns.rest`` flies every agent that comes with RANS on 16,384 evaluation episodes in a
-perfect world, on a GPU if there is one, writes docs/validation/rest.json and the table of docs/agents.md.
+``python -m campaigns rest`` flies every agent that comes with RANS on 16,384 evaluation episodes in a perfect
+world, on a GPU if there is one.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,28 +17,14 @@ from torch import Tensor
 from tyro.conf import Positional
 
 from campaigns.batch import Rows, study
-from campaigns.markdown import Table
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.flights import Flights
-from rans.files import read_json
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from rans.pretrained import pretrained_names
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal
 from rans.verdict import last_fifth
-
-_COMMAND = "python -m campaigns.rest"
-_HEADINGS = (
-    "agent",
-    "duty at rest, %",
-    "valve changes a second",
-    "steps with opposite nozzles open, %",
-    "episodes that end in a cycle, %",
-    "steps of the cycles",
-)
-_SOURCE = "The values are in [rest.json](validation/rest.json)."
 
 
 def last_commands(network: Network, setup: Setup, episodes: int, seed: int, device: str) -> Tensor:
@@ -100,20 +85,18 @@ def said(commands: Tensor, craft: Spacecraft, period: float) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Rest:
-    """Fly agents; write the table of what they do at rest."""
+    """Fly agents, and see what they do at rest."""
 
     agents: Positional[tuple[str, ...]] = ()
     """Run folders, or pretrained:NAME; none: all that come with RANS."""
     episodes: int = 16_384
     seed: int = EVALUATION_SEED
-    docs: Path = Path("docs")
-    """Where agents.md and validation/rest.json are."""
 
-    def run(self) -> int:
-        """Write and print it.
+    def measured(self) -> dict[str, Any]:
+        """What every agent does at rest.
 
         Raises:
-            ConfigError: there is no such agent, or no place for the table.
+            ConfigError: there is no such agent.
         """
 
         def told(network: Network, setup: Setup, device: str) -> Rows:
@@ -121,52 +104,17 @@ class Rest:
             commands = last_commands(network, judged, self.episodes, self.seed, device)
             return {"at rest": said(commands, setup.craft, setup.timing.control_period)}
 
-        study(
-            self.agents or tuple(_shipped()),
-            told,
-            self.episodes,
-            self.seed,
-            self.docs / "validation" / "rest.json",
-        )
-        found = in_document(self.docs)
-        found.write(self.docs)
-        Terminal(room=110).show("At rest", _HEADINGS, found.rows)
-        return 0
+        return {"agents": study(self.agents or tuple(_shipped()), told)}
 
 
-def in_document(docs: Path) -> Table:
-    """The table of agents.md, from rest.json."""
-    found = read_json(docs / "validation" / "rest.json")["agents"]
-    return Table(
-        "agents.md",
-        _COMMAND,
-        _HEADINGS,
-        [_cells(name, rows["at rest"]) for name, rows in found.items()],
-        _SOURCE,
-    )
+def cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table, by agent."""
+    for name, rows in evidence["agents"].items():
+        found = rows["at rest"]
+        steps = ", ".join(found["lengths"]) or "–"  # noqa: RUF001
+        yield {**found, "agent": name.removeprefix("pretrained:"), "steps": steps}
 
 
 def _shipped() -> Iterator[str]:
     for name in pretrained_names():
         yield from judged_separately(f"pretrained:{name}")
-
-
-def _cells(name: str, found: dict[str, Any]) -> tuple[str, ...]:
-    return (
-        f"`{name.removeprefix('pretrained:')}`",
-        f"{found['duty']:.2f}",
-        f"{found['changes']:.2f}",
-        f"{found['opposite']:.2f}",
-        f"{found['cycles']:.3g}",
-        ", ".join(found["lengths"]) or "–",  # noqa: RUF001
-    )
-
-
-if __name__ == "__main__":
-    import sys
-
-    import tyro
-
-    from campaigns.command import ended
-
-    sys.exit(ended("python -m campaigns.rest", tyro.cli(Rest).run))

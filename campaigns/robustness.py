@@ -1,8 +1,7 @@
 """What agents hold under every perturbation alone, and under all of `lab`.
 
-``python -m campaigns.robustness AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a
-row, on a GPU if there is one, prints the table and writes docs/validation/robustness.json; with ``--lqr``
-the LQR beside them. ``python -m campaigns.figures`` then writes the table of docs/robustness.md.
+``python -m campaigns robustness`` flies run folders and ``pretrained:NAME``, on a GPU if there is one; with
+``--lqr`` the LQR beside them.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import numpy as np
 from tyro.conf import Positional
 
 from campaigns.batch import Found, Rows, loaded, study
-from campaigns.markdown import Table
 from rans.episode import Setup
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import settling_times, solved
@@ -54,7 +52,6 @@ SINGLE: dict[str, Conditions] = {
 }
 """Single disturbances, each over the whole range in which it broke agents that were trained without any."""
 _LQR_EPISODES = 256
-_COMMAND = "python -m campaigns.robustness"
 _TOLD = {
     "none": "none",
     "lab": "`lab`, all at once",
@@ -164,7 +161,7 @@ def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> dict[str, A
 
 @dataclass(frozen=True)
 class Robustness:
-    """Fly agents under every perturbation; write the table."""
+    """Fly agents under every perturbation."""
 
     agents: Positional[tuple[str, ...]]
     """Run folders, or pretrained:NAME; all of one task and spacecraft."""
@@ -172,9 +169,8 @@ class Robustness:
     """Whether the LQR flies too, 256 episodes a row."""
     episodes: int = 10_000
     seed: int = EVALUATION_SEED
-    output: Path = Path("docs/validation/robustness.json")
 
-    def run(self) -> dict[str, Rows]:
+    def measured(self) -> dict[str, Any]:
         """By agent and row.
 
         Raises:
@@ -187,16 +183,16 @@ class Robustness:
                 for row, found in rows().items()
             }
 
-        extra: dict[str, Rows] = {}
+        agents = study(self.agents, told)
         if self.lqr:
             _, setup = loaded(self.agents[0], "cpu")
-            extra["lqr"] = {
+            agents["lqr"] = {
                 row: flown_by_lqr(setup, found, self.seed) for row, found in rows().items()
             }
-        return study(self.agents, told, self.episodes, self.seed, self.output, extra)
+        return {"agents": agents}
 
 
-def in_document(docs: Path) -> Table:
+def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """The table of robustness.md: of every figure the worst training, in the plane and in space."""
     found = [
         read_json(docs / "validation" / f"{name}.json")["agents"].values()
@@ -206,17 +202,16 @@ def in_document(docs: Path) -> Table:
         (told, *(cell for agents in found for cell in _worst([agent[row] for agent in agents])))
         for row, told in _TOLD.items()
     ]
-    return Table(
-        "robustness.md",
-        _COMMAND,
-        (
-            "perturbation",
-            *("plane: solved", "settles", "duty"),
-            *("space: solved", "settles", "duty"),
-        ),
-        rows,
-        "",
+    headings = (
+        "perturbation",
+        "plane: solved",
+        "settles",
+        "duty",
+        "space: solved",
+        "settles",
+        "duty",
     )
+    return headings, rows
 
 
 def _worst(said: list[dict[str, Any]]) -> tuple[str, str, str]:
@@ -230,28 +225,3 @@ def _worst(said: list[dict[str, Any]]) -> tuple[str, str, str]:
 
 def _said(found: Found) -> dict[str, Any]:
     return found.said() | {"duty at rest": 100.0 * float(found.duty.mean())}
-
-
-def main() -> None:
-    """Print the table: solved in % with its 95 % interval, median settling time in s, duty at rest in %."""
-    import tyro
-
-    from rans.terminal import Terminal
-
-    result = tyro.cli(Robustness).run()
-    cells = [
-        (
-            row,
-            *(
-                f"{x['held']['value']:.2f} ({x['held']['low']:.2f} to {x['held']['high']:.2f}), "
-                f"{x['settling time']:.1f} s, {x['duty at rest']:.1f}"
-                for x in (result[name][row] for name in result)
-            ),
-        )
-        for row in rows()
-    ]
-    Terminal().show("", ("perturbation", *result), cells)
-
-
-if __name__ == "__main__":
-    main()

@@ -3,8 +3,8 @@
 It sees its axis' angle, rate and last commands, never a fault. So a reversed axis, which training knows, is
 known beside another one, which training never meets. `campaigns.settled_gate_agent` is the network.
 
-``python -m campaigns.settled_gate_entry train RUN`` trains it on a processor's core, and ``... fly RUN``
-prints the table with the benchmark's oracles and its published rows.
+``python -m campaigns.settled_gate_entry RUN`` trains it on a processor's core, and ``python -m campaigns
+settled-gate RUN`` flies it, and prints the table with the benchmark's oracles and its published rows.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import tyro
 from safetensors.torch import load_file, save_file
 from tyro.conf import Positional
 
-from campaigns import markdown
 from campaigns.settled_gate import (
     CLASSES,
     DWELL,
@@ -37,7 +36,6 @@ from campaigns.settled_gate import (
 )
 from campaigns.settled_gate_agent import Agent, Axes, Memory, flown, trained
 from rans.evaluation.measure.statistics import Estimate, share
-from rans.files import environment, read_json, write_json
 from rans.flight import Controller, fly
 from rans.terminal import Terminal
 
@@ -102,17 +100,16 @@ class Train:
 
 @dataclass(frozen=True)
 class Fly:
-    """Fly agents and oracles from every start with every fault of every class; write the table."""
+    """Fly agents and oracles from every start with every fault of every class."""
 
     run_folders: Annotated[tuple[Path, ...], Positional, tyro.conf.arg(metavar="RUN")] = ()
     faults: int = 50
     seeds: int = 10
     drake: bool = False
     """Whether Drake moves, which takes an hour for all."""
-    output: Path = Path("docs/validation/settled-gate.json")
 
-    def run(self) -> dict[str, dict[Class, Estimate]]:
-        """Share of settled flights by controller and class."""
+    def measured(self) -> dict[str, Any]:
+        """Share of settled flights by controller and class, and of single axes."""
         move = fly
         if self.drake:
             from rans.reference.flight import (
@@ -130,22 +127,15 @@ class Fly:
             for name, numbers in PUBLISHED.items()
         ]
         Terminal().show("", ("% settled", *CLASSES), rows)
-        write_json(
-            self.output,
-            {
-                "settled": {
-                    name: {kind: vars(x) for kind, x in row.items()} for name, row in result.items()
-                },
-                "alone": {
-                    str(folder): alone(saved(folder), self.faults * self.seeds)
-                    for folder in self.run_folders
-                },
-                "faults": self.faults,
-                "seeds": self.seeds,
-                "environment": environment(),
+        return {
+            "settled": {
+                name: {kind: vars(x) for kind, x in row.items()} for name, row in result.items()
             },
-        )
-        return result
+            "alone": {
+                str(folder): alone(saved(folder), self.faults * self.seeds)
+                for folder in self.run_folders
+            },
+        }
 
     def _controllers(self, each: Faults) -> Iterator[Controller]:
         yield Oracle(sound(each), "proportional-derivative")
@@ -182,19 +172,11 @@ def alone(agent: Agent, count: int) -> list[list[float]]:
     return (100.0 * behind.view(len(GAINS), len(BIASES), count).mean(dim=2)).tolist()
 
 
-def in_document(docs: Path) -> markdown.Table:
-    """The table of settled_gate.md: single axes by gain and bias, of the first agent."""
-    cells = next(iter(read_json(docs / "validation" / "settled-gate.json")["alone"].values()))
-    rows = [
-        (f"{gain:g}", *(f"{x:.1f}" for x in row)) for gain, row in zip(GAINS, cells, strict=True)
-    ]
-    return markdown.Table(
-        "settled_gate.md",
-        "python -m campaigns.settled_gate_entry fly",
-        ("gain", *(f"bias {bias:g}" for bias in BIASES)),
-        rows,
-        "",
-    )
+def cells(evidence: Any) -> Iterator[list[str]]:
+    """Rows of the table of single axes by gain and bias, of the first agent."""
+    shares = next(iter(evidence["alone"].values()))
+    for gain, row in zip(GAINS, shares, strict=True):
+        yield [f"{gain:g}", *(f"{x:.1f}" for x in row)]
 
 
 def sound(faults: Faults) -> Faults:
@@ -204,10 +186,5 @@ def sound(faults: Faults) -> Faults:
     )
 
 
-def main() -> None:
-    """Train or fly."""
-    tyro.extras.subcommand_cli_from_dict({"train": Train, "fly": Fly}).run()
-
-
 if __name__ == "__main__":
-    main()
+    tyro.cli(Train).run()

@@ -1,29 +1,23 @@
-"""What a sloshing liquid costs agents that know nothing of it: ``python -m campaigns.slosh``.
+"""What a sloshing liquid costs agents that know nothing of it: ``python -m campaigns slosh``.
 
-Each agent flies its own craft, in which a share of the mass swings. Mass and inertia stay as they are. With
-``--docs docs`` the command writes docs/validation/slosh.json and its table in docs/missions/slosh.md.
+Each agent flies its own craft, in which a share of the mass swings. Mass and inertia stay as they are.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import tyro
 
-from campaigns.command import ended
-from campaigns.markdown import Table
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import impulses, settling_times, solved
-from rans.files import environment, number, read_json, write_json
 from rans.flight import Flight
 from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal
 
 _CONTESTANTS = (
     "pretrained:go-to-pose-2d",
@@ -47,45 +41,11 @@ _DAMPING_RATIO = 0.005
 (Dodge 2000, chapter 2)."""
 _ACCELERATION = 0.2
 """m/s^2, as of the floating platform with one thruster."""
-HEADINGS = (
-    "who",
-    "swings, % of the mass",
-    "settled or docked, %",
-    "limit broken, %",
-    "median time, s",
-    "impulse, N s",
-    "first starts, %",
-    "in Drake, %",
-)
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A contestant with one share of its mass swinging."""
-
-    who: str
-    share: float
-    starts: int
-    won: float
-    """Share that settled, or docked without breaking a limit."""
-    violated: float
-    """Share that broke a limit."""
-    time: float
-    """Median time of those that won, s; NaN where nobody did."""
-    impulse: float
-    """Mean impulse of those that won, N s."""
-    swing: float
-    """Median of the largest angle of the rod in each flight, degrees; NaN without slosh."""
-    drake: float
-    """Share of the first starts that win in Drake; NaN where none flew."""
-    drake_starts: int
-    drake_here: float
-    """Share of these starts that win in RANS."""
 
 
 @dataclass(frozen=True)
 class Sloshing:
-    """Fly everybody, write the evidence, and print the table."""
+    """Fly everybody."""
 
     episodes: int = 256
     """Held-out starts."""
@@ -93,24 +53,14 @@ class Sloshing:
     """Number of starts, the first ones, that fly in Drake too, with the largest share."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
-    docs: Path | None = None
-    """Folder of the documents whose table and evidence are written; by default nothing is."""
 
-    def run(self) -> int:
-        """Print and write."""
-        measured = [asdict(self._flown(who, share)) for who in _CONTESTANTS for share in SHARES]
-        Terminal().show(f"slosh, seed {self.seed}", HEADINGS, [_cells(x) for x in measured])
-        if self.docs is not None:
-            evidence = {
-                "seed": self.seed,
-                "environment": environment(),
-                "rows": measured,
-            }
-            write_json(self.docs / "validation" / "slosh.json", evidence)
-            in_document(self.docs).write(self.docs)
-        return 0
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """A row of each contestant and share."""
+        for who in _CONTESTANTS:
+            for share in SHARES:
+                yield self._flown(who, share)
 
-    def _flown(self, who: str, share: float) -> Measured:
+    def _flown(self, who: str, share: float) -> dict[str, Any]:
         run = contestant(who)
         setup = run.judged._replace(craft=with_slosh(run.craft, share))
         flight = fly_episodes(run.controller, setup, self.seed, self.episodes).flight
@@ -121,19 +71,22 @@ class Sloshing:
         if drake:
             other = fly_episodes(run.controller, setup, self.seed, drake, "drake", workers=1)
             there = float(_won(other.flight).mean())
-        return Measured(
-            who.removeprefix("pretrained:"),
-            share,
-            self.episodes,
-            float(won.mean()),
-            float(flight.violated().mean()),
-            float(np.median(times)) if len(times) else float("nan"),
-            float(impulses(flight)[won].mean()) if won.any() else float("nan"),
-            _swing(flight),
-            there,
-            drake,
-            float(won[:drake].mean()) if drake else float("nan"),
-        )
+        return {
+            "who": who.removeprefix("pretrained:"),
+            "share": share,
+            "starts": self.episodes,
+            # Share that settled, or docked without breaking a limit; and that broke one.
+            "won": float(won.mean()),
+            "violated": float(flight.violated().mean()),
+            # Median time and mean impulse of those that won, s and N s.
+            "time": float(np.median(times)) if len(times) else float("nan"),
+            "impulse": float(impulses(flight)[won].mean()) if won.any() else float("nan"),
+            "swing": _swing(flight),
+            # Shares of the first starts that win in Drake, and in RANS.
+            "drake": there,
+            "drake_starts": drake,
+            "drake_here": float(won[:drake].mean()) if drake else float("nan"),
+        }
 
 
 def with_slosh(craft: Spacecraft, share: float) -> Spacecraft:
@@ -167,39 +120,3 @@ def _swing(flight: Flight) -> float:
         along = sum(stores[f"slosh direction {a}"] * e for a, e in zip("xyz", rest, strict=True))
         angles = np.arccos(np.clip(along, -1.0, 1.0))
     return float(np.degrees(np.median(np.nanmax(angles, axis=0))))
-
-
-def _cells(measured: dict[str, Any]) -> list[str]:
-    return [
-        measured["who"],
-        f"{100.0 * measured['share']:g}",
-        f"{100.0 * measured['won']:.1f}",
-        f"{100.0 * measured['violated']:.1f}",
-        _number(measured["time"], 1),
-        _number(measured["impulse"], 1),
-        _number(100.0 * number(measured["drake_here"]), 1),
-        _number(100.0 * number(measured["drake"]), 1),
-    ]
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{number(value):,.{digits}f}" if np.isfinite(number(value)) else "-"
-
-
-def in_document(docs: Path) -> Table:
-    """The table of flights, of the evidence in docs/validation."""
-    evidence = read_json(docs / "validation" / "slosh.json")
-    rows = evidence["rows"]
-    drake = max(row["drake_starts"] for row in rows)
-    return Table(
-        "missions/slosh.md",
-        "python -m campaigns.slosh --docs docs",
-        HEADINGS,
-        [_cells(x) for x in rows],
-        f"{rows[0]['starts']:,} starts each. The first {drake} fly in Drake too. The values are in "
-        "[slosh.json](../../../docs/validation/slosh.json).",
-    )
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("slosh", lambda: tyro.cli(Sloshing).run()))

@@ -1,22 +1,19 @@
-"""What is known at least of every mission: ``python -m campaigns.standings --docs docs``.
+"""What is known at least of every mission, the first table of its page.
 
 It measures nothing: it gathers proven bound, cheapest known flight, guidance and agent of each mission from the
-evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.front` and `campaigns.passive`, into the first
-table of its page. The cheapest known flight is of whoever spends least, optimal trajectories included.
+evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.front` and `campaigns.passive`. The
+cheapest known flight is of whoever spends least, optimal trajectories included.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tyro
-
-from campaigns.markdown import Table
 from rans.files import number, read_json
-from rans.terminal import Terminal
 
 _HEADINGS = (
     "",
@@ -109,24 +106,8 @@ MISSIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Standings:
-    """Print the tables of all missions, and write them."""
-
-    docs: Path = Path("docs")
-    """Folder of the documents, with the evidence; the tables are written into their pages."""
-
-    def run(self) -> int:
-        """Print and write."""
-        for mission in MISSIONS:
-            table = in_document(self.docs, mission)
-            Terminal().show(mission, _HEADINGS, table.rows)
-            table.write(self.docs)
-        return 0
-
-
-def in_document(docs: Path, mission: str) -> Table:
-    """The table of a mission's page, of the evidence in docs/validation."""
+def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
+    """Headings and rows of the table of a mission's page, of the evidence in docs/validation."""
     asked = MISSIONS[mission]
     flown = {
         row["who"]: row
@@ -134,7 +115,7 @@ def in_document(docs: Path, mission: str) -> Table:
         if row.get("condition", "") == asked.condition
     }
     safety = {row["who"]: row for row in read_json(docs / "validation/passive-safety.json")["rows"]}
-    of_safety = {who: safety[name] for who, name in asked.passive}
+    of_safety = {who: safety[name] for who, name in asked.passive if name in safety}
     evidence = read_json(docs / "validation" / f"mission-{mission}.json")
     lines = [_bound(mission, asked, flown)]
     entries = [(_CHEAPEST, *_cheapest(flown, _optima(docs, mission)))]
@@ -157,24 +138,16 @@ def in_document(docs: Path, mission: str) -> Table:
     # Rows in the order of their kinds: that of safe guidance before agents.
     order = (_BOUND, _CHEAPEST, _GUIDANCE, _SAFE, _AGENT)
     lines.sort(key=lambda line: order.index(line[0]))
-    return Table(
-        f"missions/{mission}.md",
-        f"python -m campaigns.standings --docs docs, {mission}",
-        _HEADINGS,
-        lines,
-        "",
-    )
+    return _HEADINGS, lines
 
 
-def compared(row: dict[str, Any], evidence: dict[str, Any]) -> int:
-    """Number of starts of a row's ratios to the bound; of older evidence, of those that had bounds."""
-    starts = row.get("starts", evidence["episodes"])
-    return int(row.get("compared", min(starts, evidence.get("bounded", starts))))
-
-
-def of_starts(ratio: float, compared: int, starts: int) -> str:
-    """A mean ratio, with the number of its starts where the row has more."""
-    return f"{ratio:.3f}" if compared == starts else f"{ratio:.3f} of {compared}"
+def over(row: Mapping[str, Any]) -> str:
+    """Cell of a mean ratio of a row to the bounds, with the number of its starts where the row has more."""
+    ratio = _ratio(row)
+    if not math.isfinite(ratio):
+        return "-"
+    compared = row.get("compared", row.get("starts"))
+    return f"{ratio:.3f}" if compared == row.get("starts") else f"{ratio:.3f} of {compared}"
 
 
 def _optima(docs: Path, mission: str) -> dict[str, Any]:
@@ -253,14 +226,13 @@ def _cells(row: Any, safety: Any, evidence: dict[str, Any], unit: str) -> list[s
         return [*"-------"]
     won = _won(row)
     spent = _number(row, "spent") if "spent" in row else row["impulse"]
-    ratio = _ratio(row)
     median = f"{row['median']:,.0f}" if "median" in row else "-"
     rest = [median, "-", "-"] if safety is None else _safe(safety)
     starts = row.get("starts", evidence["episodes"])
     return [
         f"{starts:,}",
         f"{100.0 * won:.1f}",
-        of_starts(ratio, compared(row, evidence), starts) if ratio == ratio else "-",
+        over(row),
         _spent(spent, unit),
         *rest,
     ]
@@ -286,7 +258,3 @@ def _number(row: Any, name: str) -> float:
     """A number of a row of evidence; NaN: there is none."""
     value = row.get(name)
     return float("nan") if value is None else float(value)
-
-
-if __name__ == "__main__":
-    tyro.cli(Standings).run()

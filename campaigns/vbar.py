@@ -1,4 +1,4 @@
-"""Scenarios and suites of V-BAR, scored by V-BAR: ``python -m campaigns.vbar``.
+"""Scenarios and suites of V-BAR, scored by V-BAR: ``python -m campaigns V-BAR``.
 
 Transfers are RANS's guidance; corridor, turning port and departure are laws of this script.
 
@@ -7,7 +7,7 @@ dependency of RANS. In an environment of its own::
 
     python3.12 -m venv vbar
     vbar/bin/pip install vbar==0.3.1 cattrs tyro
-    vbar/bin/python -m campaigns.vbar --docs docs
+    vbar/bin/python -m campaigns V-BAR --docs docs
 
 V-BAR flies: its environments, starts, sensors and constraints, and its composite score. Guidance receives what
 V-BAR's interface gives to every agent: the public description of the scenario, and readings.
@@ -17,16 +17,14 @@ from __future__ import annotations
 
 import importlib
 import math
-import sys
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import tyro
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.tasks.dock import Dock
@@ -34,8 +32,6 @@ from rans_missions.tasks.hold import Hold
 from rans_missions.tasks.orbital import OrbitalMission
 from scipy.linalg import solve_discrete_are
 
-from campaigns.markdown import Table
-from rans.files import read_json, write_json
 from rans.model.drift import ClohessyWiltshire, velocity_to_reach
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3
@@ -60,26 +56,9 @@ Route = Generator[Any, Any, None]
 """Legs, each of which is answered by the state of the craft at its end, (6,)."""
 
 
-_FILE = "vbar.json"
-_PAGE = "missions/vbar.md"
-_COMMAND = "python -m campaigns.vbar --docs docs"
-_HEADINGS = (
-    "scenario",
-    "episodes",
-    "succeeded",
-    "limits broken",
-    "composite",
-    "spent, m/s",
-    "worst",
-    "time, s",
-    "soft limits broken",
-    "V-BAR's PD",
-)
-
-
 @dataclass(frozen=True)
 class Scored:
-    """Fly V-BAR's episodes, print what V-BAR says of them, and keep it."""
+    """Fly V-BAR's episodes, and keep what V-BAR says of them."""
 
     episodes: int = 50
     """Number of episodes of each scenario, the first ones of V-BAR's validation split. Its suites have 50."""
@@ -87,29 +66,17 @@ class Scored:
     """Number of processes; None: one per processor."""
     only: tuple[str, ...] = ()
     """Scenarios to fly, such as docking:nav1; the others keep their figures. By default all."""
-    docs: Path | None = None
-    """Folder of the documents whose table and evidence are written; None: they are not."""
 
-    def run(self) -> None:
-        """Fly scenario by scenario, print a line for each, and write after each."""
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """A row of each scenario."""
         suites: Any = importlib.import_module("vbar.scenarios.suites")
         entries = {
             entry.scenario: suite.id for suite in suites.SUITES.values() for entry in suite.entries
         }
         entries["docking-afrl"] = "in no suite"
-        file = None if self.docs is None else self.docs / "validation" / _FILE
-        rows: dict[str, Any] = read_json(file)["scenarios"] if file and file.exists() else {}
         for name, suite in entries.items():
-            if self.only and name not in self.only:
-                continue
-            rows[name] = {"suite": suite, **self._row(name)}
-            sys.stdout.write("  ".join(_cells(name, rows[name])) + "\n")
-            sys.stdout.flush()
-            if file is not None:
-                known = {one: rows[one] for one in entries if one in rows}
-                write_json(file, {"vbar": "0.3.1", "split": "validation", "scenarios": known})
-        if self.docs is not None:
-            in_document(self.docs).write(self.docs)
+            if not self.only or name in self.only:
+                yield {"scenario": name, "suite": suite, "vbar": version("vbar"), **self._row(name)}
 
     def _row(self, name: str) -> dict[str, Any]:
         """What V-BAR says of guidance and of its own controller in one scenario."""
@@ -218,38 +185,15 @@ def _decided(whole: Callable[..., Any]) -> Callable[..., Any]:
     return least
 
 
-def _cells(name: str, row: dict[str, Any]) -> list[str]:
-    """The cells of one scenario."""
-    own, other = row["rans"], row["pd"]
-    soft = ", ".join(f"{one.replace('_', ' ')} {count}" for one, count in own["soft"].items())
-    peer = "-"
-    if other is not None:
-        peer = f"{other['succeeded']}, {other['broken']}, {other['composite']:.2f}"
-    return [
-        name,
-        f"{row['episodes']}",
-        f"{own['succeeded']}",
-        f"{own['broken']}",
-        f"{own['composite']:.3f}",
-        f"{own['spent']:.2f}",
-        f"{own['worst']:.2f}",
-        f"{own['time']:,.0f}",
-        soft or "-",
-        peer,
-    ]
-
-
-def in_document(docs: Path) -> Table:
-    """The table of all scenarios."""
-    rows = read_json(docs / "validation" / _FILE)["scenarios"]
-    cells = [_cells(name, row) for name, row in rows.items()]
-    return Table(
-        _PAGE,
-        _COMMAND,
-        _HEADINGS,
-        cells,
-        f"The values are in [{_FILE}](../../../docs/validation/{_FILE}).",
-    )
+def cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table."""
+    for row in evidence["rows"]:
+        own, other = row["rans"], row["pd"]
+        soft = ", ".join(f"{one.replace('_', ' ')} {count}" for one, count in own["soft"].items())
+        peer = "-"
+        if other is not None:
+            peer = f"{other['succeeded']}, {other['broken']}, {other['composite']:.2f}"
+        yield {**row, "soft": soft or "-", "peer": peer}
 
 
 class Guidance:
@@ -765,10 +709,3 @@ def _state(row: Array) -> SpatialState:
     still = Vec3(zero, zero, zero)
     place, speed = (Vec3(*(zero + float(x) for x in half)) for half in (row[:3], row[3:]))
     return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), speed, still)
-
-
-if __name__ == "__main__":
-    # Jobs of other processes are in the module of its own name.
-    from campaigns import vbar
-
-    tyro.cli(vbar.Scored).run()

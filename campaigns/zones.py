@@ -5,7 +5,7 @@ distance along it, which every flight that arrives reaches for the first time at
 beside the zone: in the plane to its left or to its right, in space in some sector around it. A side or a sector
 and a span of time make a `waypoints.Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
 
-``python -m campaigns.zones`` holds optimal trajectories against it, by when they rest at the goal.
+``python -m campaigns impulse-among-zones`` holds optimal trajectories against it, by when they rest at the goal.
 """
 
 from __future__ import annotations
@@ -14,16 +14,12 @@ import heapq
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from rans_missions.convex import waypoints
 from rans_missions.tasks import Avoid
 
-from campaigns.command import ended
-from campaigns.front import Front
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate import hull
@@ -221,37 +217,3 @@ def _in_order(branch: _Branch, time: float) -> _Branch | None:
         assert passing is not None
         cut[k] = passing._replace(first=float(spans[k, 0]), last=float(spans[k, 1]))
     return tuple(cut)
-
-
-def _least_at(craft: Spacecraft, task: Avoid, one: Scenario, time: float) -> float:
-    return least_to_stay(craft, task, one, task.timing, time)
-
-
-FRONT = Front("avoid", "python -m campaigns.zones", "at the goal by", _least_at)
-
-
-@dataclass(frozen=True)
-class Zones:
-    """Impulse against time among zones: bound, and the best of optimal trajectories to rest at the goal."""
-
-    times: tuple[float, ...] = (8.0, 12.0, 20.2)
-    """When the flight is at the goal, s."""
-    starts: int = 4
-    """The first starts of the evaluation."""
-    guesses: int = 8
-    """Guesses of each trajectory."""
-
-    def run(self) -> int:
-        """Write the file and the table; 1 if a trajectory is below its bound."""
-        return FRONT.measure(Path("docs"), self.times, self.starts, self.guesses)
-
-
-def main() -> int:
-    """Parse and run."""
-    import tyro
-
-    return tyro.cli(Zones).run()
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("zones", main))

@@ -16,9 +16,7 @@ from rans.verdict import Failure
 def test_campaigns_become_a_table_and_go_on(tmp_path: Path) -> None:
     page = tmp_path / "assurance" / "assurances.md"
     page.parent.mkdir()
-    page.write_text(
-        "<!-- table: python -m campaigns.assurances -->\n<!-- end of table -->\n", "utf-8"
-    )
+    page.write_text("<!-- table: assurances -->\n<!-- end of table -->\n", "utf-8")
     study = Assurances(("go-to-pose-2d-thrifty",), 300, replay=False, docs=tmp_path)
     assert study.run() == 0
     file = tmp_path / "validation" / "assurance" / "go-to-pose-2d-thrifty.json"

@@ -6,6 +6,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from campaigns.table import CAMPAIGNS
+
+CAMPAIGNS_BY_COMMAND = {name.replace(" ", "-") for name in CAMPAIGNS}
 ROOT = Path(__file__).parents[2]
 ROOMS = "validation", "campaigns"
 HISTORY = ROOT / "CHANGELOG.md"
@@ -25,14 +28,17 @@ def commands(text: str) -> set[str]:
     """Modules that ``python -m`` or ``rans ... MODULE:NAME`` starts, and files that it reads."""
     rooms = "|".join(ROOMS)
     modules = re.findall(rf"-m\s+((?:{rooms})(?:\.\w+)+)", text)
+    rows = re.findall(r"-m\s+campaigns\s+(?!NAME|MISSION)(\w[\w-]*)", text)
     picked = re.findall(rf"\b((?:{rooms})(?:\.\w+)+):[A-Z]", text)
     files = re.findall(rf"(?:^|[\s`(])((?:{rooms})/(?:\w+/)*\w+\.(?:py|toml))", text)
-    return {*files, *(name.replace(".", "/") for name in (*modules, *picked))}
+    return {*files, *rows, *(name.replace(".", "/") for name in (*modules, *picked))}
 
 
 def is_there(name: str) -> bool:
-    """Whether this is a file, a module, or a package that runs."""
-    return any((ROOT / one).is_file() for one in (name, f"{name}.py", f"{name}/__main__.py"))
+    """Whether this is a campaign, a file, a module, or a package that runs."""
+    return name in CAMPAIGNS_BY_COMMAND or any(
+        (ROOT / one).is_file() for one in (name, f"{name}.py", f"{name}/__main__.py")
+    )
 
 
 def test_commands_start_what_is_there() -> None:
@@ -46,12 +52,14 @@ def test_commands_start_what_is_there() -> None:
 
 
 def test_commands_are_seen() -> None:
-    """In a line, over its end, as a module of a class, and as a file."""
-    text = """`python -m campaigns.faults RUN`, `python -m
-    campaigns.raft`, `rans train campaigns.ram:Ram`, `rans train campaigns/raft_recipes/filters.toml`"""
+    """In a line, over its end, as a row of the table, as a module of a class, and as a file."""
+    text = """`python -m campaigns.scaling RUN`, `python -m
+    campaigns.bounds`, `python -m campaigns dock-on-ellipses --docs docs`,
+    `rans train campaigns.ram:Ram`, `rans train campaigns/raft_recipes/filters.toml`"""
     assert commands(text) == {
-        "campaigns/faults",
-        "campaigns/raft",
+        "campaigns/scaling",
+        "campaigns/bounds",
+        "dock-on-ellipses",
         "campaigns/ram",
         "campaigns/raft_recipes/filters.toml",
     }

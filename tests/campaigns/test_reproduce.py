@@ -12,8 +12,10 @@ import pytest
 
 from campaigns import reproduce
 from campaigns.markdown import Table
-from campaigns.provenance import SOURCES, Source, page, unlisted
+from campaigns.provenance import page, unlisted
 from campaigns.reproduce import Reproduce, agree, compared, reproduced
+from campaigns.runner import Campaign, Shown
+from campaigns.table import ROWS
 from rans.errors import ConfigError
 from rans.executors import run_on
 
@@ -25,7 +27,7 @@ def test_every_table_and_file_has_a_source_and_the_page_is_made_from_them() -> N
     """`python -m campaigns.provenance` writes it."""
     assert not unlisted(ROOT / "docs")
     assert page() == (ROOT / "docs" / "provenance.md").read_text("utf-8")
-    for source in SOURCES.values():
+    for source in ROWS.values():
         assert all((ROOT / "docs" / "validation" / name).exists() for name in source.evidence)
 
 
@@ -70,7 +72,7 @@ def test_numbers_agree_within_a_tolerance(published: str, found: str, agrees: bo
     assert agree(published, found, False, (0.0, 0.0), 0.05) is agrees
 
 
-SOURCE = Source(("x",), "x.md", ("true",), flights=(100, 100), uncompared=("worst",))
+SOURCE = Campaign({"x": Shown()}, "x.md", flights=(100, 100), uncompared=("worst",))
 
 
 def table(*rows: tuple[str, ...]) -> Table:
@@ -117,7 +119,7 @@ def test_a_row_without_any_cell_is_a_failure(tmp_path: Path) -> None:
         "Path('docs/validation/dock-errors.json').write_text(json.dumps(evidence))\n"
     )
     source = replace(
-        SOURCES["dock with errors"],
+        ROWS["dock with errors"],
         commands=(f"python -S {tmp_path / 'empty.py'}",),
         quick=(),
         fewer_rows=True,
@@ -135,7 +137,7 @@ evidence["rows"][0]["won"] -= 0.002
 evidence["rows"][1]["won"] -= 0.5
 json.dump(evidence, open("docs/validation/{name}", "w"))"""
     (tmp_path / "change.py").write_text(command)
-    source = replace(SOURCES["dock with errors"], commands=(f"python {tmp_path / 'change.py'}",))
+    source = replace(ROWS["dock with errors"], commands=(f"python {tmp_path / 'change.py'}",))
     before = (ROOT / "docs" / "validation" / name).read_bytes()
     result = reproduced("dock with errors", source, False, tmp_path / "flown")
     assert (ROOT / "docs" / "validation" / name).read_bytes() == before
@@ -146,7 +148,7 @@ json.dump(evidence, open("docs/validation/{name}", "w"))"""
 
 
 def test_a_command_that_writes_nothing_is_a_failure(tmp_path: Path) -> None:
-    source = replace(SOURCES["dock with errors"], commands=("python -c pass",))
+    source = replace(ROWS["dock with errors"], commands=("python -c pass",))
     result = reproduced("dock with errors", source, False, tmp_path)
     assert result.failed.startswith("no evidence of dock with errors")
 
@@ -170,10 +172,10 @@ def test_rows_run_on_an_executor_and_a_lost_one_again(
 ) -> None:
     """The commands do nothing here, so that each row says that its evidence is missing."""
     idle = {
-        name: replace(SOURCES[name], commands=("python -S -c pass",))
+        name: replace(ROWS[name], commands=("python -S -c pass",))
         for name in ("dock with errors", "safe states")
     }
-    monkeypatch.setattr(reproduce, "SOURCES", idle)
+    monkeypatch.setattr(reproduce, "ROWS", idle)
     with Forgetful(1) as pool, run_on(pool):
         assert Reproduce(output=tmp_path).run() == 1
     assert pool.submitted == 3
@@ -182,7 +184,7 @@ def test_rows_run_on_an_executor_and_a_lost_one_again(
 
 
 def test_trainings_that_are_missing_are_a_sentence(tmp_path: Path) -> None:
-    source = replace(SOURCES["RAFT"], needs="runs/nowhere, trainings")
+    source = replace(ROWS["RAFT"], needs="runs/nowhere, trainings")
     assert (
         reproduced("RAFT", source, True, tmp_path).failed
         == "left out: it needs runs/nowhere, trainings"

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 
 from campaigns.batch import loaded
 from campaigns.rest import Rest, cycles, last_commands, opposite, said
+from campaigns.runner import texts
+from campaigns.table import ROWS
 from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import AGENT as AGENT_FILE
 from rans.fast.agent_files.agent import read_policy
@@ -81,11 +80,8 @@ def test_commands_are_those_of_evaluations() -> None:
     assert (found != expected).mean() < 0.05
 
 
-def test_a_study_becomes_a_table(tmp_path: Path) -> None:
-    (tmp_path / "validation").mkdir()
-    page = tmp_path / "agents.md"
-    page.write_text("<!-- table: python -m campaigns.rest -->\n<!-- end of table -->\n", "utf-8")
-    assert Rest(("pretrained:track-velocity-2d",), 32, docs=tmp_path).run() == 0
-    rows = json.loads((tmp_path / "validation" / "rest.json").read_text("utf-8"))["agents"]
-    found = rows["pretrained:track-velocity-2d"]["at rest"]
-    assert f"| `track-velocity-2d` | {found['duty']:.2f} | " in page.read_text("utf-8")
+def test_a_study_becomes_a_table() -> None:
+    evidence = Rest(("pretrained:track-velocity-2d",), 32).measured()
+    found = evidence["agents"]["pretrained:track-velocity-2d"]["at rest"]
+    _, rows = texts(ROWS["rest"].tables["rest"], evidence)
+    assert rows[0][:2] == ["`track-velocity-2d`", f"{found['duty']:.2f}"]

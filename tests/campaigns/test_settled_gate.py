@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -228,18 +227,14 @@ def test_our_entry_sees_each_axis_alone() -> None:
 def test_an_agent_flies_from_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     short(monkeypatch, 20)
     save_file(Agent().state_dict(), tmp_path / AGENT)
-    found = Fly((tmp_path,), faults=1, seeds=2, output=tmp_path / "found.json").run()
+    found = Fly((tmp_path,), faults=1, seeds=2).measured()["settled"]
     assert tuple(found[str(tmp_path)]) == CLASSES
 
 
 @pytest.mark.slow
-def test_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     short(monkeypatch, 20)
-    found = Fly(faults=1, seeds=2, output=tmp_path / "found.json").run()
+    found = Fly(faults=1, seeds=2).measured()["settled"]
     assert list(found) == ["proportional-derivative", "gain oracle", "gain and bias oracle"]
     assert all(tuple(row) == CLASSES for row in found.values())
-    assert found["gain oracle"]["sign"].value == 0.0  # 10 s are too short to turn
-    assert (
-        json.loads((tmp_path / "found.json").read_text())["settled"]["gain oracle"]["sign"]["value"]
-        == 0.0
-    )
+    assert found["gain oracle"]["sign"]["value"] == 0.0  # 10 s are too short to turn
