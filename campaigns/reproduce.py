@@ -239,11 +239,11 @@ def compared(
     Rows are paired by number if both have as many, else by their first texts.
     """
     headings = list(published.headings)
-    pairs = _paired(published.rows, found.rows)
+    pairs = _paired(published.rows, found.rows, source.named_by)
     for before, now in pairs:
         if now is None and quick and source.fewer_rows:
             continue
-        label = _label(before)
+        label = _label(before, source.named_by)
         for heading, old, new in zip(headings, before, now or [""] * len(before), strict=True):
             if any(part and part in heading for part in source.uncompared):
                 continue
@@ -260,17 +260,17 @@ def compared(
 
 
 def _paired(
-    published: Sequence[Sequence[str]], found: Sequence[Sequence[str]]
+    published: Sequence[Sequence[str]], found: Sequence[Sequence[str]], named_by: int
 ) -> list[tuple[Sequence[str], Sequence[str] | None]]:
     if len(published) == len(found):
         return list(zip(published, found, strict=True))
-    by_label = {_label(row): row for row in found}
-    return [(row, by_label.get(_label(row))) for row in published]
+    by_label = {_label(row, named_by): row for row in found}
+    return [(row, by_label.get(_label(row, named_by))) for row in published]
 
 
-def _label(row: Sequence[str]) -> str:
-    """First two cells that are no numbers, which say what a row is about."""
-    return ", ".join([cell for cell in row[:3] if cell and not _NUMBER.fullmatch(cell)][:2])
+def _label(row: Sequence[str], named_by: int) -> str:
+    """The first two of so many cells that are no numbers, which say what a row is about."""
+    return ", ".join([cell for cell in row[:named_by] if cell and not _NUMBER.fullmatch(cell)][:2])
 
 
 def _flights(

@@ -74,6 +74,9 @@ class Campaign:
     """Processor time of the quick commands, s; 0: not measured."""
     fewer_rows: bool = False
     """Whether the quick commands measure some rows of the tables only; the others are not compared."""
+    named_by: int = 3
+    """Number of first cells among which are those that say what a row is about: they pair rows where some are
+    missing."""
     flights: tuple[int, int] = (0, 0)
     """Flights behind a share, and with ``quick``; 0: the table has no shares, or says the number in each row."""
     shares: tuple[str, ...] = ()

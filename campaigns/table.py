@@ -389,6 +389,7 @@ CAMPAIGNS: dict[str, Campaign] = {
         labels=("name",),
         quick=("freeflyer2 --starts 1",),
         fewer_rows=True,
+        named_by=1,
         uncompared=("starts",),
         evidence=("craft-bounds.json",),
         quick_seconds=10.0,

@@ -110,6 +110,18 @@ def test_rows_that_a_quick_run_leaves_out_do_not_differ() -> None:
     assert any(one for one, _ in compared(before, now, SOURCE, True, False))
 
 
+def test_rows_are_paired_by_what_they_are_about_and_not_by_what_was_measured() -> None:
+    """A row of fewer starts has another mean, with its unit."""
+    headings = "who", "starts", "time", "impulse", "worst"
+    before = Table("x.md", "x", headings, (("lqr", "2", "12.4 s", "2.00", "3"),) * 2, "")
+    now = Table("x.md", "x", headings, (("lqr", "1", "12.5 s", "2.01", "3"),), "")
+    named = replace(SOURCE, fewer_rows=True, named_by=1, uncompared=("starts", "worst"))
+    assert sum(count for _, count in compared(before, now, named, True, False)) == 6
+    assert not any(
+        count for _, count in compared(before, now, replace(named, named_by=3), True, False)
+    )
+
+
 def test_a_row_without_any_cell_is_a_failure(tmp_path: Path) -> None:
     """The command leaves an empty table of evidence."""
     (tmp_path / "empty.py").write_text(
