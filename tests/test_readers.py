@@ -60,8 +60,8 @@ CALLS = {
 ENDS = {call.rpartition(".")[2] for call in CALLS}
 
 ALLOWED = {
-    ("rans_proof.check_file", "json.loads"): "a reader of its own, with bounds of its own",
-    ("rans_proof.check_file", "tomllib.loads"): "the same",
+    ("rans_proof.check", "json.loads"): "a reader of its own, with bounds of its own",
+    ("rans_proof.check", "tomllib.loads"): "the same",
     ("rans_proof.check_trap", "json.loads"): "the same",
     ("rans_proof.check_trap", "tomllib.loads"): "the same",
     ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",

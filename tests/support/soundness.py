@@ -20,13 +20,7 @@ from rans_proof.network import Layer
 from tests.support.graphs import SHIFT, WEIGHT, graph, ordinary, step
 from tests.support.small_networks import layers as random_layers
 
-CHECKER = (
-    "rans_proof.balls",
-    "rans_proof.check_file",
-    "rans_proof.check_network",
-    "rans_proof.check_motion",
-    "rans_proof.check",
-)
+CHECKER = ("rans_proof.balls", "rans_proof.check")
 """Modules of the checker, each after those that it imports."""
 PROVER = (
     "rans_proof.relaxation",
@@ -85,9 +79,6 @@ class Checker:
 
         flint.ctx.prec = 80
         self.balls: Any = modules["rans_proof.balls"]
-        self.file: Any = modules["rans_proof.check_file"]
-        self.network: Any = modules["rans_proof.check_network"]
-        self.motion: Any = modules["rans_proof.check_motion"]
         self.check: Any = modules["rans_proof.check"]
         self.refusals = (self.balls.Refused,)
         self._arb = flint.arb
@@ -106,12 +97,10 @@ class Checker:
         return np.array([float(x.upper()) for x in values])
 
     def _layers(self, network: Sequence[Layer]) -> Any:
-        return self.balls.with_sizes(
-            [
-                (self.balls.matrix(weight), self._column(bias), activation.capitalize())
-                for weight, bias, activation in network
-            ]
-        )
+        return [
+            (self.balls.matrix(weight), self._column(bias), activation.capitalize())
+            for weight, bias, activation in network
+        ]
 
     def lines(self, low: float, high: float, kind: str) -> tuple[float, float, float]:
         """Slope, offset and error."""
@@ -130,8 +119,8 @@ class Checker:
         self, problem: str, states: Set, gain: np.ndarray, offset: np.ndarray, error: np.ndarray
     ) -> list[Piece]:
         """Pieces of a control period."""
-        table = self.file.problem_table(problem)
-        motion = self.motion.Plant(table["derivative"], table["commands"], table["period"]).move
+        table = self.check.problem_table(problem)
+        motion = self.check.Plant(table["derivative"], table["commands"], table["period"]).move
         # Generators that are a box at the end are radii of the centre's balls.
         centre, spread = self._set(states)
         count = len(states.centre)
@@ -168,12 +157,12 @@ class Checker:
         flint.ctx.cap = 1
         series = flint.arb_series
         variables = [
-            self.motion.Sloped(
+            self.check.Sloped(
                 series([c]), series([self._arb(c, r)]), [series([int(i == k)]) for i in range(2)]
             )
             for k, (c, r) in enumerate(zip(centre.tolist(), radius.tolist(), strict=True))
         ]
-        value = self.motion.formula(text, ["x0", "x1"])(variables)
+        value = self.check.formula(text, ["x0", "x1"])(variables)
         sums = [
             value.at[0]
             + sum(
@@ -189,30 +178,35 @@ class Checker:
 
     def is_bounded(self, text: str, state: np.ndarray, step: float) -> bool:
         """Whether a box is known that the motion of a step from a state does not leave."""
-        table = self.file.problem_table(text)
-        plant = self.motion.Plant(table["derivative"], table["commands"], table["period"])
-        return plant._during([self._arb(x) for x in state], self._arb(step)) is not None
+        table = self.check.problem_table(text)
+        plant = self.check.Plant(table["derivative"], table["commands"], table["period"])
+        return plant.during([self._arb(x) for x in state], self._arb(step)) is not None
 
     def reduced(self, states: Set) -> Set:
         """A set of fewer generators."""
-        centre, spread = self.motion.reduced(*self._set(states))
+        centre, spread = self.check.reduced(*self._set(states))
         return Set(self._array(centre)[:, 0], self._array(spread))
 
     def margin(self, problem: str, piece: Piece) -> float:
         """Margin of a piece."""
-        keep = self.file.problem_table(problem)["keep"]
+        keep = self.check.problem_table(problem)["keep"]
         sag = [self._arb(float(x)) for x in piece.sag]
         keep = self.check.Property(keep, len(sag))
         return float(keep.margin(self._set(piece.begin), self._set(piece.end), sag))
 
     def flight(
-        self, problem: str, network: Sequence[Layer], low: np.ndarray, high: np.ndarray
+        self,
+        problem: str,
+        network: Sequence[Layer],
+        low: np.ndarray,
+        high: np.ndarray,
+        depth: int = 0,
     ) -> float:
         """Margin of all flights from a cell."""
-        table = self.file.problem_table(problem)
+        table = self.check.problem_table(problem)
         self.check.layers_of = lambda *_: self._layers(network)
         cell = list(zip(low.tolist(), high.tolist(), strict=True))
-        return self.check.Loop(table, b"").margin(cell)
+        return self.check.Loop(table, b"").margin(cell, depth)
 
 
 class Prover:
@@ -841,6 +835,25 @@ def covers(bounds: Checker) -> None:
                 raise AssertionError("a gap was not seen")
 
 
+def halves(bounds: Checker) -> None:
+    """A cell that is too wide as a whole is proved in parts, unless a part is false; then it is refused."""
+    random = np.random.default_rng(15)
+    rates, commands, period = PLANTS["a line"]
+    hidden = Layer(np.array([[0.5, 6.0], [-4.0, 1.0]]), np.array([0.0, 0.5]), "tanh")
+    network = [hidden, Layer(np.array([[3.0, 2.0]]), np.zeros(1), "tanh")]
+    low, high = np.array([-1.0, 0.0]), np.array([1.0, 1.5])
+    x = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(300, random)
+    path = motion(rates, x, answers(network, x), period, 16)[..., 1]
+    for sign, extreme in ((1.0, float(path.max())), (-1.0, -float(path.min()))):
+        for spare, is_true in ((0.1, True), (-0.3, False)):
+            limit = {"lower": [-99.0, -99.0], "upper": [99.0, 99.0]}
+            limit["upper" if sign > 0.0 else "lower"][1] = sign * (extreme + spare)
+            text = problem_text(rates, commands, period, low, high, keep_text("within", limit))
+            assert bounds.flight(text, network, low, high) < 0.0
+            margin = bounds.flight(text, network, low, high, depth=12)
+            assert (0.0 < margin <= spare) if is_true else margin <= 0.0
+
+
 LINE = problem_text(
     '["u0", "u1"]',
     2,
@@ -973,7 +986,7 @@ def readings(bounds: Checker) -> None:
     """Layers answer as ONNX Runtime does, without the comparison that would refuse them."""
     import onnxruntime
 
-    bounds.network._compare = lambda *_: None
+    bounds.check._compare = lambda *_: None
     states = np.random.default_rng(12).normal(size=(10, 2)).astype(np.float32)
     for name in ("transposed", "general product", "product and sum", "activations", "convolution"):
         content = ordinary()[name]
@@ -984,7 +997,7 @@ def readings(bounds: Checker) -> None:
         )
         layers = [
             Layer(bounds._array(weight), bounds._array(bias)[:, 0], kind.lower())
-            for weight, bias, kind, _ in bounds.network.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
+            for weight, bias, kind in bounds.check.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
         ]
         np.testing.assert_allclose(answers(layers, states.astype(float)), true, atol=1e-5)
 
@@ -1038,6 +1051,7 @@ PARTS: dict[str, Callable[[Any], None]] = {
 OF_CHECKER: dict[str, Callable[[Any], None]] = {
     **PARTS,
     "covers": covers,
+    "halves": halves,
     "verdicts": verdicts,
     "refutations": refutations,
     "readings": readings,

@@ -1,4 +1,4 @@
-"""Ball arithmetic that checkers of certificates share: matrices and enclosures of dense networks.
+"""Ball arithmetic that both checkers of certificates share: matrices, and planes around dense networks.
 
 Every number is an interval of FLINT (Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval
 arithmetic", 2017). Nothing here is used by the provers.
@@ -15,6 +15,12 @@ from flint import arb, arb_mat
 
 class Refused(Exception):
     """The certificate is refused; the message says why."""
+
+
+def need(condition: object, reason: str) -> None:
+    """Refuse a certificate that does not meet a condition."""
+    if not condition:
+        raise Refused(reason)
 
 
 def matrix(values: np.ndarray) -> Any:
@@ -43,8 +49,26 @@ def column(values: Sequence[Any]) -> Any:
     return arb_mat(len(values), 1, list(values))
 
 
+def diagonal(values: Sequence[Any]) -> Any:
+    """Diagonal matrix."""
+    table = arb_mat(len(values), len(values))
+    for i, value in enumerate(values):
+        table[i, i] = value
+    return table
+
+
+def side_by_side(*matrices: Any) -> Any:
+    """One matrix of the columns of several, from left to right."""
+    rows = zip(*(m.tolist() for m in matrices), strict=True)
+    return arb_mat([[x for part in row for x in part] for row in rows])
+
+
 def parallel(low: Any, high: Any, kind: str) -> tuple[Any, Any, Any]:
-    """Slope, middle and half distance of parallel lines around an activation from low to high."""
+    """Slope, middle and half distance of parallel lines around an activation from low to high.
+
+    The slope is that of the chord; what is left of it is largest at an end or where the slope is that of the
+    activation: of tanh where 1 - tanh^2 is the slope. A sigmoid is (1 + tanh(z / 2)) / 2.
+    """
     scale = arb("0.5") if kind == "Sigmoid" else arb(1)
     bend = _rectified if kind == "Relu" else arb.tanh
     low = (scale * low).lower()
@@ -77,70 +101,33 @@ def _rectified(z: Any) -> Any:
     return arb(0) if z <= 0 else z
 
 
-def with_sizes(layers: Sequence[Any]) -> list[Any]:
-    """Layers of weight, bias and activation, and the absolute weights that `network_enclosure` needs."""
-    return [(*layer, sizes(layer[0])) for layer in layers]
-
-
 def network_enclosure(
-    layers: Sequence[Any], centre: Any, spread: Any
+    layers: Sequence[tuple[Any, Any, str]], centre: Any, spread: Any
 ) -> tuple[Any, Any, list[Any]]:
-    """Linear enclosure of a network's answers to the states x = c + G s, |s| <= 1.
+    """Planes around a network's answers to the states x = c + G s, |s| <= 1.
 
-    Every activation is enclosed by two parallel lines over the range of its argument (`parallel`).
+    What a layer gives is gain x + offset + noise e with |e| <= 1: each activation lies between two parallel lines
+    over the range of its argument (`parallel`), and half their distance is a noise of its own.
 
     Args:
-        layers: layers of `with_sizes`.
+        layers: weight, bias and activation of each.
         centre: c, (n, 1).
         spread: G, (n, k).
 
     Returns:
         Gain, offset and errors: the answers lie in gain x + offset +- errors.
     """
-    gain: Any = None
-    offset: Any = None
-    slopes: list[Any] = []
-    line_errors: list[Any] = []
-    errors: list[Any] = []
-    for k, (weight, shift, kind, absolute) in enumerate(layers):
-        # The linear operation, of what the lines before make of the state.
-        gain = weight if gain is None else weight * gain
-        offset = shift if offset is None else weight * offset + shift
-        # Errors of the lines of every earlier layer, carried forward by the product of all between.
-        carried = [arb(0)] * weight.nrows()
-        product = weight
-        for j in reversed(range(k)):
-            by_layer = (absolute * column(line_errors[j])).entries()
-            carried = [a + b for a, b in zip(carried, by_layer, strict=True)]
-            if j:
-                product = scaled(slopes[j], product.transpose()).transpose() * layers[j][0]
-                absolute = sizes(product)
+    gain = diagonal([arb(1)] * centre.nrows())
+    offset = arb_mat(centre.nrows(), 1)
+    noise = arb_mat(centre.nrows(), 0)
+    for weight, bias, kind in layers:
+        gain, offset, noise = weight * gain, weight * offset + bias, weight * noise
         if not kind:
-            return gain, offset, carried
-        # Lines over the range of each argument of the activation.
-        middle = (gain * centre + offset).entries()
-        reach = [a + b for a, b in zip(absolute_row_sums(gain * spread), carried, strict=True)]
-        lines = [parallel(m - r, m + r, kind) for m, r in zip(middle, reach, strict=True)]
-        slopes.append([line[0] for line in lines])
-        line_errors.append([line[2] for line in lines])
-        gain = scaled(slopes[-1], gain)
-        offset = scaled(slopes[-1], offset) + column([line[1] for line in lines])
-        errors = [s * c + e for s, c, e in zip(slopes[-1], carried, line_errors[-1], strict=True)]
-    return gain, offset, errors
-
-
-def side_by_side(*matrices: Any) -> Any:
-    """One matrix of the columns of several, from left to right."""
-    return arb_mat(
-        [
-            [x for row in rows for x in row]
-            for rows in zip(*(m.tolist() for m in matrices), strict=True)
-        ]
-    )
-
-
-def diagonal(values: Sequence[Any]) -> Any:
-    """Diagonal matrix."""
-    return arb_mat(
-        [[x if i == k else arb(0) for k in range(len(values))] for i, x in enumerate(values)]
-    )
+            continue
+        middles = (gain * centre + offset).entries()
+        reach = absolute_row_sums(side_by_side(gain * spread, noise))
+        lines = [parallel(m - r, m + r, kind) for m, r in zip(middles, reach, strict=True)]
+        slopes, middle, half = zip(*lines, strict=True)
+        gain, noise = scaled(slopes, gain), side_by_side(scaled(slopes, noise), diagonal(half))
+        offset = scaled(slopes, offset) + column(middle)
+    return gain, offset, absolute_row_sums(noise)

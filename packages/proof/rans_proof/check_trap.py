@@ -32,7 +32,6 @@ from rans_proof.balls import (
     matrix,
     network_enclosure,
     side_by_side,
-    with_sizes,
 )
 from rans_proof.flown import Formulas, check_architecture, check_flown, read_run
 from rans_proof.trap_certificate import TrapCertificate, read_certificate
@@ -285,7 +284,7 @@ class _Loop:
 
         def log_odds(states: np.ndarray) -> np.ndarray:
             x = states
-            for weight, bias, kind, _ in self.layers[0]:
+            for weight, bias, kind in self.layers[0]:
                 x = x @ _middles(weight).T + _middles(bias)[:, 0]
                 x = np.tanh(x) if kind else x
             return x
@@ -447,4 +446,4 @@ def _network(network: Network, thrusters: int) -> tuple[Any, Any]:
             "",
         )
     )
-    return with_sizes(layers), check
+    return layers, check

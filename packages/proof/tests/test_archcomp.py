@@ -1,4 +1,4 @@
-"""The problems of ARCH-COMP, and proofs whose cells the checker accepts; the networks do not come with RANS."""
+"""The problems of ARCH-COMP, and cells that the checker halves; the networks do not come with RANS."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_proof.certificate import table
+from rans_proof.flights import lowest_margins
+from rans_proof.network import network_of
 from rans_proof.problem import problem_of, read_problem
-from rans_proof.prove import Proof, prove
+from rans_proof.prove import Proof
 from scipy.integrate import solve_ivp
 
 from tests.support.processes import ROOT
@@ -47,7 +49,7 @@ def rendezvous() -> ModuleType:
 
 
 def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
-    from rans_proof.check_file import problem_table, statement
+    from rans_proof.check import problem_table, statement
 
     files = {row.problem for row in run.ROWS.values()}
     assert set(FOLDER.glob("*.toml")) <= files
@@ -75,7 +77,7 @@ def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
     graph = onnx.helper.make_graph(nodes, "old", ends[:1], ends[1:], tensors)
     opset = [onnx.helper.make_opsetid("", 6)]
     old = onnx.helper.make_model(graph, opset_imports=opset).SerializeToString()
-    from rans_proof.network import apply, network_of
+    from rans_proof.network import apply
 
     layers = network_of(run.renewed(old), "renewed")
     x = random.normal(size=(20, 3))
@@ -134,35 +136,29 @@ upper = [3.0, 9.0]
 """
 
 
-def test_what_the_checker_refuses_is_split(tmp_path: Path) -> None:
-    """A limit that a whole start set keeps by a little: halves are accepted, and the certificate of them."""
+def test_a_cell_that_the_checker_refuses_as_a_whole_is_halved(tmp_path: Path) -> None:
+    """A limit that a start set keeps by a little is proved in parts; a false one is refused."""
+    from rans_proof.balls import Refused
     from rans_proof.check import check
-    from rans_proof.confirm import confirmed
 
     network = written(damping(2, (1,), 3), tmp_path / "net.onnx").read_bytes()
-    from rans_proof.network import network_of
-
     layers = network_of(network, "network")
     loose = problem_of(PROBLEM)
-    proof = prove(loose, layers)
-    assert len(proof.low) == 1
-    margin = check(json.dumps(table(proof, network)).encode(), network)
-    # Nearer by nine tenths of what the flights of the whole set are seen to have more.
-    random = np.random.default_rng(1)
-    start = random.uniform(loose.lower, loose.upper, (500, 2))
-    from rans_proof.flights import lowest_margins
-
-    spare = float(lowest_margins(loose, layers, start).min()) - margin
-    tight = PROBLEM.replace("[3.0, 9.0]", f"[{3.0 - margin - 0.5 * spare}, 9.0]")
     none = np.zeros((0, 2))
     ends = np.array([loose.lower]), np.array([loose.upper])
-    whole = Proof(problem_of(tight), *ends, np.ones(1), none, none, None)
-    split = confirmed(whole, network)
-    assert split.is_whole
-    assert len(split.low) > 1
-    assert check(json.dumps(table(split, network)).encode(), network) == pytest.approx(
-        split.margins.min()
-    )
-    # What is never accepted is open.
-    false = replace(whole, problem=problem_of(PROBLEM.replace("[3.0, 9.0]", "[0.8, 9.0]")))
-    assert not confirmed(false, network, smallest=0.5).is_whole
+    whole = Proof(loose, *ends, np.ones(1), none, none, None)
+
+    def margin(limit: float) -> float:
+        text = PROBLEM.replace("[3.0, 9.0]", f"[{limit}, 9.0]")
+        content = json.dumps(table(replace(whole, problem=problem_of(text)), network)).encode()
+        return check(content, network)
+
+    # Nearer by nine tenths of what the flights of the whole set are seen to have more.
+    loosely = margin(3.0)
+    random = np.random.default_rng(1)
+    start = random.uniform(loose.lower, loose.upper, (500, 2))
+    farthest = 3.0 - float(lowest_margins(loose, layers, start).min())
+    spare = 3.0 - loosely - farthest
+    assert 0.0 < margin(farthest + 0.5 * spare) < 0.5 * spare
+    with pytest.raises(Refused, match="margin"):
+        margin(0.8)

@@ -21,7 +21,7 @@ pytest.importorskip("onnx")
 pytest.importorskip("flint")
 runtime = pytest.importorskip("onnxruntime")
 
-from rans_proof import check_network  # noqa: E402
+from rans_proof import check as checker  # noqa: E402
 from rans_proof.balls import Refused  # noqa: E402
 
 STATES = 3.0 * np.random.default_rng(3).normal(size=(40, 2)).astype(np.float32)
@@ -52,17 +52,15 @@ def of_checker(module: Any, content: bytes) -> np.ndarray:
     }
     x = STATES.astype(float).T
     layers = module.layers_of.__wrapped__(content, (-1.0, -1.0), (1.0, 1.0))
-    assert all(
-        kind for _, _, kind, _ in layers[:-1]
-    )  # enclosures end at a layer that does not bend
-    for weight, bias, kind, _ in layers:
+    assert all(kind for _, _, kind in layers[:-1])  # enclosures end at a layer that does not bend
+    for weight, bias, kind in layers:
         table, shift = (np.array(m.tolist(), dtype=float) for m in (weight, bias))
         x = bends[kind](table @ x + shift)
     return x.T
 
 
 READERS["prover"] = network, of_prover, ConfigError
-READERS["checker"] = check_network, of_checker, Refused
+READERS["checker"] = checker, of_checker, Refused
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -108,17 +106,17 @@ MISREAD = {
         ("sum after an activation", "return [*self._layers, Layer", "return self._layers or [Layer"),
     ],
     "checker": [
-        ("product and sum", "(matrix(table).transpose(), ", "(matrix(table), "),
-        ("general product", "        table = table.T\n", "        pass\n"),
-        ("alpha", "matrix(table) * arb(alpha)", "matrix(table)"),
-        ("beta", " * arb(beta)", ""),
-        ("constant less it", "[-x for x in same]", "same"),
-        ("less a constant", "((same, -column) if", "((same, column) if"),
-        ("scaled", "return shape, (values, zeros)", "return shape, (same, zeros)"),
+        ("product and sum", "matrix(w.T), arb_mat(", "matrix(w), arb_mat("),
+        ("general product", 'if attributes.get("transB") else w.T', 'if attributes.get("transB") else w'),
+        ("alpha", ' * arb(attributes.get("alpha", 1.0))', ""),
+        ("beta", ' * arb(attributes.get("beta", 1.0))', ""),
+        ("constant less it", "([-x for x in ones], values)", "(ones, values)"),
+        ("less a constant", "(ones, [-x for x in values])", "(ones, values)"),
+        ("scaled", '"Mul": (values, zeros)', '"Mul": (ones, zeros)'),
         ("divided", "[1 / x for x in values]", "values"),
-        ("convolution", "bias = constants[1] if len(constants) == 2 else np", "bias = np"),
+        ("convolution", "bias[0] if bias else np.zeros", "np.zeros"),
         ("activations", '"Relu": lambda z: z * (z > 0)', '"Relu": lambda z: z'),
-        ("product and sum", "times(factor, bias) + shift", "times(factor, bias)"),
+        ("product and sum", "scaled(factors, before[1]) + column(shift)", "scaled(factors, before[1])"),
     ],
 }  # fmt: skip
 """Errors of reading, each with a graph that it reads wrongly."""
@@ -156,7 +154,7 @@ def test_networks_of_other_sizes_than_the_starts_are_refused() -> None:
     with pytest.raises(ConfigError, match="3 states"):
         network.network_of(content, "net.onnx", ends)
     with pytest.raises(Refused, match="3 states"):
-        check_network.layers_of(content, *ends)
+        checker.layers_of(content, *ends)
 
 
 @pytest.mark.parametrize("content", [b"", b"junk", b"\x08\x07" * 40, bytes(range(256))])
